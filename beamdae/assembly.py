@@ -1,0 +1,115 @@
+"""Sums of local blocks: constant sparse operators from local values to global ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+
+def constant(matrix: sp.sparray) -> ca.DM:
+    """A scipy sparse matrix as a CasADi constant."""
+    csc = sp.csc_array(matrix)
+    csc.sort_indices()
+    pattern = ca.Sparsity(*csc.shape, csc.indptr.tolist(), csc.indices.tolist())
+    return ca.DM(pattern, csc.data)
+
+
+def gather(operator: sp.csr_array, x: ca.MX, count: int) -> ca.MX:
+    """Local coordinates of `count` copies, one column each."""
+    return ca.reshape(constant(operator) @ x, operator.shape[0] // count, count)
+
+
+def scatter(operator: sp.csr_array, local: ca.MX) -> ca.MX:
+    """Sum of local vectors (one column a copy) in global coordinates."""
+    return constant(sp.csr_array(operator.T)) @ ca.vec(local)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Local matrices R_e^T V_e C_e of `count` copies, placed at (row, column) of a larger matrix.
+
+    `values` is (r, c * count), copies side by side; `rows` is (r * count, .), `columns` is
+    (c * count, .).
+    """
+
+    values: ca.MX
+    rows: sp.csr_array
+    columns: sp.csr_array
+    count: int
+
+    def scaled(self, factor: ca.MX | float) -> Block:
+        return Block(factor * self.values, self.rows, self.columns, self.count)
+
+    @property
+    def transposed(self) -> Block:
+        """The transposed block; for a single copy only."""
+        return Block(self.values.T, self.columns, self.rows, self.count)
+
+
+@dataclass
+class SparseSum:
+    """Sum of blocks with one fixed CSC pattern: non-zeros = constant operator @ local values."""
+
+    shape: tuple[int, int]
+    _values: list[ca.MX] = field(default_factory=list)
+    _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = field(
+        default_factory=list
+    )
+    _size: int = 0
+
+    def add(self, block: Block, row: int = 0, column: int = 0) -> None:
+        """Add a block whose global rows and columns start at (row, column)."""
+        i, j, source, weight = _expand(block)
+        self._entries.append((i + row, j + column, source + self._size, weight))
+        self._values.append(ca.vec(block.values))
+        self._size += block.values.numel()
+
+    def add_identity(self, size: int, value: ca.MX | float, row: int, column: int) -> None:
+        """Add value * identity of `size` at (row, column)."""
+        eye = sp.eye_array(size, format="csr")
+        index = np.arange(size)
+        self._entries.append(
+            (index + row, index + column, np.full(size, self._size), eye.data.copy())
+        )
+        self._values.append(ca.MX(value))
+        self._size += 1
+
+    def assemble(self) -> tuple[sp.csc_array, ca.MX]:
+        """The pattern (data all one) and the expression of its non-zeros in CSC order."""
+        if not self._entries:
+            return sp.csc_array(self.shape), ca.MX.zeros(0)
+        i, j, source, weight = (np.concatenate(x) for x in zip(*self._entries, strict=True))
+        pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=self.shape))
+        pattern.sort_indices()
+        position = np.repeat(np.arange(self.shape[1]), np.diff(pattern.indptr)) * self.shape[0]
+        keys = position + pattern.indices
+        target = np.searchsorted(keys, j.astype(np.int64) * self.shape[0] + i)
+        operator = sp.csc_array(
+            sp.coo_array((weight, (target, source)), shape=(len(keys), self._size))
+        )
+        pattern.data[:] = 1.0
+        return pattern, ca.densify(constant(operator) @ ca.vertcat(*self._values))
+
+    def matrix(self) -> ca.MX:
+        """The sum as a sparse CasADi matrix."""
+        pattern, nonzeros = self.assemble()
+        sparsity = ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
+        return ca.MX(sparsity, nonzeros)
+
+
+def _expand(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(row, column, index into vec(values), weight) of every product R_ai V_ab C_bj."""
+    r, c = block.rows.shape[0] // block.count, block.columns.shape[0] // block.count
+    left, right = sp.coo_array(block.rows), sp.coo_array(block.columns)
+    (a, i), (b, j) = left.coords, right.coords
+    by_copy = np.argsort(b // c, kind="stable")
+    b, j, right_data = b[by_copy], j[by_copy], right.data[by_copy]
+    start = np.searchsorted(b // c, np.arange(block.count + 1))
+    per_left = np.diff(start)[a // r]
+    first = np.repeat(start[a // r], per_left)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(per_left) - per_left, per_left)
+    k, index = first + within, np.repeat(np.arange(len(a)), per_left)
+    return i[index], j[k], b[k] * r + a[index] % r, left.data[index] * right_data[k]

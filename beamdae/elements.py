@@ -1,0 +1,201 @@
+"""The planar curved beam element of Pan & Liu (2012) as one symbolic kernel.
+
+The kernel states the virtual work of one element in the coordinates of its floating frame and its
+nodes. All numbers (quadrature points, section values, gravity) are inputs, so one kernel serves
+every element of a type, curved or straight, in every beam.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from beamdae.statements import SX, ForceKernel, Local
+
+FRAME = 3
+NODE = 3
+# X and Y are the components of s0 in the local frame of the point.
+MASS_POINT = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
+STIFFNESS_POINT = ("weight", "curvature", "dxi_ds")
+SECTION = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
+
+
+@dataclass(frozen=True)
+class ElementType:
+    """What distinguishes one element kernel from another.
+
+    Attributes
+    ----------
+    nodes
+        Number of nodes; Lagrange shape functions of degree nodes - 1 (4 in the paper, eq. 12).
+    quadrature
+        Gauss points of the stiffness terms.
+    strain
+        "nonlinear" (eq. 5) or "linear" (without the quadratic terms).
+    damped
+        Whether the section has Kelvin-Voigt damping; without it a third of the tangent's
+        operations falls away.
+    """
+
+    nodes: int = 4
+    quadrature: int = 3
+    strain: str = "nonlinear"
+    damped: bool = True
+
+    @property
+    def mass_quadrature(self) -> int:
+        """Gauss points of the inertia terms: exact for products of two shape functions."""
+        return self.nodes
+
+    @property
+    def size(self) -> int:
+        """Local coordinates: (x0, y0, theta) and (u, v, phi) of each node."""
+        return FRAME + NODE * self.nodes
+
+    @property
+    def n_data(self) -> int:
+        points = self.mass_quadrature * len(MASS_POINT) + self.quadrature * len(STIFFNESS_POINT)
+        return points + len(SECTION) + 2
+
+
+def shape_functions(nodes: int, xi: np.ndarray, derivative: int = 0) -> np.ndarray:
+    """Lagrange shape functions on equidistant nodes of [-1, 1] at `xi`, shape (len(xi), nodes)."""
+    at = np.linspace(-1.0, 1.0, nodes)
+    columns = []
+    for i in range(nodes):
+        others = np.delete(at, i)
+        polynomial = np.poly(others) / np.prod(at[i] - others)
+        columns.append(np.polyval(np.polyder(polynomial, derivative), xi))
+    return np.stack(columns, axis=-1)
+
+
+class Strains(NamedTuple):
+    """Strain measures of eqs. (5) and (6) at a point of the axis, or their rates."""
+
+    axial: SX
+    shear: SX
+    bending: SX
+
+
+def strains(kind: ElementType, row: np.ndarray, slope: np.ndarray, point: SX, nodal: SX) -> Strains:
+    """Axial strain, shear strain 2 eps12 and curvature kappa11 = -phi' (eqs. 5, 6).
+
+    `row`, `slope` are the shape functions and their xi-derivatives at the point, `point` the
+    data (weight, 1/R, dxi/ds), `nodal` the coordinates (u, v, phi) a node.
+    """
+    curvature, dxi_ds = point[1], point[2]
+    u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
+    du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
+    axial = du - v * curvature
+    if kind.strain == "nonlinear":
+        axial = axial + 0.5 * (du**2 + dv**2)
+    return Strains(axial, dv + u * curvature - phi, -dphi)
+
+
+def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
+    return sum((float(row[i]) * nodal[NODE * i + component] for i in range(len(row))), start=SX(0))
+
+
+class _Data(NamedTuple):
+    mass: SX
+    stiffness: SX
+    section: SX
+    gravity: SX
+
+
+def _split(kind: ElementType, data: SX) -> _Data:
+    n_mass = kind.mass_quadrature * len(MASS_POINT)
+    n_stiffness = kind.quadrature * len(STIFFNESS_POINT)
+    return _Data(
+        ca.reshape(data[:n_mass], len(MASS_POINT), kind.mass_quadrature),
+        ca.reshape(data[n_mass : n_mass + n_stiffness], len(STIFFNESS_POINT), kind.quadrature),
+        data[n_mass + n_stiffness : n_mass + n_stiffness + len(SECTION)],
+        data[-2:],
+    )
+
+
+@lru_cache(maxsize=None)
+def beam_kernel(kind: ElementType) -> ForceKernel:
+    """Virtual work of one element: inertia (eqs. 10, 11, 15), elasticity and damping (21).
+
+    The inertial forces are density times the acceleration of material points, eq. (10). Departure
+    from the paper: the rotary inertia is the consistent one, 1/2 rho I (theta' + phi')^2, where
+    eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
+    """
+    local = Local(kind.size, kind.n_data)
+    data = _split(kind, local.data)
+    inertia, kinetic, potential = _inertia(kind, local, data)
+    elastic, stored, dissipated = _elasticity(kind, local, data)
+    force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
+    return ForceKernel(
+        local, force, ca.vertcat(kinetic, stored, potential), ca.vertcat(0, dissipated)
+    )
+
+
+def _inertia(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
+    """Everything in the local frame ec of the point, where plane rotations commute with I."""
+    xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
+    rhoA, rhoI = data.section[3], data.section[4]
+    omega, alpha = local.v[2], local.a[2]
+    frame = _rotation(ca.cos(local.q[2]), ca.sin(local.q[2]))
+    origin_velocity = frame.T @ local.v[:2]
+    origin_acceleration = frame.T @ (local.a[:2] - data.gravity)
+    on_origin, on_angle = SX.zeros(2), SX(0)
+    on_nodes = SX.zeros(NODE * kind.nodes)
+    kinetic, potential = SX(0), SX(0)
+    for k, row in enumerate(shape_functions(kind.nodes, xi)):
+        weight, x, y, cos_alpha, sin_alpha = (data.mass[i, k] for i in range(len(MASS_POINT)))
+        to_local = _rotation(cos_alpha, sin_alpha).T
+        q, v, a = (
+            [_interpolate(row, z[FRAME:], i) for i in range(NODE)]
+            for z in (local.q, local.v, local.a)
+        )
+        place = ca.vertcat(x + q[0], y + q[1])
+        force = (weight * rhoA) * (
+            to_local @ origin_acceleration
+            - omega**2 * place
+            + alpha * _turn(place)
+            + 2 * omega * _turn(ca.vertcat(*v[:2]))
+            + ca.vertcat(*a[:2])
+        )
+        moment = weight * rhoI * (alpha + a[2])
+        on_origin += to_local.T @ force
+        on_angle += ca.dot(_turn(place), force) + moment
+        on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
+        velocity = to_local @ origin_velocity + omega * _turn(place) + ca.vertcat(*v[:2])
+        kinetic += 0.5 * weight * (rhoA * ca.sumsqr(velocity) + rhoI * (omega + v[2]) ** 2)
+        height = ca.dot(data.gravity, local.q[:2] + frame @ to_local.T @ place)
+        potential -= weight * rhoA * height
+    return ca.vertcat(frame @ on_origin, on_angle, on_nodes), kinetic, potential
+
+
+def _rotation(cosine: SX, sine: SX) -> SX:
+    return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
+
+
+def _turn(vector: SX) -> SX:
+    return ca.vertcat(-vector[1], vector[0])
+
+
+def _elasticity(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
+    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
+    shapes, slopes = shape_functions(kind.nodes, xi), shape_functions(kind.nodes, xi, 1)
+    nodal, rates = local.q[FRAME:], local.v[FRAME:]
+    stiffness, damping = data.section[:3], data.section[5]
+    force = SX.zeros(NODE * kind.nodes)
+    stored, dissipated = SX(0), SX(0)
+    for k in range(kind.quadrature):
+        point = data.stiffness[:, k]
+        strain = ca.vertcat(*strains(kind, shapes[k], slopes[k], point, nodal))
+        section_forces = stiffness * strain
+        stored += 0.5 * point[0] * ca.dot(section_forces, strain)
+        if kind.damped:
+            viscous = damping * stiffness * ca.jtimes(strain, nodal, rates)
+            section_forces += viscous
+            dissipated += point[0] * ca.dot(viscous, ca.jtimes(strain, nodal, rates))
+        force += point[0] * ca.jtimes(strain, nodal, section_forces, True)
+    return force, stored, dissipated

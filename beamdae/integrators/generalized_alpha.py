@@ -1,0 +1,315 @@
+"""The generalized-alpha integrator of the paper: Arnold & Bruls on index 3 and index 2."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from beamdae.compiled import Compiled
+from beamdae.equations import EquationsOfMotion
+from beamdae.errors import BeamdaeError, count, finite, one_of, positive
+from beamdae.formulations import State, StepEquations, step_equations
+from beamdae.initial import Starter
+from beamdae.linear import SingularMatrix, factorization
+from beamdae.solution import Solution, Statistics, Status
+from beamdae.trajectory import Segment, Trajectory, segments
+
+Array = np.ndarray
+Progress = Callable[[float], None]
+
+_MAX_ITERATIONS = 12
+# What rounding leaves of an increment relative to the scale of its coordinate.
+_ROUNDING = 1e-14
+# The factors are kept while every iteration gains this much.
+_KEEP_RATE = 0.05
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Second-order one-step integrator with controllable damping of high frequencies.
+
+    (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n with Newmark's
+    formulas in the algorithmic acceleration a; the equations of motion hold at t_{n+1}.
+    Arnold & Bruls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0.
+
+    Parameters
+    ----------
+    step
+        Step [s]; shortened to end on breakpoints and on the end time.
+    rho_inf
+        Spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
+    formulation
+        "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
+        (2015) 149), which holds the constraints on position and velocity level.
+    start
+        "cured": starting values that keep the multipliers second order from the first step,
+        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without.
+    newton_tolerance
+        Bound on the error of Newton's iteration relative to the largest acceleration. Errors of
+        the iteration add up in the multipliers of the index-3 form when rho_inf is near 1: for
+        convergence studies of lam take 1e-10.
+    linear_solver
+        "dense", "sparse", or "auto" by size.
+    time_limit
+        The run is given up after so many seconds; None: no limit.
+    """
+
+    step: float = 1e-3
+    rho_inf: float = 0.8
+    formulation: str = "index3"
+    start: str = "cured"
+    newton_tolerance: float = 1e-5
+    linear_solver: str = "auto"
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        positive("GeneralizedAlpha", "step", self.step)
+        if not 0.0 <= finite("GeneralizedAlpha", "rho_inf", self.rho_inf) <= 1.0:
+            raise BeamdaeError(
+                f"GeneralizedAlpha: rho_inf must lie in [0, 1], got {self.rho_inf:g}."
+            )
+        one_of("GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2"))
+        one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
+        positive("GeneralizedAlpha", "newton_tolerance", self.newton_tolerance)
+        one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        if self.time_limit is not None:
+            positive("GeneralizedAlpha", "time_limit", self.time_limit)
+
+    @property
+    def alpha_m(self) -> float:
+        return (2.0 * self.rho_inf - 1.0) / (self.rho_inf + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        return self.rho_inf / (self.rho_inf + 1.0)
+
+    @property
+    def gamma(self) -> float:
+        return 0.5 + self.alpha_f - self.alpha_m
+
+    @property
+    def beta(self) -> float:
+        return 0.25 * (self.gamma + 0.5) ** 2
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        return f"GeneralizedAlpha(step={self.step:g})"
+
+    def integrate(
+        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
+    ) -> Solution:
+        """Integrate from times[0] to times[-1]; `times` ascend and are the output times [s].
+
+        A run that fails returns what it reached, with the reason as its status.
+
+        Raises
+        ------
+        BeamdaeError
+            If the model has no consistent start.
+        """
+        begin = clock.perf_counter()
+        starter = Starter(equations)
+        newton = _Newton(step_equations(equations, self.formulation != "index3"), self)
+        plan = list(segments(equations, float(times[0]), float(times[-1])))
+        state = starter.state(np.array([plan[0][0], sum(plan[0]) / 2]), equations.q0, equations.v0)
+        setup_time = clock.perf_counter() - begin
+
+        begin = clock.perf_counter()
+        done: list[Segment] = []
+        status = Status(True, "reached the end")
+        for start, end in plan:
+            run = _Run(self, starter, newton, begin, progress)
+            try:
+                if done:
+                    phase = np.array([start, 0.5 * (start + end)])
+                    state = starter.state(phase, state.q, state.v)
+                segment, status = run(start, end, state)
+            except BeamdaeError as problem:
+                status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
+                break
+            done.append(segment)
+            state = State(*(x[-1] for x in segment.state))
+            if not status.success:
+                break
+        wall_time = clock.perf_counter() - begin
+
+        trajectory = Trajectory(tuple(done))
+        return Solution(
+            equations,
+            trajectory,
+            times[times <= trajectory.end * (1.0 + 1e-12)],
+            status,
+            newton.statistics(sum(len(s.t) - 1 for s in done), setup_time, wall_time),
+            {"integrator": "GeneralizedAlpha", **asdict(self)},
+        )
+
+
+class _NewtonFailure(ArithmeticError):
+    """The iteration did not converge, even with a new factorization."""
+
+
+class _Newton:
+    """Modified Newton iteration that keeps its factors as long as they serve."""
+
+    def __init__(self, form: StepEquations, settings: GeneralizedAlpha) -> None:
+        p = form.equations.p
+        self._residual = Compiled(form.residual, p)
+        self._jacobian = Compiled(form.jacobian, p)
+        self._position = Compiled(form.position, p)
+        self._index3_size = form.equations.n + form.equations.m
+        self._linear = factorization(form.pattern, settings.linear_solver)
+        self._weights = 1.0 / form.equations.position_scales
+        self._n = form.equations.n
+        self._tolerance = settings.newton_tolerance
+        self.bound = _ROUNDING
+        self._rate = np.inf
+        self.size = form.size
+        self.failures = 0
+
+    def position(self, x: Array, time: Array, q_p: Array, q_n: Array) -> Array:
+        """Positions of the solution x of a step from q_n."""
+        if self.size == self._index3_size:
+            return q_p + x[: self._n]
+        return self._position(x, time, q_p, q_n)[0].copy()
+
+    def restart(self) -> None:
+        """Forget the factors."""
+        self._rate = np.inf
+
+    def aim(self, c_q: float, acceleration: Array) -> None:
+        """Set the bound on the error of increments, c_q times that of accelerations."""
+        largest = float(np.abs(acceleration * self._weights).max())
+        self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
+
+    def solve(self, x: Array, *arguments: Array) -> None:
+        """Improve x in place until the step equations hold."""
+        start = x.copy()
+        if self._rate <= _KEEP_RATE and self._iterate(x, arguments):
+            return
+        if np.isfinite(self._rate):
+            self.failures += 1
+        x[:] = start
+        try:
+            self._factorize(x, arguments)
+        except SingularMatrix as problem:
+            raise _NewtonFailure(str(problem)) from None
+        if not self._iterate(x, arguments):
+            raise _NewtonFailure("Newton's iteration did not converge")
+
+    def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
+        self._linear.factorize(self._jacobian(x, *arguments)[0])
+        self._rate = 0.0
+
+    def _iterate(self, x: Array, arguments: tuple[Array, ...]) -> bool:
+        previous = np.inf
+        for k in range(_MAX_ITERATIONS):
+            change = self._linear.solve(self._residual(x, *arguments)[0])
+            x -= change
+            size = float(np.abs(change[: self._n] * self._weights).max())
+            if not size < np.inf or size > 2.0 * previous:
+                return False
+            if k > 0:
+                self._rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
+            rate = self._rate if k > 0 else max(self._rate, 1e-2)
+            if rate < 1.0 and size * rate <= self.bound * (1.0 - rate):
+                return True
+            previous = size
+        return False
+
+    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
+        return Statistics(
+            steps=steps,
+            residual_calls=self._residual.calls,
+            jacobian_calls=self._jacobian.calls,
+            factorizations=self._linear.factorizations,
+            solves=self._linear.solves,
+            newton_failures=self.failures,
+            setup_time=setup_time,
+            wall_time=wall_time,
+        )
+
+
+@dataclass
+class _Run:
+    """One segment with a constant step."""
+
+    settings: GeneralizedAlpha
+    starter: Starter
+    newton: _Newton
+    begin: float
+    progress: Progress | None
+    stopped: str = field(default="", init=False)
+
+    def __call__(self, start: float, end: float, state: State) -> tuple[Segment, Status]:
+        steps = max(int(np.ceil((end - start) / self.settings.step - 1e-6)), 1)
+        t = np.linspace(start, end, steps + 1)
+        phase = 0.5 * (start + end)
+        rows = State(*(np.empty((steps + 1, len(x))) for x in state))
+        for row, x in zip(rows, state, strict=True):
+            row[0] = x
+        taken = self._march(t, phase, rows)
+        status = Status(not self.stopped, self.stopped or "reached the end")
+        return Segment(t[: taken + 1], State(*(x[: taken + 1] for x in rows)), phase), status
+
+    def _march(self, t: Array, phase: float, rows: State) -> int:
+        s, newton = self.settings, self.newton
+        n, m = rows.q.shape[1], rows.lam.shape[1]
+        h = (t[-1] - t[0]) / (len(t) - 1)
+        share = (1.0 - s.alpha_f) / (1.0 - s.alpha_m)
+        c_q = h**2 * s.beta
+        coefficients = np.array([s.gamma / (h * s.beta), 1.0 / (c_q * share), c_q])
+        time, x = np.array([t[0], phase]), np.zeros(newton.size)
+        q, ddq = rows.q[0], rows.a[0]
+        v, a = self._started(time, h, State(*(x[0] for x in rows)))
+        x[n : n + m] = c_q * rows.lam[0]
+        newton.restart()
+        for k in range(1, len(t)):
+            time[0] = t[k]
+            # Prediction: q'' as before; d is measured from there.
+            a_p = (ddq - s.alpha_m * a) / (1.0 - s.alpha_m)
+            q_p = q + h * v + h**2 * ((0.5 - s.beta) * a + s.beta * a_p)
+            v_p = v + h * ((1.0 - s.gamma) * a + s.gamma * a_p)
+            x[:n] = 0.0
+            x[n + m :] = 0.0
+            try:
+                newton.aim(c_q, ddq)
+                newton.solve(x, time, q_p, v_p, ddq, q, coefficients)
+                if k % 64 == 0:
+                    self._check(t[k])
+            except _NewtonFailure as problem:
+                self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}; take a smaller step"
+                return k - 1
+            except KeyboardInterrupt:
+                self.stopped = f"interrupted at t = {t[k - 1]:.6g} s"
+                return k - 1
+            ddq = ddq + coefficients[1] * x[:n]
+            a = a_p + x[:n] / c_q
+            v = v_p + coefficients[0] * x[:n]
+            q = newton.position(x, time, q_p, q)
+            rows.q[k], rows.v[k], rows.a[k], rows.lam[k] = q, v, ddq, x[n : n + m] / c_q
+            if self.stopped:
+                return k
+        return len(t) - 1
+
+    def _started(self, time: Array, h: float, state: State) -> tuple[Array, Array]:
+        """Velocities and algorithmic accelerations to start from.
+
+        Only what the joints prescribe of the jerk enters: the rest would excite stiff modes.
+        """
+        s = self.settings
+        if s.start == "plain" or s.formulation != "index3":
+            return state.v, state.a
+        jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
+        factor = 1.0 / 6.0 - 0.5 * (s.alpha_m - s.alpha_f) - s.beta
+        return state.v + h**2 * factor * jerk, state.a + (s.alpha_m - s.alpha_f) * h * jerk
+
+    def _check(self, t: float) -> None:
+        if self.progress is not None:
+            self.progress(float(t))
+        limit = self.settings.time_limit
+        if limit is not None and clock.perf_counter() - self.begin > limit:
+            self.stopped = f"time limit of {limit:g} s, stopped at t = {t:.6g} s"

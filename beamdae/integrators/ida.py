@@ -1,0 +1,279 @@
+"""IDA of SUNDIALS: variable-order, variable-step BDF on a first-order form."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from sksundae.ida import IDA
+
+from beamdae.compiled import Compiled
+from beamdae.equations import EquationsOfMotion
+from beamdae.errors import BeamdaeError, count, one_of, positive
+from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
+from beamdae.initial import Starter
+from beamdae.linear import SingularMatrix, factorization
+from beamdae.solution import Solution, Statistics, Status
+from beamdae.trajectory import Segment, Trajectory, segments
+
+Array = np.ndarray
+Progress = Callable[[float], None]
+
+ERROR_CONTROL = ("positions", "velocities", "all")
+
+
+@dataclass(frozen=True)
+class Ida:
+    """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
+
+    Parameters
+    ----------
+    rtol
+        Relative tolerance; absolute ones follow from the scales of the mechanism.
+    formulation
+        "stabilized-index1" (default), "ggl", "index2", "index1" or "index3".
+    error_control
+        Which components the error test sees: "positions", "velocities" (and positions) or "all"
+        (and multipliers).
+    max_order
+        1 to 5, or "auto".
+    max_step
+        Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
+    linear_solver
+        "dense", "sparse", or "auto" by size.
+    max_steps, time_limit
+        The run is given up after so many steps or seconds; None: no limit.
+    """
+
+    rtol: float = 1e-5
+    formulation: str = "stabilized-index1"
+    error_control: str = "positions"
+    max_order: int | str = "auto"
+    max_step: float | None = None
+    linear_solver: str = "auto"
+    max_steps: int | None = None
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        positive("Ida", "rtol", self.rtol)
+        if self.rtol > 0.1:
+            raise BeamdaeError(f"Ida: rtol must be at most 0.1, got {self.rtol:g}.")
+        one_of("Ida", "formulation", self.formulation, FIRST_ORDER)
+        one_of("Ida", "error_control", self.error_control, ERROR_CONTROL)
+        one_of("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
+        one_of("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        for name in ("max_step", "time_limit"):
+            if getattr(self, name) is not None:
+                positive("Ida", name, getattr(self, name))
+        if self.max_steps is not None:
+            count("Ida", "max_steps", self.max_steps)
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        return f"Ida(rtol={self.rtol:g})"
+
+    def integrate(
+        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
+    ) -> Solution:
+        """Integrate from times[0] to times[-1]; `times` ascend and are the output times [s].
+
+        A run that fails returns what it reached, with the reason as its status.
+
+        Raises
+        ------
+        BeamdaeError
+            If the model has no consistent start.
+        """
+        begin = clock.perf_counter()
+        form = first_order(equations, self.formulation)
+        starter = Starter(equations)
+        newton = _Newton(form, self.linear_solver)
+        order = self._order(equations)
+        first = State(equations.q0, equations.v0, equations.q0, np.zeros(0))
+        plan = list(segments(equations, float(times[0]), float(times[-1])))
+        done: list[Segment] = []
+        state = starter.state(np.array([plan[0][0], sum(plan[0]) / 2]), first.q, first.v)
+        setup_time = clock.perf_counter() - begin
+
+        solver = IDA(newton.residual, jacfn=newton.jacobian, **self._options(form, order, times))
+        begin = clock.perf_counter()
+        status = Status(True, "reached the end")
+        for start, end in plan:
+            phase = 0.5 * (start + end)
+            if done:
+                try:
+                    state = starter.state(np.array([start, phase]), state.q, state.v)
+                except BeamdaeError as problem:
+                    status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
+                    break
+            run = _Run(solver, newton, form, self, begin, progress)
+            segment, status = run(start, end, phase, state)
+            done.append(segment)
+            state = State(*(x[-1] for x in segment.state))
+            if not status.success:
+                break
+        wall_time = clock.perf_counter() - begin
+
+        trajectory = Trajectory(tuple(done))
+        return Solution(
+            equations,
+            trajectory,
+            times[times <= trajectory.end * (1.0 + 1e-12)],
+            status,
+            newton.statistics(sum(len(s.t) - 1 for s in done), setup_time, wall_time),
+            {"integrator": "Ida", **asdict(self), "max_order": order},
+        )
+
+    def _order(self, equations: EquationsOfMotion) -> int:
+        return 2 if self.max_order == "auto" else int(self.max_order)
+
+    def _options(self, form: FirstOrder, order: int, times: Array) -> dict[str, Any]:
+        e = form.equations
+        max_step = self.max_step
+        if max_step is None:
+            max_step = float(times[-1] - times[0]) / 20.0
+            if e.time_scale is not None:
+                max_step = min(max_step, e.time_scale / 4.0)
+        atol = np.full(form.size, 1e10)
+        atol[: e.n] = self.rtol * e.position_scales
+        return {
+            "rtol": self.rtol,
+            "atol": atol,
+            "max_order": order,
+            "max_step": max_step,
+            "linsolver": "band",
+            "lband": 0,
+            "uband": 0,
+        }
+
+
+class _Newton:
+    """The linear algebra of IDA's Newton iteration, done here.
+
+    IDA is given the residual multiplied by the inverse of the Jacobian of its last setup, and the
+    identity as Jacobian: its own (diagonal) solver then does nothing but its scaling by
+    2 / (1 + c / c_setup). That leaves factorization and solution to LAPACK or SuperLU by size,
+    without the cost of a Krylov iteration around them. When IDA asks for a new Jacobian it has
+    just evaluated the residual at the same point: that one is multiplied again, with the new
+    factors, in the vector IDA passed in for it.
+    """
+
+    def __init__(self, form: FirstOrder, linear_solver: str) -> None:
+        p = form.equations.p
+        self._residual = Compiled(form.residual, p)
+        self._jacobian = Compiled(form.jacobian, p, np.zeros(1))
+        self.linear = factorization(form.pattern, linear_solver)
+        self.time = np.zeros(2)
+        self._ready = False
+        self._pending = np.zeros(form.size)
+        self.times: list[float] = []
+        self.setups: list[int] = []
+
+    def restart(self, phase: float) -> None:
+        self.time[1] = phase
+        self._ready = False
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        self.time[0] = t
+        self.times.append(t)
+        self._pending = out
+        (raw,) = self._residual(self.time, y, yp)
+        out[:] = self.linear.solve(raw) if self._ready else raw
+
+    def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
+        self.time[0] = t
+        self.setups.append(len(self.times))
+        self._jacobian.inputs[-1][0] = c
+        (nonzeros,) = self._jacobian(self.time, y, yp)
+        try:
+            self.linear.factorize(nonzeros)
+        except SingularMatrix:
+            # IDA retries with a smaller step, and reports where it had to give up.
+            self._pending[:] = np.nan
+            return
+        self._ready = True
+        self._pending[:] = self.linear.solve(self._residual.outputs[0])
+        np.fill_diagonal(out, 1.0)
+
+    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
+        times = np.array(self.times)
+        change = np.flatnonzero(np.diff(times, prepend=-np.inf) != 0.0)
+        attempts = len(change)
+        renewed = len(self.setups) - len(np.unique(np.searchsorted(change, self.setups)))
+        return Statistics(
+            steps=steps,
+            rejected_steps=max(attempts - steps, 0),
+            residual_calls=self._residual.calls,
+            jacobian_calls=self._jacobian.calls,
+            factorizations=self.linear.factorizations,
+            solves=self.linear.solves,
+            newton_failures=renewed,
+            setup_time=setup_time,
+            wall_time=wall_time,
+        )
+
+
+@dataclass
+class _Run:
+    """One segment, step by step."""
+
+    solver: IDA
+    newton: _Newton
+    form: FirstOrder
+    settings: Ida
+    begin: float
+    progress: Progress | None
+
+    def __call__(
+        self, start: float, end: float, phase: float, state: State
+    ) -> tuple[Segment, Status]:
+        t, y, yp = [start], *([x] for x in self.form.pack(state))
+        self.newton.restart(phase)
+        status = Status(True, "reached the end")
+        messages = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(messages):
+                self.solver.init_step(start, y[0], yp[0])
+                while t[-1] < end:
+                    result = self.solver.step(end, "onestep", end)
+                    if not result.success or not np.all(np.isfinite(result.y)):
+                        status = Status(False, self._reason(result, t[-1]))
+                        break
+                    t.append(result.t)
+                    y.append(result.y)
+                    yp.append(result.yp)
+                    if len(t) % 64 == 0 and (stop := self._stop(t)):
+                        status = Status(False, stop)
+                        break
+        except KeyboardInterrupt:
+            status = Status(False, f"interrupted at t = {t[-1]:.6g} s")
+        rows = self.form.unpack(np.array(y), np.array(yp))
+        rows = State(rows.q, rows.v, rows.a, np.vstack([state.lam, rows.lam[1:]]))
+        return Segment(np.array(t), rows, phase), status
+
+    def _stop(self, t: list[float]) -> str | None:
+        if self.progress is not None:
+            self.progress(t[-1])
+        limits = self.settings
+        if limits.max_steps is not None and len(t) > limits.max_steps:
+            return f"more than max_steps = {limits.max_steps} steps, stopped at t = {t[-1]:.6g} s"
+        if limits.time_limit is not None and clock.perf_counter() - self.begin > limits.time_limit:
+            return f"time limit of {limits.time_limit:g} s, stopped at t = {t[-1]:.6g} s"
+        return None
+
+    def _reason(self, result: Any, t: float) -> str:
+        advice = {
+            -3: "the error test failed at the smallest step; loosen rtol or test positions only",
+            -4: "Newton's iteration did not converge at the smallest step; check the model near "
+            "this time, or use another formulation",
+        }.get(result.status, str(result.message).rstrip("."))
+        residual, *_ = self.newton._residual.outputs
+        if not np.all(np.isfinite(residual)):
+            advice = "the residual is not finite; check laws and start values"
+        return f"stopped at t = {t:.6g} s: {advice}"

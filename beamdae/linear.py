@@ -1,0 +1,89 @@
+"""Factorizations of a matrix with a fixed sparsity pattern."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.sparse.linalg import splu
+
+Array = np.ndarray
+
+# LAPACK and SuperLU cross between 200 and 300 unknowns; validation/performance measures it.
+DENSE_LIMIT = 250
+
+
+class SingularMatrix(ArithmeticError):
+    """The matrix to be factorized is singular or not finite."""
+
+
+class Factorization(Protocol):
+    """LU factors of the last matrix given, for repeated solution."""
+
+    factorizations: int
+    solves: int
+
+    def factorize(self, nonzeros: Array) -> None:
+        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrix`."""
+
+    def solve(self, right: Array) -> Array:
+        """Solution of matrix @ x = right."""
+
+
+class DenseFactorization:
+    """LAPACK factors of the dense matrix: fastest for small systems."""
+
+    def __init__(self, pattern: sp.csc_array) -> None:
+        self.factorizations = 0
+        self.solves = 0
+        rows, columns = pattern.shape
+        self._matrix = np.zeros((rows, columns), order="F")
+        self._flat = self._matrix.reshape(-1, order="F")
+        column = np.repeat(np.arange(columns), np.diff(pattern.indptr))
+        self._where = column * rows + pattern.indices
+
+    def factorize(self, nonzeros: Array) -> None:
+        self._flat[:] = 0.0
+        self._flat[self._where] = nonzeros
+        self.factorizations += 1
+        self._lu, self._pivots, info = dgetrf(self._matrix, overwrite_a=True)
+        if info != 0 or not np.isfinite(self._flat.sum()):
+            raise SingularMatrix("the matrix is singular or not finite")
+
+    def solve(self, right: Array) -> Array:
+        self.solves += 1
+        return dgetrs(self._lu, self._pivots, right)[0]
+
+
+class SparseFactorization:
+    """SuperLU factors: cost grows linearly with the number of elements."""
+
+    def __init__(self, pattern: sp.csc_array) -> None:
+        self.factorizations = 0
+        self.solves = 0
+        self._matrix = sp.csc_matrix(pattern)
+
+    def factorize(self, nonzeros: Array) -> None:
+        self._matrix.data[:] = nonzeros
+        self.factorizations += 1
+        if not np.isfinite(nonzeros.sum()):
+            raise SingularMatrix("the matrix is not finite")
+        try:
+            # The dense rows of floating frames make SuperLU see one long elimination chain;
+            # without relaxed supernodes and panels that costs a tenth.
+            self._lu = splu(self._matrix, relax=1, panel_size=1)
+        except RuntimeError as problem:
+            raise SingularMatrix("the matrix is singular") from problem
+
+    def solve(self, right: Array) -> Array:
+        self.solves += 1
+        return self._lu.solve(right)
+
+
+def factorization(pattern: sp.csc_array, method: str = "auto") -> Factorization:
+    """Factorization by `method`: "dense", "sparse", or "auto" by the measured crossover."""
+    if method == "auto":
+        method = "dense" if pattern.shape[0] <= DENSE_LIMIT else "sparse"
+    return DenseFactorization(pattern) if method == "dense" else SparseFactorization(pattern)

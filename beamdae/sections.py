@@ -1,0 +1,118 @@
+"""Materials and cross-sections: the numbers a beam's constitutive law is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.errors import BeamdaeError, finite, non_negative, positive
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear-elastic material.
+
+    Parameters
+    ----------
+    E
+        Young's modulus [Pa].
+    nu
+        Poisson's ratio, -1 < nu <= 0.5; the shear modulus is G = E / (2 (1 + nu)).
+    rho
+        Density [kg/m^3].
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        positive("Material", "E", self.E)
+        positive("Material", "rho", self.rho)
+        if not -1.0 < finite("Material", "nu", self.nu) <= 0.5:
+            raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
+
+    @property
+    def G(self) -> float:
+        """Shear modulus [Pa]."""
+        return self.E / (2.0 * (1.0 + self.nu))
+
+
+@dataclass(frozen=True)
+class Section:
+    """Cross-section of a beam, constant along its length.
+
+    Parameters
+    ----------
+    material
+        The material.
+    area
+        A [m^2].
+    second_moment
+        I [m^4] about the axis normal to the plane.
+    shear_coefficient
+        k_G of the shear stiffness k_G G A (eq. 7); 5/6 for a rectangle.
+    damping
+        Kelvin-Voigt retardation time [s]: every section force gets damping * stiffness *
+        strain rate on top of its elastic part.
+    """
+
+    material: Material
+    area: float
+    second_moment: float
+    shear_coefficient: float = 5.0 / 6.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("Section", "area", self.area)
+        positive("Section", "second_moment", self.second_moment)
+        positive("Section", "shear_coefficient", self.shear_coefficient)
+        non_negative("Section", "damping", self.damping)
+
+    @classmethod
+    def rectangle(
+        cls, material: Material, width: float, height: float, damping: float = 0.0
+    ) -> Section:
+        """Rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
+        positive("Section.rectangle", "width", width)
+        positive("Section.rectangle", "height", height)
+        return cls(material, width * height, width * height**3 / 12.0, 5.0 / 6.0, damping)
+
+    @classmethod
+    def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
+        """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
+        positive("Section.circle", "diameter", diameter)
+        nu = material.nu
+        return cls(
+            material,
+            np.pi * diameter**2 / 4.0,
+            np.pi * diameter**4 / 64.0,
+            6.0 * (1.0 + nu) / (7.0 + 6.0 * nu),
+            damping,
+        )
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness [N]."""
+        return self.material.E * self.area
+
+    @property
+    def GA(self) -> float:
+        """Shear stiffness with the shear coefficient, k_G G A [N]."""
+        return self.shear_coefficient * self.material.G * self.area
+
+    @property
+    def EI(self) -> float:
+        """Bending stiffness [N m^2]."""
+        return self.material.E * self.second_moment
+
+    @property
+    def rhoA(self) -> float:
+        """Mass per length [kg/m]."""
+        return self.material.rho * self.area
+
+    @property
+    def rhoI(self) -> float:
+        """Rotary inertia per length [kg m]."""
+        return self.material.rho * self.second_moment

@@ -1,0 +1,77 @@
+"""One run: a model, an integrator, an end time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.constrained_system import ConstrainedSystem
+from beamdae.equations import EquationsOfMotion, equations_of_motion
+from beamdae.errors import BeamdaeError, positive
+from beamdae.integrators import Ida
+from beamdae.mechanism import Mechanism
+from beamdae.model import Model
+from beamdae.solution import Solution
+
+
+def simulate(
+    model: Model | Mechanism | ConstrainedSystem | EquationsOfMotion,
+    integrator: Any = None,
+    t_end: float | None = None,
+    output_step: float | None = None,
+    progress: Any = None,
+) -> Solution:
+    """Integrate a model from t = 0.
+
+    Parameters
+    ----------
+    model
+        A model function (with its defaults), a mechanism, a constrained system or equations.
+    integrator
+        Ida(...) or GeneralizedAlpha(...); default Ida().
+    t_end
+        End time [s]; default the model's own.
+    output_step
+        Time between rows of the result [s]; default a thousandth of the run.
+    progress
+        Called now and then with the time reached.
+
+    Returns
+    -------
+    Solution
+        Also where the run failed: `status` says why, what was computed until then is kept.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model or a setting is wrong.
+    """
+    information: dict[str, Any] = {}
+    if isinstance(model, Model):
+        t_end = model.t_end if t_end is None else t_end
+        information = {"name": model.name, "parameters": model.parameters}
+        model = model()
+    if t_end is None:
+        raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
+    t_end = positive("simulate", "t_end", t_end)
+    step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
+    rows = max(int(np.ceil(t_end / step - 1e-9)), 1)
+    times = np.minimum(step * np.arange(rows + 1), t_end)
+    times[-1] = t_end
+    solution = (integrator or Ida()).integrate(as_equations(model), times, progress=progress)
+    return replace(solution, model={**information, "t_end": t_end})
+
+
+def as_equations(model: Any) -> EquationsOfMotion:
+    """Equations of motion of whatever can state them."""
+    if isinstance(model, EquationsOfMotion):
+        return model
+    if isinstance(model, Model):
+        return as_equations(model())
+    if isinstance(model, ConstrainedSystem):
+        return model.equations
+    if isinstance(model, Mechanism):
+        return equations_of_motion(model)
+    raise BeamdaeError(f"simulate: expected a model or a mechanism, got {model!r}.")

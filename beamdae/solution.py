@@ -1,0 +1,271 @@
+"""Results of a run: states at the output times, a table, statistics and an energy ledger."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+
+from beamdae.compiled import evaluate_rows
+from beamdae.equations import EquationsOfMotion
+from beamdae.errors import BeamdaeError
+from beamdae.formulations import State
+from beamdae.trajectory import Trajectory, accumulate, interpolate
+
+Array = np.ndarray
+MX = ca.MX
+
+ENERGIES = ("kinetic", "strain", "gravity")
+WORKS = ("work of loads", "work of drivers", "dissipated")
+
+
+@dataclass(frozen=True)
+class Status:
+    """How a run ended: whether it reached its end, and a sentence with the reason."""
+
+    success: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a run cost.
+
+    Attributes
+    ----------
+    steps, rejected_steps
+        Accepted steps; attempts given up (error test or Newton).
+    residual_calls, jacobian_calls, factorizations, solves
+        Calls of the compiled residual and Jacobian, LU factorizations and solutions.
+    newton_failures
+        Newton iterations that did not converge (for IDA: with a Jacobian from an earlier step,
+        which it then renews, or for good).
+    setup_time, wall_time
+        Building and compiling; integration alone [s].
+    """
+
+    steps: int = 0
+    rejected_steps: int = 0
+    residual_calls: int = 0
+    jacobian_calls: int = 0
+    factorizations: int = 0
+    solves: int = 0
+    newton_failures: int = 0
+    setup_time: float = 0.0
+    wall_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well a run keeps its promises, over all its steps.
+
+    Attributes
+    ----------
+    max_residual
+        Largest |F + G^T lam| relative to the largest constraint or inertial force.
+    max_position_drift, max_velocity_drift
+        Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
+    energy_imbalance
+        Largest |energy - work of loads - work of drivers + dissipated - start| relative to the
+        largest energy turned over.
+    """
+
+    max_residual: float
+    max_position_drift: float
+    max_velocity_drift: float
+    energy_imbalance: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Result of one run.
+
+    Attributes
+    ----------
+    t
+        Output times reached (k,) [s].
+    q, v, a, lam
+        Rows at these times.
+    status
+        Whether it reached the end, and a sentence.
+    integrator
+        Settings of the integrator, including what "auto" came to.
+    """
+
+    equations: EquationsOfMotion
+    trajectory: Trajectory = field(repr=False)
+    t: Array
+    status: Status
+    statistics: Statistics
+    integrator: dict[str, Any]
+    model: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def _output(self) -> tuple[Array, State]:
+        return self.trajectory.at(self.t)
+
+    @property
+    def q(self) -> Array:
+        return self._output[1].q
+
+    @property
+    def v(self) -> Array:
+        return self._output[1].v
+
+    @property
+    def a(self) -> Array:
+        return self._output[1].a
+
+    @property
+    def lam(self) -> Array:
+        return self._output[1].lam
+
+    @cached_property
+    def observed(self) -> pd.DataFrame:
+        """The observed columns at the output times."""
+        e = self.equations
+        headers = [header for o in e.observables for header in o.headers]
+        if not headers:
+            return pd.DataFrame(index=range(len(self.t)))
+        times, state = self._output
+        symbols = _symbols(e)
+        function = ca.Function("observed", list(symbols), [e.observed(*symbols[:3], *symbols[4:])])
+        return pd.DataFrame(
+            evaluate_rows(function, times, *state[:3], e.p, state.lam), columns=headers
+        )
+
+    @cached_property
+    def _diagnosis(self) -> tuple[list[Array], list[Array]]:
+        """By segment: energies (k, 3) and accumulated works (k, 3); and the quality values."""
+        e = self.equations
+        symbols = _symbols(e)
+        time, q, v, a, p, lam = symbols
+        energies = e.energies(time, q, v, p)
+        reaction, force = e.reaction(time, q, p, lam), e.force(time, q, v, a, p)
+        norms = ca.vertcat(
+            _largest(force + reaction),
+            _largest(reaction),
+            _largest(force),
+            _largest(e.level(0, time, q, v, a, p)),
+            _largest(e.level(1, time, q, v, a, p)),
+        )
+        power = ca.vertcat(energies[3], e.driver_power(time, q, p, lam), energies[4])
+        function = ca.Function("diagnosis", list(symbols), [ca.vertcat(energies[:3], power, norms)])
+        rows, works, start = [], [], np.zeros(3)
+        for segment in self.trajectory.segments:
+            values = evaluate_rows(
+                function, segment.times, *segment.state[:3], e.p, segment.state.lam
+            )
+            work = start + accumulate(segment.t, values[:, 3:6])
+            start = work[-1]
+            rows.append(values)
+            works.append(work)
+        return rows, works
+
+    @cached_property
+    def ledger(self) -> pd.DataFrame:
+        """Energies and works [J] at the output times; `imbalance` is what the books are off by."""
+        rows, works = self._diagnosis
+        times = np.concatenate([s.t for s in self.trajectory.segments])
+        values = np.concatenate(
+            [np.hstack([r[:, :3], w]) for r, w in zip(rows, works, strict=True)]
+        )
+        times, first = np.unique(times, return_index=True)
+        table = pd.DataFrame(interpolate(times, values[first], self.t), columns=[*ENERGIES, *WORKS])
+        table["imbalance"] = _imbalance(table.to_numpy(), values[0])
+        return table.rename(columns=lambda name: f"energy.{name.replace(' ', '_')} [J]")
+
+    @cached_property
+    def quality(self) -> Quality:
+        """Largest residual, drift and energy imbalance over all steps."""
+        rows, works = self._diagnosis
+        values, work = np.concatenate(rows), np.concatenate(works)
+        residual, reaction, force, position, velocity = np.max(values[:, 6:], axis=0)
+        books = np.hstack([values[:, :3], work])
+        turnover = max(
+            np.max(values[:, :2].sum(axis=1)), np.max(np.abs(work)), np.ptp(values[:, 2])
+        )
+        return Quality(
+            float(residual / max(reaction, force, np.finfo(float).tiny)),
+            float(position),
+            float(velocity),
+            float(
+                np.max(np.abs(_imbalance(books, books[0]))) / max(turnover, np.finfo(float).tiny)
+            ),
+        )
+
+    def table(self) -> pd.DataFrame:
+        """Time, observed quantities and the energy ledger; headers carry units."""
+        time = pd.DataFrame({"t [s]": self.t})
+        return pd.concat([time, self.observed, self.ledger], axis=1)
+
+    def coordinates(self) -> pd.DataFrame:
+        """Time, all coordinates, velocities and multipliers, named by part."""
+        e = self.equations
+        names = [*e.q_names, *(f"{n}_dot" for n in e.q_names), *(f"lam.{n}" for n in e.lam_names)]
+        frame = pd.DataFrame(np.hstack([self.q, self.v, self.lam]), columns=names)
+        frame.insert(0, "t [s]", self.t)
+        return frame
+
+    def summary(self) -> dict[str, Any]:
+        """Status, statistics and quality as plain values."""
+        return {
+            "success": self.status.success,
+            "status": self.status.message,
+            "last_time": self.trajectory.end,
+            **asdict(self.statistics),
+            **asdict(self.quality),
+        }
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table as CSV, and settings, versions and statistics as JSON beside it.
+
+        Returns the path of the CSV file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the folder cannot be written.
+        """
+        path = Path(path)
+        sidecar = {
+            "model": self.model,
+            "integrator": self.integrator,
+            "result": self.summary(),
+            "versions": versions(),
+        }
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.table().to_csv(path, index=False)
+            path.with_suffix(".json").write_text(json.dumps(sidecar, indent=2) + "\n")
+        except OSError as problem:
+            raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
+        return path
+
+
+def versions() -> dict[str, str]:
+    """Versions of beamdae and of what its numbers depend on."""
+    from importlib.metadata import version
+
+    names = ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy")
+    return {name: version(name) for name in names}
+
+
+def _symbols(e: EquationsOfMotion) -> tuple[MX, ...]:
+    vectors = (MX.sym(name, e.n) for name in ("q", "v", "a"))
+    return (MX.sym("time", 2), *vectors, MX.sym("p", len(e.p)), MX.sym("lam", e.m))
+
+
+def _largest(x: MX) -> MX:
+    return ca.norm_inf(x) if x.numel() else MX(0)
+
+
+def _imbalance(books: Array, start: Array) -> Array:
+    signs = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
+    return (books[:, :6] - start[:6]) @ signs

@@ -1,0 +1,60 @@
+"""Curved beam on a rotating rigid hub (Pan & Liu 2012, eqs. 25-27, Figs. 6 and 7, Table 2)."""
+
+import numpy as np
+
+import beamdae as bd
+
+
+@bd.model(t_end=2.0)
+def hub_beam(
+    elements=8,
+    subtended=60.0,
+    shape="circular",
+    strain="nonlinear",
+    elements_shape="curved",
+    quadrature=3,
+    damping=0.0,
+    torque=10.0,
+):
+    """Hub and beam: torque 10 sin(2 pi t) N m on the hub, no gravity.
+
+    `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same length and
+    ends at the same distance from the hub.
+    """
+    length, hub_radius = 5.0 * np.pi / 3.0, 0.05
+    angle = np.radians(subtended)
+    radius = length / angle
+    root = (hub_radius, 0.0)
+    if shape == "circular":
+        axis = bd.Arc(radius=radius, length=length, start=root)
+    elif shape == "parabolic":
+        # y = 4 d x (x - l) / l^2 with its root tangent turned into the hub's radius.
+        chord, rise = 2.0 * radius * np.sin(angle / 2.0), radius * (1.0 - np.cos(angle / 2.0))
+        axis = bd.Parabola(span=chord, rise=-rise, start=root, angle=np.arctan(4.0 * rise / chord))
+    else:
+        raise bd.BeamdaeError(f"hub_beam: shape must be 'circular' or 'parabolic', got {shape!r}.")
+    alloy = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
+    section = bd.Section(alloy, area=8e-5, second_moment=1.06667e-8, damping=damping)
+
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.3))
+    beam = mech.add(
+        bd.Beam(
+            "beam",
+            axis,
+            section,
+            elements=elements,
+            strain=strain,
+            elements_shape=elements_shape,
+            quadrature=quadrature,
+        )
+    )
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Weld("root", hub.at(*root), beam.start))
+    mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, frequency=1.0)))
+
+    mech.observe("tip", beam.end)
+    mech.observe("deformation", beam.deformation(beam.length))
+    mech.observe("hub", hub.at(0.0, 0.0))
+    mech.observe("root force", beam.section_forces(0.0))
+    return mech

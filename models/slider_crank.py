@@ -1,0 +1,48 @@
+"""Slider-crank with a curved connecting rod (Pan & Liu 2012, eq. 28, Figs. 8-10)."""
+
+import numpy as np
+
+import beamdae as bd
+
+
+@bd.model(t_end=4.5)
+def slider_crank(
+    elements=8, strain="nonlinear", frame="tangent", speed=np.pi, damping=0.0, quadrature=3
+):
+    """Rigid crank run up to `speed` [rad/s] in 0.5 s, parabolic rod, slider of 0.5 kg.
+
+    `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord".
+    """
+    alloy = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
+    square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)
+    crank_mass = alloy.rho * square.area * 1.0
+
+    mech = bd.Mechanism()
+    crank = mech.add(
+        bd.RigidBody("crank", mass=crank_mass, inertia=crank_mass / 12.0, center=(0.5, 0.0))
+    )
+    axis = bd.Parabola(span=4.0, rise=1.0, start=(1.0, 0.0))
+    rod = mech.add(
+        bd.Beam(
+            "rod",
+            axis,
+            square,
+            elements=elements,
+            strain=strain,
+            frame=frame,
+            quadrature=quadrature,
+        )
+    )
+    mech.add(bd.PointMass("slider", 0.5, on=rod.end))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    motor = mech.add(
+        bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law=bd.run_up(speed, 0.5))
+    )
+    mech.add(bd.Revolute("crank pin", crank.at(1.0, 0.0), rod.start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(5.0, 0.0), rod.end, direction=(1.0, 0.0)))
+
+    mech.observe("slider", rod.end)
+    mech.observe("rod frame", rod.floating_frame)
+    mech.observe("mid-point", rod.deformation(rod.length / 2.0, axes="local"))
+    mech.observe("motor", motor.reaction)
+    return mech
