@@ -1,20 +1,28 @@
 """beamdae: curved beams in flexible multibody systems, on SUNDIALS IDA and generalized-alpha."""
 
-from beamdae.beam import Beam
-from beamdae.bodies import Attachment, PointMass, RigidBody
-from beamdae.constrained_system import ConstrainedSystem
-from beamdae.equations import EquationsOfMotion, equations_of_motion
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from beamdae.errors import BeamdaeError
-from beamdae.geometry import Arc, Curve, Line, Parabola
-from beamdae.integrators import GeneralizedAlpha, Ida
-from beamdae.joints import Driver, PointOnLine, Revolute, Weld
-from beamdae.laws import Law, piecewise, run_up, sine, table
-from beamdae.loads import Force, Moment
-from beamdae.mechanism import Mechanism
+
+# Now, for the function has to stand before the submodule of the same name.
 from beamdae.model import Model, model
-from beamdae.sections import Material, Section
-from beamdae.simulation import simulate
-from beamdae.solution import Solution
+
+if TYPE_CHECKING:
+    from beamdae.beam import Beam
+    from beamdae.bodies import Attachment, PointMass, RigidBody
+    from beamdae.constrained_system import ConstrainedSystem
+    from beamdae.equations import EquationsOfMotion, equations_of_motion
+    from beamdae.geometry import Arc, Curve, Line, Parabola
+    from beamdae.integrators import GeneralizedAlpha, Ida
+    from beamdae.joints import Driver, PointOnLine, Revolute, Weld
+    from beamdae.laws import Law, piecewise, run_up, sine, table
+    from beamdae.loads import Force, Moment
+    from beamdae.mechanism import Mechanism
+    from beamdae.sections import Material, Section
+    from beamdae.simulation import simulate
+    from beamdae.solution import Solution
+    from beamdae.study import Case, compare, grid
 
 __version__ = "0.1.0"
 
@@ -23,6 +31,7 @@ __all__ = [
     "Attachment",
     "Beam",
     "BeamdaeError",
+    "Case",
     "ConstrainedSystem",
     "Curve",
     "Driver",
@@ -44,7 +53,9 @@ __all__ = [
     "Section",
     "Solution",
     "Weld",
+    "compare",
     "equations_of_motion",
+    "grid",
     "model",
     "piecewise",
     "run_up",
@@ -52,3 +63,34 @@ __all__ = [
     "sine",
     "table",
 ]
+
+_MODULES = {
+    "beam": ("Beam",),
+    "bodies": ("Attachment", "PointMass", "RigidBody"),
+    "constrained_system": ("ConstrainedSystem",),
+    "equations": ("EquationsOfMotion", "equations_of_motion"),
+    "geometry": ("Arc", "Curve", "Line", "Parabola"),
+    "integrators": ("GeneralizedAlpha", "Ida"),
+    "joints": ("Driver", "PointOnLine", "Revolute", "Weld"),
+    "laws": ("Law", "piecewise", "run_up", "sine", "table"),
+    "loads": ("Force", "Moment"),
+    "mechanism": ("Mechanism",),
+    "sections": ("Material", "Section"),
+    "simulation": ("simulate",),
+    "solution": ("Solution",),
+    "study": ("Case", "compare", "grid"),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module when first used: `beamdae --help` needs none."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"beamdae.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -13,8 +13,13 @@ def constant(matrix: sp.sparray) -> ca.DM:
     """A scipy sparse matrix as a CasADi constant."""
     csc = sp.csc_array(matrix)
     csc.sort_indices()
-    pattern = ca.Sparsity(*csc.shape, csc.indptr.tolist(), csc.indices.tolist())
-    return ca.DM(pattern, csc.data)
+    return ca.DM(sparsity(csc), csc.data)
+
+
+def sparsity(csc: sp.csc_array) -> ca.Sparsity:
+    """The pattern of a scipy CSC matrix as a CasADi pattern."""
+    rows, columns = csc.shape
+    return ca.Sparsity(rows, columns, csc.indptr.tolist(), csc.indices.tolist())
 
 
 def gather(operator: sp.csr_array, x: ca.MX, count: int) -> ca.MX:
@@ -41,6 +46,7 @@ class Block:
     count: int
 
     def scaled(self, factor: ca.MX | float) -> Block:
+        """The block times a factor."""
         return Block(factor * self.values, self.rows, self.columns, self.count)
 
     @property
@@ -96,8 +102,7 @@ class SparseSum:
     def matrix(self) -> ca.MX:
         """The sum as a sparse CasADi matrix."""
         pattern, nonzeros = self.assemble()
-        sparsity = ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
-        return ca.MX(sparsity, nonzeros)
+        return ca.MX(sparsity(pattern), nonzeros)
 
 
 def _expand(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

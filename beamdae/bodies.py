@@ -67,10 +67,12 @@ class Attachment:
 
     @property
     def size(self) -> int:
+        """Number of local coordinates."""
         return self.operator.shape[0]
 
     @property
     def piece(self) -> Piece:
+        """Where the local coordinates come from."""
         return Piece(self.body, self.operator)
 
     def position(self, q: SX) -> SX:
@@ -88,10 +90,14 @@ class Attachment:
 def require_attachment(part: str, name: str, value: Any) -> Attachment:
     """Return `value` if it is an attachment."""
     if not isinstance(value, Attachment):
-        raise BeamdaeError(
-            f"{part}: {name} must be an attachment such as beam.end or body.at(x, y), got {value!r}."
-        )
+        raise BeamdaeError(f"{part}: {name} must be an attachment such as beam.end, got {value!r}.")
     return value
+
+
+def require_angle(part: str, attachment: Attachment) -> None:
+    """Refuse a particle where an angle is held, driven or loaded."""
+    if isinstance(attachment.body, PointMass):
+        raise BeamdaeError(f"{part}: {attachment} is a particle and has no angle.")
 
 
 def rotate(angle: Any, vector: Any) -> SX:
@@ -101,6 +107,7 @@ def rotate(angle: Any, vector: Any) -> SX:
 
 
 def require_name(kind: str, name: Any) -> str:
+    """Return `name` if it is a text that can name a part."""
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {name!r}.")
     return name
@@ -114,21 +121,26 @@ class Ground:
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
+        """One name a coordinate."""
         return ()
 
     @property
     def initial_position(self) -> Array:
+        """Coordinates in the reference drawing."""
         return np.zeros(0)
 
     @property
     def initial_velocity(self) -> Array:
+        """Their rates at the start."""
         return np.zeros(0)
 
     @property
     def outline(self) -> Array:
+        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
         return np.zeros((0, 2))
 
     def force_statements(self, gravity: Array) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
         return []
 
     def at(self, x: float, y: float) -> Attachment:
@@ -174,18 +186,22 @@ class RigidBody:
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
+        """One name a coordinate."""
         return ("x", "y", "angle")
 
     @property
     def initial_position(self) -> Array:
+        """Coordinates in the reference drawing."""
         return np.array([*self.center, 0.0])
 
     @property
     def initial_velocity(self) -> Array:
+        """Their rates at the start."""
         return np.array([*self.velocity, self.angular_velocity])
 
     @property
     def outline(self) -> Array:
+        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
         return np.array([self.center])
 
     def at(self, x: float, y: float) -> Attachment:
@@ -201,6 +217,7 @@ class RigidBody:
         )
 
     def force_statements(self, gravity: Array) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
         local = Local(3, 4)
         mass, inertia, weight = local.data[0], local.data[1], local.data[2:]
         force = ca.vertcat(mass * (local.a[:2] - weight), inertia * local.a[2])
@@ -239,18 +256,22 @@ class PointMass:
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
+        """One name a coordinate."""
         return () if self.on is not None else ("x", "y")
 
     @property
     def initial_position(self) -> Array:
+        """Coordinates in the reference drawing."""
         return np.zeros(0) if self.at is None else np.array(self.at, float)
 
     @property
     def initial_velocity(self) -> Array:
+        """Their rates at the start."""
         return np.zeros(0) if self.at is None else np.array(self.velocity, float)
 
     @property
     def outline(self) -> Array:
+        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
         return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)
 
     @property
@@ -262,6 +283,7 @@ class PointMass:
         return Attachment(self, self.at, 0.0, sp.eye_array(2, format="csr"), lambda q: (q, SX(0)))
 
     def force_statements(self, gravity: Array) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
         where = self.point
         local = Local(where.size, 3)
         mass, weight = local.data[0], local.data[1:]

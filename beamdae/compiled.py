@@ -32,11 +32,12 @@ class Compiled:
             buffer[:] = value
         self._memory, self._evaluate = function.buffer()
         for i, array in enumerate(self.inputs):
-            self._memory.set_arg(i, memoryview(array))
+            self._memory.set_arg(i, memoryview(array))  # type: ignore[call-arg,arg-type]
         for i, array in enumerate(self.outputs):
-            self._memory.set_res(i, memoryview(array))
+            self._memory.set_res(i, memoryview(array))  # type: ignore[call-arg,arg-type]
 
     def __call__(self, *arguments: Array | float) -> list[Array]:
+        """Evaluate with these leading arguments; returns the output buffers."""
         for buffer, argument in zip(self.inputs, arguments):  # noqa: B905 trailing inputs stay
             buffer[:] = argument
         self._evaluate()

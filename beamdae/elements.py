@@ -8,7 +8,7 @@ every element of a type, curved or straight, in every beam.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -58,6 +58,7 @@ class ElementType:
 
     @property
     def n_data(self) -> int:
+        """Numbers a copy of the kernel takes."""
         points = self.mass_quadrature * len(MASS_POINT) + self.quadrature * len(STIFFNESS_POINT)
         return points + len(SECTION) + 2
 
@@ -118,7 +119,7 @@ def _split(kind: ElementType, data: SX) -> _Data:
     )
 
 
-@lru_cache(maxsize=None)
+@cache
 def beam_kernel(kind: ElementType) -> ForceKernel:
     """Virtual work of one element: inertia (eqs. 10, 11, 15), elasticity and damping (21).
 
@@ -131,9 +132,8 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     inertia, kinetic, potential = _inertia(kind, local, data)
     elastic, stored, dissipated = _elasticity(kind, local, data)
     force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
-    return ForceKernel(
-        local, force, ca.vertcat(kinetic, stored, potential), ca.vertcat(0, dissipated)
-    )
+    energies = ca.vertcat(kinetic, stored, potential)
+    return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
 
 
 def _inertia(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
@@ -147,27 +147,26 @@ def _inertia(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
     on_origin, on_angle = SX.zeros(2), SX(0)
     on_nodes = SX.zeros(NODE * kind.nodes)
     kinetic, potential = SX(0), SX(0)
+    # Rotations commute in the plane, so eq. (10) is one linear map of (q, v, a), the same at every
+    # point, and its nodal values can be interpolated like displacements.
+    swing = _rotation(-(omega**2), alpha)
+    q, v, a = (_nodal_vectors(kind, z) for z in (local.q, local.v, local.a))
+    relative = swing @ q + 2 * omega * _turn(v) + a
+    dphi, ddphi = local.v[FRAME + 2 :: NODE].T, local.a[FRAME + 2 :: NODE].T
     for k, row in enumerate(shape_functions(kind.nodes, xi)):
-        weight, x, y, cos_alpha, sin_alpha = (data.mass[i, k] for i in range(len(MASS_POINT)))
+        weight, cos_alpha, sin_alpha = data.mass[0, k], data.mass[3, k], data.mass[4, k]
+        reference = data.mass[1:3, k]
         to_local = _rotation(cos_alpha, sin_alpha).T
-        q, v, a = (
-            [_interpolate(row, z[FRAME:], i) for i in range(NODE)]
-            for z in (local.q, local.v, local.a)
-        )
-        place = ca.vertcat(x + q[0], y + q[1])
+        place = reference + q @ row
         force = (weight * rhoA) * (
-            to_local @ origin_acceleration
-            - omega**2 * place
-            + alpha * _turn(place)
-            + 2 * omega * _turn(ca.vertcat(*v[:2]))
-            + ca.vertcat(*a[:2])
+            to_local @ origin_acceleration + swing @ reference + relative @ row
         )
-        moment = weight * rhoI * (alpha + a[2])
+        moment = weight * rhoI * (alpha + ddphi @ row)
         on_origin += to_local.T @ force
         on_angle += ca.dot(_turn(place), force) + moment
         on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
-        velocity = to_local @ origin_velocity + omega * _turn(place) + ca.vertcat(*v[:2])
-        kinetic += 0.5 * weight * (rhoA * ca.sumsqr(velocity) + rhoI * (omega + v[2]) ** 2)
+        velocity = to_local @ origin_velocity + omega * _turn(place) + v @ row
+        kinetic += 0.5 * weight * (rhoA * ca.sumsqr(velocity) + rhoI * (omega + dphi @ row) ** 2)
         height = ca.dot(data.gravity, local.q[:2] + frame @ to_local.T @ place)
         potential -= weight * rhoA * height
     return ca.vertcat(frame @ on_origin, on_angle, on_nodes), kinetic, potential
@@ -177,8 +176,14 @@ def _rotation(cosine: SX, sine: SX) -> SX:
     return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
 
 
-def _turn(vector: SX) -> SX:
-    return ca.vertcat(-vector[1], vector[0])
+def _turn(vectors: SX) -> SX:
+    """The columns turned by 90 degrees."""
+    return ca.vertcat(-vectors[1, :], vectors[0, :])
+
+
+def _nodal_vectors(kind: ElementType, coordinates: SX) -> SX:
+    """Displacements (u, v) of the nodes, or their rates, as columns."""
+    return ca.reshape(coordinates[FRAME:], NODE, kind.nodes)[:2, :]
 
 
 def _elasticity(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:

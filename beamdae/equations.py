@@ -150,7 +150,8 @@ class EquationsOfMotion:
         self, time: MX, q: MX, v: MX, a: MX, p: MX, c_v: MX, c_a: MX
     ) -> tuple[list[Block], list[Block]]:
         """Blocks of dF/dq and of c_v dF/dv + c_a dF/da."""
-        stiffness, rates = [], []
+        stiffness: list[Block] = []
+        rates: list[Block] = []
         for term in self.forces:
             function = self._map(term.kernel.tangent_function, term.count, [0, 5, 6])
             inputs = self._force_inputs(term, time, (q, v, a), p)
@@ -171,7 +172,7 @@ class EquationsOfMotion:
         return [gather(term.operator, x, 1) for x in vectors]
 
     def level(self, order: int, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
-        """g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
+        """Constraints g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
         rows = [
             t.kernel.level_functions[order](time, *self._joint_vectors(t, q, v, a), p[t.data])
             for t in self.joints
@@ -214,7 +215,8 @@ class EquationsOfMotion:
         self, time: MX, q: MX, v: MX, a: MX, p: MX
     ) -> tuple[list[Block], list[Block]]:
         """Blocks of d g_ddot/dq and d g_ddot/dv, (m, n) each."""
-        by_q, by_v = [], []
+        by_q: list[Block] = []
+        by_v: list[Block] = []
         for t in self.joints:
             inputs = (time, *self._joint_vectors(t, q, v, a), p[t.data])
             for target, values in zip(
@@ -308,7 +310,9 @@ def build(
         )
         for s in _by_kernel(forces)
     ]
-    constraint_terms, lam_names, rows = [], [], {}
+    constraint_terms: list[_ConstraintTerm] = []
+    lam_names: list[str] = []
+    rows: dict[str, slice] = {}
     for statement in constraints:
         begin = len(lam_names)
         lam_names += [f"{statement.part}.{name}" for name in statement.names]
@@ -374,6 +378,7 @@ def _quantity_function(quantity: Quantity, size: int, n_multipliers: int) -> ca.
     value = ca.densify(SX(quantity.expression(local)))
     if value.shape != (len(quantity.columns), 1):
         raise BeamdaeError(
-            f"a quantity must give one value for each of {quantity.columns}, got shape {value.shape}."
+            f"a quantity must give one value for each of {quantity.columns}, "
+            f"got shape {value.shape}."
         )
     return ca.Function("observed", [local.time, local.q, local.v, local.data, local.lam], [value])

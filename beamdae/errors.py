@@ -17,7 +17,9 @@ class BeamdaeError(ValueError):
 
 def finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or say that it is not a finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool):
+        raise BeamdaeError(f"{part}: {name} must be a number, got {value!r}.")
+    if not isinstance(value, (int, float)):
         try:
             value = float(value)
         except (TypeError, ValueError):

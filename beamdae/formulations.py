@@ -68,6 +68,7 @@ class FirstOrder:
 
     @property
     def size(self) -> int:
+        """Number of unknowns."""
         return self.pattern.shape[0]
 
     @property
@@ -186,6 +187,7 @@ class StepEquations:
 
     @property
     def size(self) -> int:
+        """Number of unknowns."""
         return self.pattern.shape[0]
 
 

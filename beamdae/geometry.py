@@ -47,17 +47,21 @@ class Line:
 
     @property
     def length(self) -> float:
+        """Total arc length [m]."""
         return float(np.hypot(*np.subtract(self.end, self.start)))
 
     def point(self, s: Any) -> Array:
+        """Points (..., 2) [m] at arc lengths s [m]."""
         share = np.asarray(s, float)[..., None] / self.length
         return np.asarray(self.start, float) + share * np.subtract(self.end, self.start)
 
     def tangent_angle(self, s: Any) -> Array:
+        """Angle of the tangent [rad] at s."""
         dx, dy = np.subtract(self.end, self.start)
         return np.full(np.shape(s), np.arctan2(dy, dx))
 
     def curvature(self, s: Any) -> Array:
+        """Signed curvature [1/m] at s."""
         return np.zeros(np.shape(s))
 
 
@@ -88,15 +92,18 @@ class Arc:
             )
 
     def point(self, s: Any) -> Array:
-        turned = self.tangent_angle(s)
-        x = np.sin(turned) - np.sin(self.angle)
-        y = np.cos(self.angle) - np.cos(turned)
-        return np.asarray(self.start, float) + self.radius * np.stack([x, y], axis=-1)
+        """Points (..., 2) [m] at arc lengths s [m]."""
+        half = 0.5 * np.asarray(s, float) / self.radius
+        # The chord, not differences of sines: an almost straight arc has a huge radius.
+        along = np.stack([np.cos(self.angle + half), np.sin(self.angle + half)], axis=-1)
+        return np.asarray(self.start, float) + (2.0 * self.radius * np.sin(half))[..., None] * along
 
     def tangent_angle(self, s: Any) -> Array:
+        """Angle of the tangent [rad] at s."""
         return self.angle + np.asarray(s, float) / self.radius
 
     def curvature(self, s: Any) -> Array:
+        """Signed curvature [1/m] at s."""
         return np.full(np.shape(s), 1.0 / self.radius)
 
 
@@ -128,7 +135,7 @@ class _SplineCurve:
         return half * (speed @ weights)
 
     def _check_regular(self, part: str) -> None:
-        grid, s = self._table
+        grid, _ = self._table
         tangent = self._spline(grid, 1)
         speed = np.linalg.norm(tangent, axis=-1)
         if not np.all(np.isfinite(speed)) or speed.min() <= 1e-8 * speed.max():

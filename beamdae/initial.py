@@ -15,20 +15,25 @@ from beamdae.compiled import Compiled
 from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.formulations import State
-from beamdae.linear import Factorization, SingularMatrix, factorization
+from beamdae.linear import Factorization, SingularMatrixError, factorization
 
 Array = np.ndarray
 MX = ca.MX
 
 _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
-# Elastic coordinates slower than this are moved as readily as rigid ones when joints are closed.
-_RIGID_TIME = 1e-2
+# Joints are closed by rigid motion before anything faster than this [s] is bent.
+_RIGID_TIME = 1.0
+
+# Coefficients (c0, c1, c2) of stiffness, damping and mass.
+_MASS = np.array([0.0, 0.0, 1.0])
+_CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
+_POWER_ITERATIONS = 12
 
 
 @dataclass(frozen=True)
 class Starter:
-    """Makes states of a mechanism consistent; compiled once, used at the start and at breakpoints."""
+    """Makes states of a mechanism consistent, at the start and at breakpoints."""
 
     equations: EquationsOfMotion
 
@@ -46,24 +51,56 @@ class Starter:
         return Compiled(ca.Function("constraints", [time, q, v, a, p], outputs), e.p)
 
     @cached_property
-    def _saddle(self) -> tuple[Compiled, Factorization]:
-        """(time, q, v, a, p, c_q) -> F and non-zeros of [[c_q K + M, G^T], [G, 0]]."""
+    def _saddle(self) -> tuple[Compiled, Factorization, sp.csc_array]:
+        """(time, q, v, a, c) -> F and non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]]."""
         e = self.equations
         time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
-        p, c_q = MX.sym("p", len(e.p)), MX.sym("c_q")
+        p, c = MX.sym("p", len(e.p)), MX.sym("c", 3)
         total = SparseSum((e.n + e.m, e.n + e.m))
-        stiffness, mass = e.tangent(time, q, v, a, p, MX(0), MX(1))
+        stiffness, rates = e.tangent(time, q, v, a, p, c[1], c[2])
         for block in stiffness:
-            total.add(block.scaled(c_q))
-        for block in mass:
+            total.add(block.scaled(c[0]))
+        for block in rates:
             total.add(block)
         for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
             total.add(block, e.n, 0)
             total.add(block.transposed, 0, e.n)
         pattern, nonzeros = total.assemble()
         force = ca.densify(e.force(time, q, v, a, p))
-        function = ca.Function("saddle", [time, q, v, a, p, c_q], [force, nonzeros])
-        return Compiled(function), factorization(pattern)
+        function = ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros])
+        return Compiled(function, e.p), factorization(pattern), pattern
+
+    def forces(self, time: Array, state: State) -> Array:
+        """F at zero acceleration: applied, elastic and quadratic velocity forces, negative."""
+        still = np.zeros(self.equations.n)
+        return self._saddle[0](time, state.q, state.v, still, _MASS)[0].copy()
+
+    def fastest_mode(self, time: Array, state: State) -> tuple[float, float]:
+        """Estimate the highest natural frequency [rad/s] and the damping ratio of its mode.
+
+        Of the jointed mechanism; a few steps of power iteration with M^-1 K under the constraints.
+        """
+        e = self.equations
+        function, solver, pattern = self._saddle
+        matrices = []
+        for c in np.eye(3):
+            nonzeros = function(time, state.q, state.v, state.a, c)[1].copy()
+            whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+            matrices.append(sp.csc_array(whole[: e.n, : e.n]))
+        stiffness, damping, mass = matrices
+        self._factorized(time, state.q, state.v, _MASS)
+        x = np.cos(np.arange(e.n) ** 2.0)
+        for _ in range(_POWER_ITERATIONS):
+            x = solver.solve(np.concatenate([stiffness @ x, np.zeros(e.m)]))[: e.n]
+            size = np.max(np.abs(x))
+            if not size > 0.0:
+                return 0.0, 0.0
+            x /= size
+        inertia = float(x @ (mass @ x))
+        frequency = np.sqrt(abs(float(x @ (stiffness @ x))) / inertia)
+        if frequency == 0.0:
+            return 0.0, 0.0
+        return float(frequency), float(x @ (damping @ x)) / (2.0 * frequency * inertia)
 
     def constraint_matrix(self, time: Array, q: Array) -> Array:
         """G = dg/dq, dense (m, n)."""
@@ -92,7 +129,7 @@ class Starter:
         """Accelerations and multipliers of a consistent (q, v)."""
         e = self.equations
         gamma = -self._constraints(time, q, v, np.zeros(e.n))[2].copy()
-        solver, force = self._factorized(time, q, v, 0.0)
+        solver, force = self._factorized(time, q, v, _MASS)
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
@@ -113,15 +150,13 @@ class Starter:
             for d in (delta, -delta)
         ]
         rate = (levels[0] - levels[1]) / (2.0 * delta)
-        solver, _ = self._factorized(time, q, v, 0.0)
+        solver, _ = self._factorized(time, q, v, _MASS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 
-    def _factorized(
-        self, time: Array, q: Array, v: Array, c_q: float
-    ) -> tuple[Factorization, Array]:
+    def _factorized(self, time: Array, q: Array, v: Array, c: Array) -> tuple[Factorization, Array]:
         e = self.equations
-        function, solver = self._saddle
-        force, nonzeros = function(time, q, v, np.zeros(e.n), e.p, c_q)
+        function, solver, pattern = self._saddle
+        force, nonzeros = function(time, q, v, np.zeros(e.n), c)
         if not np.all(np.isfinite(force)):
             raise BeamdaeError(
                 f"{self._name(force)}: the forces are not finite at t = {time[0]:g}, "
@@ -129,9 +164,10 @@ class Starter:
             )
         try:
             solver.factorize(nonzeros)
-        except SingularMatrix:
+        except SingularMatrixError:
             raise BeamdaeError(
-                f"{self._massless(time, q)}: it can move without inertia at t = {time[0]:g}, "
+                f"{self._massless(pattern, nonzeros)}: it can move without inertia "
+                f"at t = {time[0]:g}, "
                 "give it a mass or a joint."
             ) from None
         return solver, force
@@ -139,13 +175,12 @@ class Starter:
     def _name(self, force: Array) -> str:
         return self.equations.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
 
-    def _massless(self, time: Array, q: Array) -> str:
+    def _massless(self, pattern: sp.csc_array, nonzeros: Array) -> str:
+        """The coordinate that moves most in the motion no equation resists."""
         e = self.equations
-        function, _ = self._saddle
-        unit = np.zeros(e.n)
-        rest = function(time, q, unit, unit, e.p, 0.0)[0].copy()
-        moved = function(time, q, unit, unit + 1.0, e.p, 0.0)[0] - rest
-        return e.q_names[int(np.argmin(np.abs(moved)))]
+        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape).toarray()
+        unresisted = la.svd(np.nan_to_num(matrix))[2][-1, : e.n]
+        return e.q_names[int(np.argmax(np.abs(unresisted)))]
 
     def _close(self, time: Array, q: Array) -> Array:
         e = self.equations
@@ -158,7 +193,7 @@ class Starter:
             if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
                 return q
             self._check_rank(time, q)
-            solver, _ = self._factorized(time, q, still, _RIGID_TIME**2)
+            solver, _ = self._factorized(time, q, still, _CLOSING)
             q = q + solver.solve(np.concatenate([still, -g]))[: e.n]
         worst = int(np.argmax(np.abs(g)))
         raise BeamdaeError(
@@ -171,7 +206,7 @@ class Starter:
         g_dot = self._constraints(time, q, v, np.zeros(e.n))[1].copy()
         if e.m == 0 or not np.any(g_dot):
             return v
-        solver, _ = self._factorized(time, q, v, 0.0)
+        solver, _ = self._factorized(time, q, v, _MASS)
         return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
 
     def _check_rank(self, time: Array, q: Array) -> None:
@@ -185,6 +220,8 @@ class Starter:
         rank = int(np.sum(singular > 1e-10))
         if rank == e.m:
             return
+        if e.m > e.n:
+            left = la.svd(matrix)[0]
         involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
         names = ", ".join(name for name, one in zip(e.lam_names, involved, strict=True) if one)
         raise BeamdaeError(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from beamdae.bodies import Attachment, require_attachment, require_name, rotate
+from beamdae.bodies import Attachment, require_angle, require_attachment, require_name, rotate
 from beamdae.errors import BeamdaeError, point
 from beamdae.laws import Law, as_law
 from beamdae.statements import SX, ConstraintKernel, ConstraintStatement, Local, Quantity
@@ -32,7 +33,7 @@ def _statement(
     """Constraint statement of `constraint(local, qs)`, qs the local coordinates by attachment."""
     local = Local(sum(a.size for a in attachments), 0, len(names))
     ends = np.cumsum([0, *(a.size for a in attachments)])
-    qs = [local.q[int(i) : int(j)] for i, j in zip(ends[:-1], ends[1:], strict=True)]
+    qs = [local.q[int(i) : int(j)] for i, j in pairwise(ends)]
     kernel = ConstraintKernel(local, constraint(local, qs))
     return ConstraintStatement(part, kernel, tuple(a.piece for a in attachments), names)
 
@@ -61,6 +62,11 @@ class Joint:
 
     @property
     def reaction_columns(self) -> tuple[tuple[str, str], ...]:
+        """Suffix and unit of each reaction."""
+        raise NotImplementedError
+
+    def constraint_statement(self) -> ConstraintStatement:
+        """The constraints as a local statement."""
         raise NotImplementedError
 
 
@@ -74,9 +80,11 @@ class Revolute(Joint):
 
     @property
     def reaction_columns(self) -> tuple[tuple[str, str], ...]:
+        """Suffix and unit of each reaction."""
         return (("Fx", "N"), ("Fy", "N"))
 
     def constraint_statement(self) -> ConstraintStatement:
+        """The constraints as a local statement."""
         return _statement(
             self.name,
             (self.a, self.b),
@@ -91,13 +99,17 @@ class Weld(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
+        require_angle(self.name, self.b)
         _require_meeting(self.name, self.a, self.b)
 
     @property
     def reaction_columns(self) -> tuple[tuple[str, str], ...]:
+        """Suffix and unit of each reaction."""
         return (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
 
     def constraint_statement(self) -> ConstraintStatement:
+        """The constraints as a local statement."""
         return _statement(
             self.name,
             (self.a, self.b),
@@ -116,19 +128,24 @@ class Driver(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
+        require_angle(self.name, self.b)
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the angle [rad] over time.")
         object.__setattr__(self, "law", as_law(self.name, self.law))
 
     @property
     def laws(self) -> tuple[Law, ...]:
+        """Laws of time of the part."""
         return (self.law,)
 
     @property
     def reaction_columns(self) -> tuple[tuple[str, str], ...]:
+        """Suffix and unit of each reaction."""
         return (("M", "N m"),)
 
     def constraint_statement(self) -> ConstraintStatement:
+        """The constraints as a local statement."""
         return _statement(
             self.name,
             (self.a, self.b),
@@ -166,9 +183,12 @@ class PointOnLine(Joint):
 
     @property
     def reaction_columns(self) -> tuple[tuple[str, str], ...]:
+        """Suffix and unit of each reaction."""
         return (("F", "N"),)
 
     def constraint_statement(self) -> ConstraintStatement:
+        """The constraints as a local statement."""
+
         def constraint(local: Local, q: list[SX]) -> SX:
             normal = rotate(self.a.turn(q[0]), self._normal)
             return ca.dot(normal, self.b.position(q[1]) - self.a.position(q[0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -48,8 +49,11 @@ class Law:
         return value
 
 
-def as_law(part: str, value: Any) -> Law:
-    """Turn a number or any function of t into a law, or say what is wrong with it."""
+def as_law(part: str, value: Any, start: float = 0.0) -> Law:
+    """Turn a number or any function of t into a law, or say what is wrong with it.
+
+    `start` is the first time [s] it will be asked for.
+    """
     if isinstance(value, Law):
         law = value
     elif callable(value):
@@ -57,11 +61,11 @@ def as_law(part: str, value: Any) -> Law:
     else:
         number = finite(part, "law", value)
         law = Law((lambda t: number,))
-    _check(part, law)
+    _check(part, law, start)
     return law
 
 
-def _check(part: str, law: Law) -> None:
+def _check(part: str, law: Law, start: float) -> None:
     time = SX.sym("t", 2)
     try:
         value = law(time)
@@ -74,13 +78,13 @@ def _check(part: str, law: Law) -> None:
         map(str, ca.symvar(time))
     ):
         raise BeamdaeError(f"{part}: the law must return one number, got {value!s:.80}.")
-    start = float(ca.Function("law", [time], [value])([0.0, 0.0]))
-    if not np.isfinite(start):
-        raise BeamdaeError(f"{part}: the law must be finite, at t = 0 it is {start}.")
+    first = float(ca.Function("law", [time], [value])([start, start]))
+    if not np.isfinite(first):
+        raise BeamdaeError(f"{part}: the law must be finite, at t = {start:g} it is {first}.")
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
-    """amplitude * sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    """Law amplitude * sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
     amplitude = finite("sine", "amplitude", amplitude)
     frequency = positive("sine", "frequency", frequency)
     phase = finite("sine", "phase", phase)
@@ -111,16 +115,17 @@ def piecewise(*pieces: Any) -> Law:
     """
     if not pieces:
         raise BeamdaeError("piecewise: give at least one law.")
-    ends, laws = [], []
+    ends: list[float] = []
+    laws: list[Law] = []
     for entry in pieces[:-1]:
         try:
             end, law = entry
         except (TypeError, ValueError):
             raise BeamdaeError(f"piecewise: expected (end time, law), got {entry!r}.") from None
+        laws.append(as_law("piecewise", law, ends[-1] if ends else 0.0))
         ends.append(finite("piecewise", "end time", end))
-        laws.append(as_law("piecewise", law))
-    laws.append(as_law("piecewise", pieces[-1]))
-    if any(b <= a for a, b in zip(ends, ends[1:], strict=False)):
+    laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
+    if any(b <= a for a, b in pairwise(ends)):
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
     if any(law.breakpoints for law in laws):
         raise BeamdaeError("piecewise: a piece must be smooth, it must not be piecewise itself.")
@@ -132,7 +137,10 @@ def piecewise(*pieces: Any) -> Law:
 
 def table(times: Any, values: Any) -> Law:
     """Natural cubic spline through a table, constant outside it."""
-    t, y = np.asarray(times, float), np.asarray(values, float)
+    try:
+        t, y = np.asarray(times, float), np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise BeamdaeError("table: times and values must be lists of numbers.") from None
     if t.ndim != 1 or t.shape != y.shape or len(t) < 3:
         raise BeamdaeError("table: times and values must be lists of the same length, at least 3.")
     if not (np.all(np.isfinite(t)) and np.all(np.isfinite(y))):

@@ -8,14 +8,18 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
 
 Array = np.ndarray
 
-# LAPACK and SuperLU cross between 200 and 300 unknowns; validation/performance measures it.
+# LAPACK and SuperLU cross between 150 and 300 unknowns (validation/performance, --linear).
 DENSE_LIMIT = 250
 
+# Matrices of this size gain nothing from threads, and lose a factor of ten where cores are busy.
+single_threaded = threadpool_limits.wrap(limits=1, user_api="blas")
 
-class SingularMatrix(ArithmeticError):
+
+class SingularMatrixError(ArithmeticError):
     """The matrix to be factorized is singular or not finite."""
 
 
@@ -26,7 +30,7 @@ class Factorization(Protocol):
     solves: int
 
     def factorize(self, nonzeros: Array) -> None:
-        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrix`."""
+        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
 
     def solve(self, right: Array) -> Array:
         """Solution of matrix @ x = right."""
@@ -45,14 +49,16 @@ class DenseFactorization:
         self._where = column * rows + pattern.indices
 
     def factorize(self, nonzeros: Array) -> None:
+        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
         self._flat[:] = 0.0
         self._flat[self._where] = nonzeros
         self.factorizations += 1
         self._lu, self._pivots, info = dgetrf(self._matrix, overwrite_a=True)
-        if info != 0 or not np.isfinite(self._flat.sum()):
-            raise SingularMatrix("the matrix is singular or not finite")
+        if info != 0 or not np.isfinite(self._flat).all():
+            raise SingularMatrixError("the matrix is singular or not finite")
 
     def solve(self, right: Array) -> Array:
+        """Solution of matrix @ x = right."""
         self.solves += 1
         return dgetrs(self._lu, self._pivots, right)[0]
 
@@ -66,18 +72,21 @@ class SparseFactorization:
         self._matrix = sp.csc_matrix(pattern)
 
     def factorize(self, nonzeros: Array) -> None:
+        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
         self._matrix.data[:] = nonzeros
         self.factorizations += 1
-        if not np.isfinite(nonzeros.sum()):
-            raise SingularMatrix("the matrix is not finite")
+        if not np.isfinite(nonzeros).all():
+            raise SingularMatrixError("the matrix is not finite")
         try:
-            # The dense rows of floating frames make SuperLU see one long elimination chain;
-            # without relaxed supernodes and panels that costs a tenth.
-            self._lu = splu(self._matrix, relax=1, panel_size=1)
+            # The dense rows of floating frames make SuperLU see one long elimination chain:
+            # supernodes and panels cost ten times what they gain, and pivots off the diagonal
+            # that are only a little larger fill the factors a hundredfold.
+            self._lu = splu(self._matrix, relax=1, panel_size=1, diag_pivot_thresh=0.01)
         except RuntimeError as problem:
-            raise SingularMatrix("the matrix is singular") from problem
+            raise SingularMatrixError("the matrix is singular") from problem
 
     def solve(self, right: Array) -> Array:
+        """Solution of matrix @ x = right."""
         self.solves += 1
         return self._lu.solve(right)
 

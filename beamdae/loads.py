@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.bodies import Attachment, require_attachment, require_name, rotate
+from beamdae.bodies import Attachment, require_angle, require_attachment, require_name, rotate
 from beamdae.errors import BeamdaeError, one_of
 from beamdae.laws import Law, as_law
 from beamdae.statements import SX, ForceKernel, ForceStatement, Local
@@ -57,9 +57,11 @@ class Force:
 
     @property
     def laws(self) -> tuple[Law, ...]:
+        """Laws of time of the part."""
         return tuple(self.law)
 
     def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
         local = Local(self.on.size)
         load = ca.vertcat(*(law(local.time) for law in self.law))
         if self.axes == "body":
@@ -78,12 +80,15 @@ class Moment:
     def __post_init__(self) -> None:
         require_name("Moment", self.name)
         require_attachment(self.name, "on", self.on)
+        require_angle(self.name, self.on)
         object.__setattr__(self, "law", as_law(self.name, self.law))
 
     @property
     def laws(self) -> tuple[Law, ...]:
+        """Laws of time of the part."""
         return (self.law,)
 
     def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
         local = Local(self.on.size)
         return [_load(self.name, self.on, local, self.on.turn(local.q), self.law(local.time))]

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from beamdae.bodies import Attachment, Ground
+from beamdae.bodies import Attachment, Ground, require_name
 from beamdae.errors import BeamdaeError, nearest, point
 from beamdae.joints import Joint
 from beamdae.laws import Law
@@ -61,6 +61,7 @@ class Mechanism:
 
         An attachment gives name.x [m], name.y [m], name.angle [rad] and their rates.
         """
+        require_name("Mechanism.observe", name)
         if name in self.observables or name in ("t", "energy"):
             raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
         quantity = motion(what) if isinstance(what, Attachment) else what

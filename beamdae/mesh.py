@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,6 +34,9 @@ class Mesh:
     shape
         "curved": each element interpolates the curve through its nodes (eq. 13); "straight":
         each element is the chord between its end nodes.
+    continuity
+        "cartesian": neighboring elements share the displacement vector at their node; "local":
+        its components along and across either axis (the paper's).
     frame
         "tangent": the floating frame rides on the start section (start node clamped to it);
         "chord": it runs from the start point to the end point.
@@ -42,6 +46,7 @@ class Mesh:
     kind: ElementType
     elements: int
     shape: str
+    continuity: str
     frame: str
 
     @cached_property
@@ -63,6 +68,7 @@ class Mesh:
 
     @property
     def node_count(self) -> int:
+        """Number of nodes."""
         return self.elements * (self.kind.nodes - 1) + 1
 
     def _element_nodes(self) -> Array:
@@ -72,6 +78,7 @@ class Mesh:
 
     @cached_property
     def node_arc_lengths(self) -> Array:
+        """Arc length of each node [m]."""
         return np.linspace(0.0, self.curve.length, self.node_count)
 
     @cached_property
@@ -113,7 +120,7 @@ class Mesh:
             ]
         )
 
-    def _point_data(self, points: int, columns) -> Array:
+    def _point_data(self, points: int, columns: Callable[..., list[Array]]) -> Array:
         xi, weights = np.polynomial.legendre.leggauss(points)
         element = np.repeat(np.arange(self.elements), points)
         values = columns(element, np.tile(xi, self.elements), np.tile(weights, self.elements))
@@ -134,9 +141,10 @@ class Mesh:
         """From the beam's coordinates (x0, y0, theta, free nodal ones) to the elements' local ones.
 
         Shape (elements * kind.size, 3 + free). Nodal coordinates are (u, v, phi) in the tangent
-        frame of the curve at the node. Curved elements share them as they are (as in the paper);
-        straight elements turn them into their own direction, so that Cartesian displacement and
-        section rotation are continuous at the kinks.
+        frame of the curve at the node. The axes of two neighboring elements meet at a small angle,
+        of the order of the cube of their length (of their length for straight ones): with
+        "cartesian" continuity each turns the nodal displacement into its own direction there, with
+        "local" continuity it is taken over as it is.
         """
         nodes = self._element_nodes()
         element = np.repeat(np.arange(self.elements), self.kind.nodes)
@@ -158,12 +166,12 @@ class Mesh:
         return operator
 
     def _kink(self, element: Array, node: Array) -> Array:
-        if self.shape == "curved":
+        """Angle from the curve's tangent at a node to the element's own axis there."""
+        if self.continuity == "local":
             return np.zeros(len(element))
-        chord = self.node_points[:, -1] - self.node_points[:, 0]
+        xi = np.tile(np.linspace(-1.0, 1.0, self.kind.nodes), self.elements)
         tangent = self.curve.tangent_angle(self.node_arc_lengths[node]) - self.frame_angle
-        turn = np.arctan2(chord[:, 1], chord[:, 0])[element] - tangent
-        return np.where(node % (self.kind.nodes - 1) == 0, turn, 0.0)
+        return self.axis(element, xi)[1] - tangent
 
     @cached_property
     def _free(self) -> sp.csr_array:

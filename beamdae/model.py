@@ -31,6 +31,7 @@ class Model:
 
     @property
     def name(self) -> str:
+        """Name of the function."""
         return self.build.__name__
 
     @property

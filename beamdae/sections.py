@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +66,7 @@ class Section:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
+        _require_material("Section", self.material)
         positive("Section", "area", self.area)
         positive("Section", "second_moment", self.second_moment)
         positive("Section", "shear_coefficient", self.shear_coefficient)
@@ -83,7 +85,7 @@ class Section:
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
         """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
         positive("Section.circle", "diameter", diameter)
-        nu = material.nu
+        nu = _require_material("Section.circle", material).nu
         return cls(
             material,
             np.pi * diameter**2 / 4.0,
@@ -116,3 +118,9 @@ class Section:
     def rhoI(self) -> float:
         """Rotary inertia per length [kg m]."""
         return self.material.rho * self.second_moment
+
+
+def _require_material(part: str, value: Any) -> Material:
+    if not isinstance(value, Material):
+        raise BeamdaeError(f"{part}: material must be a Material, got {value!r}.")
+    return value

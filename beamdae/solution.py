@@ -112,18 +112,22 @@ class Solution:
 
     @property
     def q(self) -> Array:
+        """Coordinates at the output times, (k, n)."""
         return self._output[1].q
 
     @property
     def v(self) -> Array:
+        """Velocities at the output times, (k, n)."""
         return self._output[1].v
 
     @property
     def a(self) -> Array:
+        """Accelerations at the output times, (k, n)."""
         return self._output[1].a
 
     @property
     def lam(self) -> Array:
+        """Multipliers at the output times, (k, m)."""
         return self._output[1].lam
 
     @cached_property
@@ -172,13 +176,16 @@ class Solution:
     def ledger(self) -> pd.DataFrame:
         """Energies and works [J] at the output times; `imbalance` is what the books are off by."""
         rows, works = self._diagnosis
-        times = np.concatenate([s.t for s in self.trajectory.segments])
-        values = np.concatenate(
-            [np.hstack([r[:, :3], w]) for r, w in zip(rows, works, strict=True)]
-        )
-        times, first = np.unique(times, return_index=True)
-        table = pd.DataFrame(interpolate(times, values[first], self.t), columns=[*ENERGIES, *WORKS])
-        table["imbalance"] = _imbalance(table.to_numpy(), values[0])
+        which = self.trajectory.which(self.t)
+        # By segment: at a breakpoint powers jump, and a spline through the kink would ring.
+        books = [
+            interpolate(segment.t, np.hstack([row[:, :3], work]), self.t[which == k])
+            for k, (segment, row, work) in enumerate(
+                zip(self.trajectory.segments, rows, works, strict=True)
+            )
+        ]
+        table = pd.DataFrame(np.concatenate(books), columns=[*ENERGIES, *WORKS])
+        table["imbalance"] = _imbalance(table.to_numpy(), np.append(rows[0][0, :3], np.zeros(3)))
         return table.rename(columns=lambda name: f"energy.{name.replace(' ', '_')} [J]")
 
     @cached_property

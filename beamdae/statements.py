@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.native import native
+
 SX = ca.SX
 
 
@@ -34,26 +36,32 @@ class Local:
 
     @cached_property
     def time(self) -> SX:
+        """(t, phase)."""
         return SX.sym("time", 2)
 
     @cached_property
     def q(self) -> SX:
+        """Coordinates."""
         return SX.sym("q", self.size)
 
     @cached_property
     def v(self) -> SX:
+        """Velocities."""
         return SX.sym("v", self.size)
 
     @cached_property
     def a(self) -> SX:
+        """Accelerations."""
         return SX.sym("a", self.size)
 
     @cached_property
     def data(self) -> SX:
+        """Numbers of the model."""
         return SX.sym("data", self.n_data)
 
     @cached_property
     def lam(self) -> SX:
+        """Multipliers."""
         return SX.sym("lam", self.n_multipliers)
 
     def dot(self, expression: SX) -> SX:
@@ -90,17 +98,22 @@ class ForceKernel:
         (kinetic, strain, gravity) [J].
     powers
         (power of the loads, dissipated power) [W].
+    reused
+        Whether many statements share the kernel, so that compiling it to machine code pays.
     """
 
     local: Local
     force: SX
     energies: SX = field(default_factory=lambda: SX.zeros(3))
     powers: SX = field(default_factory=lambda: SX.zeros(2))
+    reused: bool = False
 
     @cached_property
     def force_function(self) -> ca.Function:
+        """(time, q, v, a, data) -> F."""
         x = self.local
-        return ca.Function("force", [x.time, x.q, x.v, x.a, x.data], [ca.densify(self.force)])
+        inputs = [x.time, x.q, x.v, x.a, x.data]
+        return self._final(ca.Function("force", inputs, [ca.densify(self.force)]))
 
     @cached_property
     def tangent_function(self) -> ca.Function:
@@ -113,7 +126,10 @@ class ForceKernel:
         rates = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
         outputs = [ca.densify(ca.jacobian(self.force, x.q)), ca.densify(rates)]
         inputs = [x.time, x.q, x.v, x.a, x.data, c_v, c_a]
-        return ca.Function("tangent", inputs, ca.cse(outputs))
+        return self._final(ca.Function("tangent", inputs, ca.cse(outputs)))
+
+    def _final(self, function: ca.Function) -> ca.Function:
+        return native(function) if self.reused else function
 
     @cached_property
     def energy_function(self) -> ca.Function:
@@ -138,6 +154,7 @@ class ForceStatement:
 
     @property
     def count(self) -> int:
+        """Number of copies."""
         return self.data.shape[1]
 
 
@@ -150,6 +167,7 @@ class ConstraintKernel:
 
     @property
     def size(self) -> int:
+        """Number of constraints."""
         return self.constraint.shape[0]
 
     @cached_property

@@ -106,10 +106,14 @@ class Trajectory:
         """Last time reached."""
         return float(self.segments[-1].t[-1])
 
+    def which(self, times: Array) -> Array:
+        """Index of the segment of each time; a breakpoint belongs to what came before it."""
+        starts = np.array([s.t[0] for s in self.segments])
+        return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
+
     def at(self, times: Array) -> tuple[Array, State]:
         """(t, phase) rows and states at ascending times within the run."""
-        starts = np.array([s.t[0] for s in self.segments])
-        which = np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
+        which = self.which(times)
         phases = np.array([s.phase for s in self.segments])[which]
         parts = [s.at(times[which == k]) for k, s in enumerate(self.segments)]
         state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))

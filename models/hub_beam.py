@@ -12,6 +12,7 @@ def hub_beam(
     shape="circular",
     strain="nonlinear",
     elements_shape="curved",
+    continuity="cartesian",
     quadrature=3,
     damping=0.0,
     torque=10.0,
@@ -46,6 +47,7 @@ def hub_beam(
             elements=elements,
             strain=strain,
             elements_shape=elements_shape,
+            continuity=continuity,
             quadrature=quadrature,
         )
     )

@@ -7,7 +7,8 @@ import beamdae as bd
 def pendulum(elements=8, strain="nonlinear", tip_mass=0.060, damping=1e-4, quadrature=3):
     """Pendulum released at rest, its root tangent 0.60 rad below the horizontal.
 
-    `damping` is the Kelvin-Voigt time [s] of the strip; gauges sit on its upper surface.
+    `damping` is the Kelvin-Voigt time [s] of the strip. The gauges sit on its lower surface: that
+    gives the strains the sign they have in Fig. 5a.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
@@ -22,7 +23,7 @@ def pendulum(elements=8, strain="nonlinear", tip_mass=0.060, damping=1e-4, quadr
 
     mech.observe("tip", beam.end)
     mech.observe("frame", beam.floating_frame)
-    mech.observe("gauge 1", beam.strain(s=0.50, offset=0.00125))
-    mech.observe("gauge 2", beam.strain(s=0.25, offset=0.00125))
+    mech.observe("gauge 1", beam.strain(s=0.50, offset=-0.00125))
+    mech.observe("gauge 2", beam.strain(s=0.25, offset=-0.00125))
     mech.observe("hinge", hinge.reaction)
     return mech

@@ -10,10 +10,10 @@ import numpy as np
 
 from beamdae.compiled import Compiled
 from beamdae.equations import EquationsOfMotion
-from beamdae.errors import BeamdaeError, count, finite, one_of, positive
+from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.formulations import State, StepEquations, step_equations
 from beamdae.initial import Starter
-from beamdae.linear import SingularMatrix, factorization
+from beamdae.linear import SingularMatrixError, factorization, single_threaded
 from beamdae.solution import Solution, Statistics, Status
 from beamdae.trajectory import Segment, Trajectory, segments
 
@@ -46,6 +46,7 @@ class GeneralizedAlpha:
         (2015) 149), which holds the constraints on position and velocity level.
     start
         "cured": starting values that keep the multipliers second order from the first step,
+        a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
         v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without.
     newton_tolerance
         Bound on the error of Newton's iteration relative to the largest acceleration. Errors of
@@ -80,18 +81,22 @@ class GeneralizedAlpha:
 
     @property
     def alpha_m(self) -> float:
+        """Parameter (2 rho_inf - 1) / (rho_inf + 1)."""
         return (2.0 * self.rho_inf - 1.0) / (self.rho_inf + 1.0)
 
     @property
     def alpha_f(self) -> float:
+        """Parameter rho_inf / (rho_inf + 1)."""
         return self.rho_inf / (self.rho_inf + 1.0)
 
     @property
     def gamma(self) -> float:
+        """Newmark parameter 1/2 + alpha_f - alpha_m."""
         return 0.5 + self.alpha_f - self.alpha_m
 
     @property
     def beta(self) -> float:
+        """Newmark parameter (gamma + 1/2)^2 / 4."""
         return 0.25 * (self.gamma + 0.5) ** 2
 
     @property
@@ -99,6 +104,7 @@ class GeneralizedAlpha:
         """Short name for tables."""
         return f"GeneralizedAlpha(step={self.step:g})"
 
+    @single_threaded
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
@@ -148,7 +154,7 @@ class GeneralizedAlpha:
         )
 
 
-class _NewtonFailure(ArithmeticError):
+class _NewtonError(ArithmeticError):
     """The iteration did not converge, even with a new factorization."""
 
 
@@ -195,10 +201,10 @@ class _Newton:
         x[:] = start
         try:
             self._factorize(x, arguments)
-        except SingularMatrix as problem:
-            raise _NewtonFailure(str(problem)) from None
+        except SingularMatrixError as problem:
+            raise _NewtonError(str(problem)) from None
         if not self._iterate(x, arguments):
-            raise _NewtonFailure("Newton's iteration did not converge")
+            raise _NewtonError("Newton's iteration did not converge")
 
     def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
         self._linear.factorize(self._jacobian(x, *arguments)[0])
@@ -280,7 +286,7 @@ class _Run:
                 newton.solve(x, time, q_p, v_p, ddq, q, coefficients)
                 if k % 64 == 0:
                     self._check(t[k])
-            except _NewtonFailure as problem:
+            except _NewtonError as problem:
                 self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}; take a smaller step"
                 return k - 1
             except KeyboardInterrupt:
@@ -301,11 +307,14 @@ class _Run:
         Only what the joints prescribe of the jerk enters: the rest would excite stiff modes.
         """
         s = self.settings
-        if s.start == "plain" or s.formulation != "index3":
+        if s.start == "plain":
             return state.v, state.a
         jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
+        a = state.a + (s.alpha_m - s.alpha_f) * h * jerk
+        if s.formulation != "index3":
+            return state.v, a
         factor = 1.0 / 6.0 - 0.5 * (s.alpha_m - s.alpha_f) - s.beta
-        return state.v + h**2 * factor * jerk, state.a + (s.alpha_m - s.alpha_f) * h * jerk
+        return state.v + h**2 * factor * jerk, a
 
     def _check(self, t: float) -> None:
         if self.progress is not None:

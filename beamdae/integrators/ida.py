@@ -14,17 +14,16 @@ from sksundae.ida import IDA
 
 from beamdae.compiled import Compiled
 from beamdae.equations import EquationsOfMotion
+from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
 from beamdae.errors import BeamdaeError, count, one_of, positive
 from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
 from beamdae.initial import Starter
-from beamdae.linear import SingularMatrix, factorization
+from beamdae.linear import SingularMatrixError, factorization, single_threaded
 from beamdae.solution import Solution, Statistics, Status
 from beamdae.trajectory import Segment, Trajectory, segments
 
 Array = np.ndarray
 Progress = Callable[[float], None]
-
-ERROR_CONTROL = ("positions", "velocities", "all")
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,9 @@ class Ida:
         "stabilized-index1" (default), "ggl", "index2", "index1" or "index3".
     error_control
         Which components the error test sees: "positions", "velocities" (and positions) or "all"
-        (and multipliers).
+        (and multipliers); "auto" decides by the stiffness of the mechanism.
     max_order
-        1 to 5, or "auto".
+        1 to 5; "auto" is 2 where fast modes are undamped, 5 otherwise.
     max_step
         Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
     linear_solver
@@ -52,7 +51,7 @@ class Ida:
 
     rtol: float = 1e-5
     formulation: str = "stabilized-index1"
-    error_control: str = "positions"
+    error_control: str = "auto"
     max_order: int | str = "auto"
     max_step: float | None = None
     linear_solver: str = "auto"
@@ -78,6 +77,7 @@ class Ida:
         """Short name for tables."""
         return f"Ida(rtol={self.rtol:g})"
 
+    @single_threaded
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
@@ -94,14 +94,16 @@ class Ida:
         form = first_order(equations, self.formulation)
         starter = Starter(equations)
         newton = _Newton(form, self.linear_solver)
-        order = self._order(equations)
-        first = State(equations.q0, equations.v0, equations.q0, np.zeros(0))
         plan = list(segments(equations, float(times[0]), float(times[-1])))
         done: list[Segment] = []
-        state = starter.state(np.array([plan[0][0], sum(plan[0]) / 2]), first.q, first.v)
+        first = np.array([plan[0][0], 0.5 * sum(plan[0])])
+        state = starter.state(first, equations.q0, equations.v0)
+        size = scales(equations, starter, first, state, float(times[-1] - times[0]))
+        control = resolve(self.error_control, self.max_order, starter, first, state, size.rate)
+        options = self._options(form, control, size, times)
         setup_time = clock.perf_counter() - begin
 
-        solver = IDA(newton.residual, jacfn=newton.jacobian, **self._options(form, order, times))
+        solver = IDA(newton.residual, jacfn=newton.jacobian, **options)
         begin = clock.perf_counter()
         status = Status(True, "reached the end")
         for start, end in plan:
@@ -127,25 +129,30 @@ class Ida:
             times[times <= trajectory.end * (1.0 + 1e-12)],
             status,
             newton.statistics(sum(len(s.t) - 1 for s in done), setup_time, wall_time),
-            {"integrator": "Ida", **asdict(self), "max_order": order},
+            {
+                "integrator": "Ida",
+                **asdict(self),
+                "error_control": control.policy,
+                "max_order": control.max_order,
+                "auto": control.reason,
+                "local_tolerance": options["rtol"],
+            },
         )
 
-    def _order(self, equations: EquationsOfMotion) -> int:
-        return 2 if self.max_order == "auto" else int(self.max_order)
-
-    def _options(self, form: FirstOrder, order: int, times: Array) -> dict[str, Any]:
+    def _options(
+        self, form: FirstOrder, control: ErrorControl, scales: Scales, times: Array
+    ) -> dict[str, Any]:
         e = form.equations
         max_step = self.max_step
         if max_step is None:
             max_step = float(times[-1] - times[0]) / 20.0
             if e.time_scale is not None:
                 max_step = min(max_step, e.time_scale / 4.0)
-        atol = np.full(form.size, 1e10)
-        atol[: e.n] = self.rtol * e.position_scales
+        tolerance = control.tolerance(self.rtol, form.size)
         return {
-            "rtol": self.rtol,
-            "atol": atol,
-            "max_order": order,
+            "rtol": tolerance,
+            "atol": control.absolute(tolerance, scales, e.n, form.size),
+            "max_order": control.max_order,
             "max_step": max_step,
             "linsolver": "band",
             "lband": 0,
@@ -193,7 +200,7 @@ class _Newton:
         (nonzeros,) = self._jacobian(self.time, y, yp)
         try:
             self.linear.factorize(nonzeros)
-        except SingularMatrix:
+        except SingularMatrixError:
             # IDA retries with a smaller step, and reports where it had to give up.
             self._pending[:] = np.nan
             return

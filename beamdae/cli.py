@@ -1,0 +1,308 @@
+"""The command line: run, compare, check and list model files."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from typer.core import TyperGroup
+
+from beamdae.errors import BeamdaeError, one_of
+
+# Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
+if TYPE_CHECKING:
+    from beamdae.model import Model
+
+_WIDTH = 120
+
+
+class _Commands(TyperGroup):
+    """Commands whose users' mistakes are told in one line."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BeamdaeError as problem:
+            typer.echo(f"error: {' '.join(str(problem).split())}", err=True)
+            raise typer.Exit(2) from None
+
+
+app = typer.Typer(
+    cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+)
+
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
+ModelName = Annotated[
+    str | None, typer.Option("--model", help="Which model, where the file holds several.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Value of a model parameter; repeat."),
+]
+Out = Annotated[Path, typer.Option(help="Folder to write to.")]
+EndTime = Annotated[float | None, typer.Option(help="End time [s]; default the model's.")]
+OutputStep = Annotated[
+    float | None, typer.Option(help="Time between rows [s]; default a thousandth of the run.")
+]
+
+
+def main() -> None:
+    """Run the command line."""
+    # The matrices are small: threads of OpenBLAS only wait for each other (50 times slower).
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    app(prog_name="beamdae")
+
+
+@app.callback()
+def beamdae() -> None:
+    """Simulate curved beams in flexible multibody systems."""
+
+
+@app.command()
+def run(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    integrator: Annotated[str, typer.Option(help="ida or generalized-alpha.")] = "ida",
+    rtol: Annotated[float | None, typer.Option(help="Relative tolerance (ida).")] = None,
+    step: Annotated[float | None, typer.Option(help="Step [s] (generalized-alpha).")] = None,
+    rho_inf: Annotated[
+        float | None, typer.Option(help="Spectral radius at infinity (generalized-alpha).")
+    ] = None,
+    formulation: Annotated[
+        str | None, typer.Option(help="Form of the equations, such as ggl or index3.")
+    ] = None,
+    error_control: Annotated[
+        str | None, typer.Option(help="What the error test sees (ida): positions, ...")
+    ] = None,
+    max_order: Annotated[str | None, typer.Option(help="1 to 5, or auto (ida).")] = None,
+    t_end: EndTime = None,
+    output_step: OutputStep = None,
+    out: Out = Path("results"),
+) -> None:
+    """Simulate one model and write its CSV, JSON and PNG."""
+    model = _model(path, model_name, settings)
+    method = _integrator(
+        integrator,
+        {
+            "rtol": rtol,
+            "step": step,
+            "rho_inf": rho_inf,
+            "formulation": formulation,
+            "error_control": error_control,
+            "max_order": int(max_order) if max_order and max_order.isdigit() else max_order,
+        },
+    )
+    _require_writable(out)
+    from beamdae import report
+    from beamdae.simulation import simulate
+
+    with _progress(t_end or model.t_end) as progress:
+        reached = partial(progress, method.label) if progress else None
+        solution = simulate(model, method, t_end, output_step, reached)
+    written = solution.to_csv(out / f"{model.name}.csv")
+    console = _console()
+    rows = report.run_facts(solution.summary(), solution.integrator)
+    console.print(report.facts(model.name, rows))
+    if len(solution.observed.columns):
+        console.print(report.ranges(solution.observed))
+    picture = report.picture_of_run(
+        out / f"{model.name}.png", solution.table(), f"{model.name}, {method.label}"
+    )
+    _say_written(console, [written, written.with_suffix(".json"), picture])
+    if not solution.status.success:
+        typer.echo(f"failed: {solution.status.message}", err=True)
+        raise typer.Exit(1)
+
+
+@app.command()
+def compare(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    t_end: EndTime = None,
+    output_step: OutputStep = None,
+    out: Out = Path("results"),
+) -> None:
+    """Run one model with several integrators against a reference."""
+    model = _model(path, model_name, settings)
+    _require_writable(out)
+    from beamdae import report, study
+
+    cases = [study.Case(model, {}, integrator) for integrator in study.default_integrators()]
+    with _progress(t_end or model.t_end) as progress:
+        span = (t_end, output_step, progress)
+        reference = study.agreed_reference(model, {}, (), *span)
+        result = study.comparison(cases, reference, (), *span)
+    name = f"{model.name}_compare"
+    written = result.to_csv(out, name)
+    picture = report.picture_of_comparison(
+        out / f"{name}.png",
+        study.trajectory(reference.solution),
+        {label: (study.trajectory(solution), d) for label, solution, d in result.finished},
+        reference.uncertainty,
+        model.name,
+    )
+    console = _console()
+    console.print(model.name, style="bold")
+    console.print(report.comparison_table(result.table, reference.uncertainty))
+    console.print(report.comparison_caption(reference.uncertainty), style="dim")
+    _say_written(console, [*written, picture])
+    reasons = report.failures(result.table)
+    for reason in reasons:
+        typer.echo(f"failed: {reason}", err=True)
+    if reasons:
+        raise typer.Exit(1)
+
+
+@app.command()
+def check(path: ModelFile, settings: Settings = None, model_name: ModelName = None) -> None:
+    """Build a model and find its consistent start, without integrating."""
+    model = _model(path, model_name, settings)
+    from beamdae import report
+
+    mechanism = model()
+    parts = getattr(mechanism, "parts", {})
+    beams = {name: part.mesh_errors for name, part in parts.items() if hasattr(part, "mesh")}
+    facts = _start_facts(mechanism, model.t_end)
+    for name, errors in beams.items():
+        facts |= report.mesh_facts(name, *errors)
+    console = _console()
+    console.print(model.name, style="bold")
+    if parts:
+        kinds = [(name, type(part).__name__) for name, part in parts.items()]
+        console.print(report.listing(("part", "kind"), kinds))
+    console.print(report.facts("", facts))
+
+
+@app.command("list")
+def list_models(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or model file.")],
+) -> None:
+    """List models with their parameters, defaults and end times."""
+    if path.is_dir():
+        files = sorted(path.glob("*.py"))
+    elif path.exists() or path.suffix == ".py":
+        files = [path]
+    else:
+        raise BeamdaeError(f"{path}: there is no such file or folder.")
+    from beamdae import model_file, report
+
+    rows = []
+    for file in files:
+        try:
+            models = model_file.models_in(file)
+        except BeamdaeError as problem:
+            if not path.is_dir():
+                raise
+            rows.append((file.name, "-", str(problem), "-"))
+            continue
+        for name, model in models.items():
+            values = ", ".join(f"{k}={v}" for k, v in model.parameters.items())
+            rows.append((name, f"{model.t_end:g}", model_file.summary(model), values))
+    if not rows:
+        raise BeamdaeError(f"{path}: it holds no model.")
+    _console().print(report.listing(("model", "t_end [s]", "about", "parameters"), rows))
+
+
+def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
+    """Size of the equations of motion and what their consistent start is."""
+    import numpy as np
+
+    from beamdae.initial import Starter
+    from beamdae.simulation import as_equations
+    from beamdae.trajectory import segments
+
+    equations = as_equations(mechanism)
+    first = next(segments(equations, 0.0, t_end))
+    state = Starter(equations).state(np.array([0.0, sum(first) / 2]), equations.q0, equations.v0)
+    moved = float(np.max(np.abs(state.q - equations.q0)))
+    return {
+        "coordinates": equations.n,
+        "constraints": equations.m,
+        "degrees of freedom": equations.n - equations.m,
+        "characteristic length": f"{equations.length:.4g} m",
+        "breakpoints": ", ".join(f"{b:g} s" for b in equations.breakpoints) or "none",
+        "consistent start": f"found, coordinates moved by up to {moved:.3g} (m or rad)",
+        "largest start reaction": float(np.max(np.abs(state.lam), initial=0.0)),
+    }
+
+
+def _model(path: Path, name: str | None, settings: list[str] | None) -> Model:
+    """The model of a file with the values of --set as its defaults."""
+    from beamdae.model_file import load
+
+    values = {}
+    for setting in settings or []:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise BeamdaeError(f"--set {setting}: it must have the form name=value.")
+        values[key.strip()] = value.strip()
+    model = load(path, name)
+    return replace(model, parameters=model.complete(values))
+
+
+def _integrator(name: str, options: dict[str, Any]) -> Any:
+    from beamdae.integrators import GeneralizedAlpha, Ida
+
+    kinds = {"ida": Ida, "generalized-alpha": GeneralizedAlpha}
+    kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in {field.name for field in fields(kind)}:
+            flag = option.replace("_", "-")
+            raise BeamdaeError(f"run: --{flag} is no option of --integrator {name}.")
+    return kind(**given)
+
+
+def _require_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written, before the work is done."""
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir():
+        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} is not a folder.")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} allows no files.")
+
+
+def _console() -> Console:
+    """Standard output as it is: units in brackets are no markup."""
+    width = None if sys.stdout.isatty() else _WIDTH
+    return Console(width=width, markup=False, highlight=False, emoji=False)
+
+
+def _say_written(console: Console, paths: list[Path]) -> None:
+    for path in paths:
+        console.print(f"written: {path}", style="dim", soft_wrap=True)
+
+
+@contextmanager
+def _progress(t_end: float) -> Iterator[Callable[[str, float], None] | None]:
+    """A bar of the time reached, on stderr, if that is a terminal."""
+    # Integrators redirect stdout while they run.
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("t = {task.completed:.3g} of {task.total:.3g} s"),
+        TimeElapsedColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+    ) as bar:
+        task = bar.add_task("", total=t_end)
+        yield lambda label, t: bar.update(task, description=label, completed=t)

@@ -1,0 +1,220 @@
+"""Element variants, small models and numpy functions of equations of motion, for the tests."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+import beamdae as bd
+from beamdae.assembly import SparseSum
+
+# Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
+SOFT = bd.Material(E=60.0, nu=0.3, rho=1.3)
+
+
+class Variant(NamedTuple):
+    strain: str
+    shape: str
+    quadrature: int
+    frame: str
+    damping: float
+    continuity: str = "cartesian"
+
+    @property
+    def section(self):
+        return bd.Section(SOFT, area=0.9, second_moment=0.05, damping=self.damping)
+
+    def beam(self, curve, elements=2, section=None, name="beam"):
+        return bd.Beam(
+            name,
+            curve,
+            section or self.section,
+            elements=elements,
+            strain=self.strain,
+            elements_shape=self.shape,
+            continuity=self.continuity,
+            quadrature=self.quadrature,
+            frame=self.frame,
+        )
+
+    def __str__(self):
+        damped = "damped" if self.damping else "undamped"
+        shape = self.shape if self.continuity == "cartesian" else f"{self.shape}-local"
+        return f"{self.strain}-{shape}-{self.quadrature}-{self.frame}-{damped}"
+
+
+VARIANTS = [
+    Variant(*choice)
+    for choice in itertools.product(
+        ("nonlinear", "linear"), ("curved", "straight"), (3, 4), ("tangent", "chord"), (0.0, 0.03)
+    )
+]
+# Continuity changes the constant operator of the mesh alone, which the frame shares.
+VARIANTS += [Variant("nonlinear", "curved", 3, f, 0.03, "local") for f in ("tangent", "chord")]
+ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
+
+
+class Numeric:
+    """Equations of motion with numpy arrays in and out, at the parameters of the model."""
+
+    def __init__(self, mechanism, time=(0.0, 0.0)):
+        self.mechanism = mechanism
+        self.equations = bd.equations_of_motion(mechanism)
+        self.time = np.array(time, float)
+        self.n, self.m = self.equations.n, self.equations.m
+
+    @cached_property
+    def _symbols(self):
+        e = self.equations
+        return ca.MX.sym("time", 2), *(ca.MX.sym(x, e.n) for x in "qva"), ca.MX.sym("lam", e.m)
+
+    def _function(self, name, make):
+        time, q, v, a, lam = self._symbols
+        inputs = [time, q, v, a, lam]
+        function = ca.Function(name, inputs, [ca.densify(make(time, q, v, a, lam))])
+
+        def call(q=None, v=None, a=None, lam=None, time=None):
+            given = [self.time if time is None else time, self.equations.q0 if q is None else q]
+            given += [np.zeros(self.n) if x is None else x for x in (v, a)]
+            given += [np.zeros(self.m) if lam is None else lam]
+            value = np.array(function(*given))
+            return value[:, 0] if value.shape[1] == 1 else value
+
+        return call
+
+    @cached_property
+    def force(self):
+        e = self.equations
+        return self._function("F", lambda t, q, v, a, lam: e.force(t, q, v, a, e.p))
+
+    def _tangent(self, which, c_v, c_a):
+        e = self.equations
+
+        def make(t, q, v, a, lam):
+            blocks = e.tangent(t, q, v, a, ca.MX(e.p), ca.MX(c_v), ca.MX(c_a))[which]
+            return _sum((e.n, e.n), blocks)
+
+        return self._function("tangent", make)
+
+    @cached_property
+    def stiffness(self):
+        return self._tangent(0, 0.0, 0.0)
+
+    @cached_property
+    def damping(self):
+        return self._tangent(1, 1.0, 0.0)
+
+    @cached_property
+    def mass(self):
+        return self._tangent(1, 0.0, 1.0)
+
+    @cached_property
+    def energies(self):
+        """(kinetic, strain, gravity, power of the loads, dissipated power)."""
+        e = self.equations
+        return self._function("energies", lambda t, q, v, a, lam: e.energies(t, q, v, e.p))
+
+    @cached_property
+    def levels(self):
+        """Three functions: g, g_dot and g_ddot."""
+        e = self.equations
+        return [
+            self._function("g", lambda t, q, v, a, lam, k=k: e.level(k, t, q, v, a, e.p))
+            for k in range(3)
+        ]
+
+    @cached_property
+    def constraint_matrix(self):
+        e = self.equations
+
+        def make(t, q, v, a, lam):
+            blocks = e.constraint_blocks(t, q, v, ca.MX(e.p), lam)[0]
+            return _sum((e.m, e.n), blocks)
+
+        call = self._function("G", make)
+        return lambda *args, **kwargs: call(*args, **kwargs).reshape(self.m, self.n)
+
+    @cached_property
+    def reaction(self):
+        e = self.equations
+        return self._function("reaction", lambda t, q, v, a, lam: e.reaction(t, q, e.p, lam))
+
+    @cached_property
+    def driver_power(self):
+        e = self.equations
+        return self._function("power", lambda t, q, v, a, lam: e.driver_power(t, q, e.p, lam))
+
+    @cached_property
+    def _observed(self):
+        e = self.equations
+        return self._function("observed", lambda t, q, v, a, lam: e.observed(t, q, v, e.p, lam))
+
+    def observed(self, name, **state):
+        """The columns of one observable."""
+        first = 0
+        values = np.atleast_1d(self._observed(**state))
+        for observable in self.equations.observables:
+            count = len(observable.columns)
+            if observable.name == name:
+                return values[first : first + count]
+            first += count
+        raise KeyError(name)
+
+    def index(self, name):
+        return self.equations.q_names.index(name)
+
+
+def _sum(shape, blocks):
+    total = SparseSum(shape)
+    for block in blocks:
+        total.add(block)
+    return total.matrix()
+
+
+def slope(function, x, direction, step=1e-3):
+    """Derivative of `function` at `x` along `direction`.
+
+    Five points: exact for polynomials of degree four, which is what the strain energy is.
+    """
+    far, near = (
+        np.asarray(function(x + k * step * direction)) - function(x - k * step * direction)
+        for k in (2, 1)
+    )
+    return (8.0 * near - far) / (12.0 * step)
+
+
+def differences(function, x):
+    """Jacobian (or gradient) of `function` at `x`, one column a variable."""
+    return np.stack([slope(function, x, d) for d in np.eye(len(x))], axis=-1)
+
+
+def assert_derivative(jacobian, function, x, seed=0):
+    """`jacobian` is that of `function` at `x`: compared along three random directions.
+
+    The differences truncate at step^4 / 30 = 3e-14 and round at 1e-16 / step = 1e-13 of the terms
+    in a row; 1e-9 leaves room for terms that cancel in it.
+    """
+    rng = np.random.default_rng(seed)
+    for direction in rng.standard_normal((3, len(x))):
+        terms = np.abs(jacobian) @ np.abs(direction)
+        error = np.abs(jacobian @ direction - slope(function, x, direction))
+        worst = int(np.argmax(error / (terms + 1.0)))
+        assert error[worst] <= 1e-9 * (terms[worst] + 1.0), f"row {worst}: off by {error[worst]:g}"
+
+
+def free_beam(variant, curve=ARC, elements=2, gravity=(0.0, 0.0), section=None):
+    """A beam that no joint holds."""
+    mech = bd.Mechanism(gravity=gravity)
+    mech.add(variant.beam(curve, elements, section))
+    return mech
+
+
+def random_state(numeric, seed, size=0.15):
+    """Coordinates near the drawing, velocities and accelerations of order one."""
+    rng = np.random.default_rng(seed)
+    q = numeric.equations.q0 + size * rng.standard_normal(numeric.n)
+    return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)

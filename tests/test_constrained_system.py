@@ -1,0 +1,190 @@
+"""Mechanics stated in CasADi expressions."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+
+def system(**changes):
+    """A particle on the unit circle under gravity, with `changes` to its statement."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    statement = {
+        "t": t,
+        "q": q,
+        "v": v,
+        "mass": [2.0, 2.0],
+        "force": ca.vertcat(0.0, -2.0 * 9.81),
+        "constraints": ca.sumsqr(q) - 1.0,
+        "q0": [1.0, 0.0],
+        "v0": [0.0, 0.0],
+    }
+    for name, value in changes.items():
+        statement[name] = value(t, q, v) if callable(value) else value
+    return bd.ConstrainedSystem(**statement)
+
+
+def run(model, t_end=0.5):
+    solution = bd.simulate(model, bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-9), t_end)
+    assert solution.status.success, solution.status.message
+    return solution
+
+
+def test_it_moves_as_the_same_mechanism_of_parts():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 2.0, at=(1.0, 0.0)))
+    # A massless rod: a body far lighter than rounding notices would do, this one turns freely.
+    rod = mech.add(bd.RigidBody("rod", mass=1e-9, inertia=1e-9))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Revolute("end", rod.at(1.0, 0.0), bob.point))
+    parts, own = run(mech), run(system())
+    # The inertia of the rod is 1e-9 of the bob's.
+    assert_allclose(own.q, parts.q[:, :2], rtol=0.0, atol=1e-7)
+    assert_allclose(own.v, parts.v[:, :2], rtol=0.0, atol=1e-6)
+
+
+def test_the_mass_may_be_a_diagonal_a_list_or_a_matrix():
+    expected = run(system()).q
+    for mass in (ca.DM([2.0, 2.0]), 2.0 * ca.DM.eye(2), 2.0 * ca.SX.eye(2)):
+        assert_allclose(run(system(mass=mass)).q, expected, rtol=0.0, atol=1e-14)
+
+
+def test_mx_symbols_serve_as_well():
+    t, q, v = ca.MX.sym("t"), ca.MX.sym("q", 2), ca.MX.sym("v", 2)
+    model = system(t=t, q=q, v=v, constraints=ca.sumsqr(q) - 1.0)
+    assert_allclose(run(model).q, run(system()).q, rtol=0.0, atol=1e-14)
+
+
+def test_the_mass_may_depend_on_position():
+    # Bead on a parabola y = x^2/2 in its one coordinate x, against the same with a constraint.
+    t, x, v = ca.SX.sym("t"), ca.SX.sym("x", 1), ca.SX.sym("v", 1)
+    one = bd.ConstrainedSystem(
+        t=t, q=x, v=v, mass=[1.0 + x**2], force=-x * v**2 - 9.81 * x, q0=[1.0], v0=[0.0]
+    )
+    two = system(
+        mass=[1.0, 1.0],
+        force=ca.vertcat(0.0, -9.81),
+        constraints=lambda t, q, v: q[1] - 0.5 * q[0] ** 2,
+        q0=[1.0, 0.5],
+    )
+    integrator = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-9)
+    runs = [bd.simulate(model, integrator, 1.0) for model in (one, two)]
+    # Both are of second order, (omega h)^2 = 4e-5 over half a period.
+    assert_allclose(runs[0].q[:, 0], runs[1].q[:, 0], rtol=0.0, atol=1e-4)
+    assert_allclose(two.equations.m, 1)
+
+
+def test_constraints_may_depend_on_time():
+    # The circle grows: radius 1 + t. A bead moving radially outward at that rate stays so.
+    growing = system(
+        force=ca.vertcat(0.0, 0.0),
+        constraints=lambda t, q, v: ca.norm_2(q) - (1.0 + t),
+        v0=[1.0, 0.0],
+    )
+    solution = run(growing)
+    assert_allclose(solution.q[:, 0], 1.0 + solution.t, rtol=0.0, atol=1e-12)
+    assert_allclose(solution.q[:, 1], 0.0, rtol=0.0, atol=1e-12)
+
+
+def test_the_multiplier_pulls_with_the_sign_it_is_stated_with():
+    # M q'' + G^T lam = f, here at rest: lam G = f.
+    hanging = run(system(q0=[0.0, -1.0]), t_end=0.1)
+    gradient = 2.0 * hanging.q
+    assert_allclose(hanging.lam * gradient, [[0.0, -2.0 * 9.81]] * len(hanging.t), atol=1e-9)
+
+
+def test_the_start_is_made_consistent():
+    solution = run(system(q0=[1.2, 0.0], v0=[0.3, 0.7]), t_end=0.01)
+    assert_allclose(solution.q[0], [1.0, 0.0], rtol=0.0, atol=1e-12)
+    assert_allclose(solution.v[0], [0.0, 0.7], rtol=0.0, atol=1e-12)
+
+
+def test_coordinates_and_observed_expressions_are_columns():
+    model = system(
+        names=("x", "y"),
+        observe={"height": 1.0},
+    )
+    assert list(run(model).observed.columns) == ["x [-]", "y [-]", "height [-]"]
+    watched = system(observe=lambda t, q, v: {"speed": ca.norm_2(v), "late": 2.0 * t})
+    solution = run(watched)
+    columns = solution.observed
+    assert list(columns.columns) == ["q0 [-]", "q1 [-]", "speed [-]", "late [-]"]
+    assert_allclose(columns["speed [-]"], np.linalg.norm(solution.v, axis=1), rtol=1e-12)
+    assert_allclose(columns["late [-]"], 2.0 * solution.t, rtol=1e-12)
+
+
+def test_the_names_appear_in_messages_and_coordinates():
+    solution = run(system(names=("x", "y")), t_end=0.01)
+    assert list(solution.coordinates().columns) == [
+        "t [s]",
+        "x",
+        "y",
+        "x_dot",
+        "y_dot",
+        "lam.constraint.g0",
+    ]
+
+
+def test_free_motion_needs_no_constraints():
+    free = run(system(constraints=None, v0=[1.0, 2.0]))
+    t = free.t[:, None]
+    expected = np.hstack([1.0 + t, 2.0 * t - 0.5 * 9.81 * t**2])
+    # A constant acceleration is integrated exactly.
+    assert_allclose(free.q, expected, rtol=0.0, atol=1e-12)
+    assert free.lam.shape == (len(free.t), 0)
+
+
+def test_two_systems_of_one_statement_are_independent():
+    model = system()
+    first = run(model).q.copy()
+    run(model, t_end=0.2)
+    assert_allclose(run(model).q, first, rtol=0.0, atol=0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"q0": [1.0]}, ["q0", "2", "[1.0]"]),
+        ({"v0": [0.0, np.nan]}, ["v0", "finite", "nan"]),
+        ({"names": ("x",)}, ["names", "2", "1"]),
+        ({"force": ca.SX([1.0, 2.0, 3.0])}, ["force", "(2, 1)", "(3, 1)"]),
+        ({"mass": [1.0, 2.0, 3.0]}, ["mass", "(2, 2)", "(3, 3)"]),
+        ({"force": ca.SX.sym("stray", 2)}, ["force", "t, q and v", "stray"]),
+        ({"constraints": lambda t, q, v: q[0] - v[0]}, ["constraints", "v"]),
+        ({"constraints": ca.SX.sym("stray")}, ["constraints", "stray"]),
+        ({"observe": {"odd": ca.SX.sym("stray")}}, ["odd", "stray"]),
+    ],
+)
+def test_a_wrong_statement_is_named(changes, words):
+    with pytest.raises(bd.BeamdaeError) as problem:
+        _ = system(**changes).equations
+    for word in ("ConstrainedSystem", *words):
+        assert word in str(problem.value)
+
+
+def test_dependent_constraints_are_named():
+    doubled = system(
+        constraints=lambda t, q, v: ca.vertcat(ca.sumsqr(q) - 1.0, 2.0 * (ca.sumsqr(q) - 1.0))
+    )
+    with pytest.raises(bd.BeamdaeError, match=r"g0.*g1.*depend on each other.*remove 1"):
+        bd.simulate(doubled, bd.Ida(), 1.0)
+
+
+def test_constraints_that_cannot_be_met_are_named():
+    empty = system(constraints=lambda t, q, v: ca.sumsqr(q) + 1.0)
+    with pytest.raises(bd.BeamdaeError, match=r"constraint\.g0.*t = 0"):
+        bd.simulate(empty, bd.Ida(), 1.0)
+
+
+def test_a_coordinate_without_inertia_is_named():
+    light = system(mass=[1.0, 0.0], constraints=None)
+    with pytest.raises(bd.BeamdaeError, match=r"q1.*without inertia"):
+        bd.simulate(light, bd.Ida(), 1.0)
+
+
+def test_a_force_that_is_not_finite_at_the_start_is_an_error():
+    broken = system(force=lambda t, q, v: ca.vertcat(0.0, ca.sqrt(q[1] - 1.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"q1.*not finite.*t = 0"):
+        bd.simulate(broken, bd.Ida(), 1.0)

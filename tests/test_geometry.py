@@ -1,0 +1,253 @@
+"""Curves by arc length: point, angle and curvature agree with each other and with closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+CIRCLE = np.stack(
+    [1.5 * np.sin(np.linspace(0.0, 2.0, 40)), 1.5 * (1.0 - np.cos(np.linspace(0.0, 2.0, 40)))], -1
+)
+CURVES = {
+    "line": bd.Line((0.5, -1.0), (-1.5, 0.3)),
+    "left arc": bd.Arc(radius=0.85, length=0.8, start=(0.1, 0.2), angle=-0.6),
+    "right arc": bd.Arc(radius=-2.0, length=9.0, angle=2.5),
+    "full circle": bd.Arc(radius=0.5, length=np.pi),
+    "parabola": bd.Parabola(span=4.0, rise=1.0, start=(1.0, 0.0), angle=0.3),
+    "hanging parabola": bd.Parabola(span=0.7, rise=-0.9, angle=-2.0),
+    "flat parabola": bd.Parabola(span=2.0, rise=0.0),
+    "function": bd.Curve(lambda x: 0.3 * np.sin(2.0 * x), x=(-0.4, 2.0)),
+    "function backwards": bd.Curve(lambda x: np.exp(0.5 * x), x=(1.0, -1.0)),
+    "points": bd.Curve(points=CIRCLE),
+}
+every_curve = pytest.mark.parametrize("curve", CURVES.values(), ids=list(CURVES))
+lengths = st.floats(0.01, 100.0)
+angles = st.floats(-7.0, 7.0)
+places = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
+
+
+def assert_consistent(curve):
+    length = curve.length
+    h = 1e-4 * length
+    s = np.linspace(3 * h, length - 3 * h, 23)
+    angle, curvature = curve.tangent_angle(s), curve.curvature(s)
+    tangent = (curve.point(s + h) - curve.point(s - h)) / (2.0 * h)
+    # Differences truncate at (h / R)^2 / 6, and round the coordinates.
+    rounding = 1e-15 * (np.abs(curve.point(s)).max() + length) / h
+    bound = (h * np.abs(curvature).max()) ** 2 + rounding + 1e-11
+    assert_allclose(tangent, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=bound)
+    turning = (curve.tangent_angle(s + h) - curve.tangent_angle(s - h)) / (2.0 * h)
+    # The curvature varies by its own size over a hundredth of the length in the sharpest case.
+    size = np.abs(curvature).max()
+    assert_allclose(turning * length, curvature * length, atol=1e-3 * size * length + 1e-8)
+
+
+@every_curve
+def test_tangent_and_curvature_are_rates_by_arc_length(curve):
+    assert_consistent(curve)
+
+
+@every_curve
+def test_arc_length_is_that_of_a_fine_polygon(curve):
+    s = np.linspace(0.0, curve.length, 4001)
+    chords = np.linalg.norm(np.diff(curve.point(s), axis=0), axis=1)
+    ds = curve.length / 4000
+    shorter = (ds * curve.curvature(s[:-1] + 0.5 * ds)) ** 2 / 24.0
+    # The next term of the chord's length, and the change of curvature within it.
+    assert_allclose(chords, ds * (1.0 - shorter), rtol=2e-9)
+
+
+@every_curve
+def test_arc_lengths_of_any_shape(curve):
+    s = np.linspace(0.0, curve.length, 6).reshape(2, 3)
+    assert curve.point(s).shape == (2, 3, 2)
+    assert curve.point(0.0).shape == (2,)
+    for method in (curve.tangent_angle, curve.curvature):
+        assert method(s).shape == (2, 3)
+        assert np.shape(method(0.0)) == ()
+        assert_allclose(method(s)[1, 2], method(curve.length), rtol=1e-15)
+
+
+@given(
+    radius=st.one_of(lengths, lengths.map(lambda x: -x)),
+    share=st.floats(0.001, 1.0),
+    start=places,
+    angle=angles,
+)
+def test_any_arc(radius, share, start, angle):
+    arc = bd.Arc(radius, share * 2.0 * np.pi * abs(radius), start, angle)
+    assert_consistent(arc)
+    size = abs(radius) + np.hypot(*start)
+    # Rounding at the size of the coordinates.
+    assert_allclose(arc.point(0.0), start, atol=1e-14 * size)
+    normal = np.array([-np.sin(angle), np.cos(angle)])
+    s = np.linspace(0.0, arc.length, 7)
+    to_center = arc.point(s) - (np.asarray(start) + radius * normal)
+    assert_allclose(np.linalg.norm(to_center, axis=1), abs(radius), atol=1e-13 * size)
+
+
+def test_an_almost_straight_arc_keeps_its_digits():
+    arc = bd.Arc(radius=1e9, length=2.0)
+    # Rounding of the coordinates, not of the radius.
+    assert_allclose(arc.point(2.0), (2.0, 2e-9), rtol=1e-14)
+
+
+@given(start=places, end=places)
+def test_any_line(start, end):
+    if np.hypot(*np.subtract(end, start)) < 1e-6:
+        return
+    line = bd.Line(start, end)
+    assert_consistent(line)
+    # Rounding at the size of the coordinates.
+    assert_allclose(line.point([0.0, line.length]), [start, end], atol=1e-14)
+
+
+@given(span=lengths, slope=st.floats(-3.0, 3.0), start=places, angle=angles)
+@settings(max_examples=40)
+def test_any_parabola(span, slope, start, angle):
+    """Closed forms of y = 4 d x (l - x) / l^2."""
+    rise = slope * span / 4.0
+    parabola = bd.Parabola(span, rise, start, angle)
+    assert_consistent(parabola)
+    k = abs(slope)
+    expected = span * (0.5 * np.hypot(1.0, k) + (np.arcsinh(k) / (2.0 * k) if k > 1e-8 else 0.5))
+    # Gauss quadrature of eight points on 400 intervals: rounding of 400 sums.
+    assert_allclose(parabola.length, expected, rtol=1e-12)
+    across = np.array([np.cos(angle), np.sin(angle)])
+    ends = np.array([start, start + span * across])
+    size = span + np.hypot(*start)
+    assert_allclose(parabola.point([0.0, parabola.length]), ends, atol=1e-12 * size)
+    apex = start + 0.5 * span * across + rise * np.array([-across[1], across[0]])
+    middle = 0.5 * parabola.length
+    assert_allclose(parabola.point(middle), apex, atol=1e-12 * size)
+    turned = np.arctan(slope)
+    tangents = [angle + turned, angle, angle - turned]
+    found = parabola.tangent_angle([0.0, middle, parabola.length])
+    assert_allclose(np.exp(1j * found), np.exp(1j * np.array(tangents)), atol=1e-11)
+    assert_allclose(found - found[0], [0.0, -turned, -2.0 * turned], atol=1e-11)
+    assert_allclose(parabola.curvature(middle) * span, -2.0 * slope, atol=1e-10)
+
+
+def test_curve_of_the_circle_function_is_the_arc():
+    radius, angle = 10.0, np.radians(30.0)
+    arc = bd.Arc(radius, radius * angle)
+    curve = bd.Curve(lambda x: radius - np.sqrt(radius**2 - x**2), x=(0.0, radius * np.sin(angle)))
+    s = np.linspace(0.0, arc.length, 31)
+    # The quintic spline through 601 values is exact to rounding in the position; each derivative
+    # costs the 600 intervals once.
+    assert_allclose(curve.length, arc.length, rtol=1e-13)
+    assert_allclose(curve.point(s), arc.point(s), atol=1e-12)
+    assert_allclose(curve.tangent_angle(s), arc.tangent_angle(s), atol=1e-11)
+    assert_allclose(curve.curvature(s), arc.curvature(s), atol=1e-9)
+
+
+def test_curve_through_points_converges_with_fourth_order():
+    arc = bd.Arc(1.5, 3.0)
+    off = []
+    for n in (10, 20, 40):
+        curve = bd.Curve(points=arc.point(np.linspace(0.0, arc.length, n + 1)))
+        s = np.linspace(0.0, min(curve.length, arc.length), 200)
+        off.append(np.abs(curve.point(s) - arc.point(s)).max())
+    # Cubic splines are of fourth order: 3.9 and 4.0 measured.
+    assert np.all(np.log2(np.divide(off[:-1], off[1:])) > 3.7)
+    assert off[-1] < 1e-6
+
+
+def test_curve_through_points_of_a_parabola_is_the_parabola():
+    x = np.linspace(0.0, 2.0, 9)
+    curve = bd.Curve(points=np.stack([x, 0.3 * x * (2.0 - x)], axis=-1))
+    parabola = bd.Parabola(span=2.0, rise=0.3)
+    # The spline runs over chord lengths, in which the parabola is no polynomial.
+    assert_allclose(curve.length, parabola.length, rtol=1e-5)
+    assert_allclose(curve.point(1.0), parabola.point(1.0), atol=1e-4)
+
+
+def test_tangent_angle_is_continuous_over_a_full_turn():
+    turn = np.linspace(0.0, 2.0 * np.pi, 60)
+    ring = bd.Curve(points=np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+    angle = ring.tangent_angle(np.linspace(0.0, ring.length, 500))
+    assert np.abs(np.diff(angle)).max() < 0.03
+    # The spline's end conditions let the end tangents off by 1e-5.
+    assert_allclose(angle[-1] - angle[0], 2.0 * np.pi, atol=1e-3)
+    assert bd.Arc(1.0, 2.0 * np.pi).tangent_angle(2.0 * np.pi) == 2.0 * np.pi
+
+
+def test_a_backward_interval_reverses_the_curve():
+    def rise(x):
+        return 0.2 * x**2
+
+    forward, backward = bd.Curve(rise, x=(0.0, 1.0)), bd.Curve(rise, x=(1.0, 0.0))
+    s = np.linspace(0.0, forward.length, 11)
+    # Rounding.
+    assert_allclose(backward.point(s), forward.point(forward.length - s), atol=1e-12)
+    assert_allclose(backward.curvature(s), -forward.curvature(forward.length - s), atol=1e-8)
+
+
+nan = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Line((1.0, 2.0), (1.0, 2.0)), r"Line: start and end must differ.*\(1.0, 2.0\)"),
+        (lambda: bd.Line((0.0, nan), (1.0, 0.0)), "Line: start y must be finite, got nan"),
+        (lambda: bd.Line(1.0, (1.0, 0.0)), r"Line: start must be a pair \(x, y\), got 1.0"),
+        (lambda: bd.Arc(0.0, 1.0), "Arc: radius must not be zero"),
+        (lambda: bd.Arc(nan, 1.0), "Arc: radius must be finite, got nan"),
+        (lambda: bd.Arc(1.0, 0.0), "Arc: length must be positive, got 0"),
+        (lambda: bd.Arc(1.0, -2.0), "Arc: length must be positive, got -2"),
+        (lambda: bd.Arc(1.0, 6.3), "Arc: a length of 6.3 m folds the curve onto itself.*6.28319 m"),
+        (lambda: bd.Arc(-1.0, 6.3), "Arc: a length of 6.3 m folds the curve onto itself"),
+        (lambda: bd.Arc(1.0, 1.0, angle="up"), "Arc: angle must be a number, got 'up'"),
+        (lambda: bd.Parabola(0.0, 1.0), "Parabola: span must be positive, got 0"),
+        (lambda: bd.Parabola(1.0, nan), "Parabola: rise must be finite, got nan"),
+        (lambda: bd.Curve(), "Curve: give either a function with its interval x, or points"),
+        (lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE), "Curve: give either a function"),
+        (lambda: bd.Curve(np.sin), r"Curve: a function needs its interval x=\(x_start, x_end\)"),
+        (lambda: bd.Curve(np.sin, x=(1.0, 1.0)), r"Curve: the interval x must not be empty"),
+        (
+            lambda: bd.Curve(lambda x: 1.0 / x if x else nan, x=(0.0, 1.0)),
+            "Curve: the function must be finite, at x = 0 it is not",
+        ),
+        (
+            lambda: bd.Curve(lambda x: 1.0 / (x - 0.5), x=(0.0, 1.0)),
+            r"Curve: the function must return a number .* failed: .*division",
+        ),
+        (lambda: bd.Curve(lambda x: "high", x=(0, 1)), "Curve: the function must return a number"),
+        (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
+        (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),
+        (lambda: bd.Curve(points=[(0, 0), (1, nan), (2, 0), (3, 0)]), "every point must be finite"),
+        (
+            lambda: bd.Curve(points=[(0, 0), (1, 2), (1, 2), (3, 0)]),
+            r"Curve: the point \(1, 2\) comes twice in a row",
+        ),
+        (
+            lambda: bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]),
+            r"Curve: the curve folds onto itself at the point \(2, 0\)",
+        ),
+        (
+            lambda: bd.Curve(lambda x: abs(x) ** (1.0 / 3.0), x=(-1.0, 1.0)),
+            "Curve: the curve folds onto itself",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
+
+
+def test_cusp_of_a_smooth_parameter_is_refused():
+    # A semicubical parabola through points: its tangent reverses at the origin.
+    tau = np.linspace(-1.0, 1.0, 81)
+    with pytest.raises(bd.BeamdaeError, match="Curve: the curve folds onto itself"):
+        bd.Curve(points=np.stack([tau**2, tau**3], axis=-1))
+
+
+@pytest.mark.parametrize("span", [1e-12, 1e-3, 1e6])
+def test_consistency_does_not_depend_on_the_unit_of_length(span):
+    assert_consistent(bd.Parabola(span=span, rise=0.3 * span))

@@ -1,0 +1,97 @@
+"""Observed orders: they show a wrong formula where a small error does not."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from published_cases import AREVALO, pendulum, pendulum_motion
+
+import beamdae as bd
+
+ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
+
+# Away from rest and from turning points: the jerk at the start is what the cure is about.
+SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
+CASES = {
+    "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
+    "pendulum": (SWING, lambda t: pendulum_motion(GRAVITY, ANGLE, SPEED, t), 2.0),
+}
+
+
+def largest_errors(case, steps, **settings):
+    """Largest errors of q, v and lam over all steps of a run with so many steps."""
+    equations, answer, t_end = CASES[case]
+    step = t_end / steps
+    # What Newton's iteration leaves adds up in lam where rho_inf is near 1.
+    integrator = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-10, **settings)
+    solution = bd.simulate(equations, integrator, t_end, output_step=step)
+    assert solution.status.success, solution.status.message
+    known = answer(solution.t)
+    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+    return np.array([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+
+
+def observed_orders(case, steps, **settings):
+    return np.log2(
+        largest_errors(case, steps, **settings) / largest_errors(case, 2 * steps, **settings)
+    )
+
+
+@pytest.mark.parametrize("rho_inf", [0.9, 0.6, 0.0])
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+@pytest.mark.parametrize("case", CASES)
+def test_generalized_alpha_is_of_second_order_in_positions_velocities_and_multipliers(
+    case, formulation, rho_inf
+):
+    # Arnold & Bruls 2007; Arnold, Bruls & Cardona 2015 for the multipliers at the start. The
+    # higher orders still show at these steps, most of all for rho_inf = 0.
+    orders = observed_orders(case, 800, formulation=formulation, rho_inf=rho_inf)
+    assert_allclose(orders, 2.0, rtol=0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+def test_without_the_cure_the_first_multipliers_are_of_first_order(formulation):
+    # A strongly damped start-up error: what is left of it must exceed the second-order error of
+    # the whole run, hence the many steps. Positions and velocities do not need the cure.
+    settings = {"formulation": formulation, "rho_inf": 0.6, "start": "plain"}
+    orders = observed_orders("pendulum", 1600, **settings)
+    assert_allclose(orders, [2.0, 2.0, 1.0], rtol=0.0, atol=0.1)
+
+
+def test_without_the_cure_the_multipliers_of_a_lightly_damped_run_are_of_first_order():
+    settings = {"rho_inf": 0.9, "start": "plain"}
+    plain = largest_errors("pendulum", 200, **settings)
+    cured = largest_errors("pendulum", 200, rho_inf=0.9)
+    orders = np.log2(plain / largest_errors("pendulum", 400, **settings))
+    assert_allclose(orders, [2.0, 2.0, 1.0], rtol=0.0, atol=0.1)
+    # 0.37 against 0.026 at this step.
+    assert cured[2] < 0.1 * plain[2]
+    assert_allclose(cured[:2], plain[:2], rtol=1e-3)
+
+
+def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
+    step = 0.01
+    drift = []
+    for h in (step, 0.5 * step):
+        integrator = bd.GeneralizedAlpha(step=h, rho_inf=0.9, newton_tolerance=1e-10)
+        solution = bd.simulate(SWING, integrator, 2.0, output_step=step)
+        energy = 0.5 * np.sum(solution.v**2, axis=1) + GRAVITY * solution.q[:, 1]
+        drift.append(np.max(np.abs(energy - energy[0])))
+    assert_allclose(np.log2(drift[0] / drift[1]), 2.0, rtol=0.0, atol=0.1)
+
+
+@pytest.mark.parametrize(("max_order", "tightest"), [(1, 1e-5), (2, 1e-6), (3, 1e-7)])
+def test_steps_of_ida_grow_with_the_tolerance_as_its_order_says(max_order, tightest):
+    # A local error proportional to h^(k+1) held at the local tolerance: steps grow as its power
+    # -1/(k+1), were it not for the start at order 1 and the slow adaptation of step and order.
+    # Beyond order 3 the exponents of neighbors are closer than that.
+    steps, tolerances = [], []
+    for rtol in (1e-4, tightest):
+        integrator = bd.Ida(
+            rtol=rtol, error_control="positions", max_order=max_order, max_steps=100_000
+        )
+        solution = bd.simulate(SWING, integrator, 1.0)
+        assert solution.status.success, solution.status.message
+        steps.append(solution.statistics.steps)
+        tolerances.append(solution.integrator["local_tolerance"])
+    growth = np.log(steps[1] / steps[0]) / np.log(tolerances[0] / tolerances[1])
+    assert_allclose(growth, 1.0 / (max_order + 1.0), rtol=0.12)

@@ -1,0 +1,175 @@
+"""Loads, weights and point masses: generalized forces are derivatives of their work."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric, differences, random_state
+
+import beamdae as bd
+
+# A load sees how a section moves; strain, quadrature and damping have no part in that.
+every_variant = pytest.mark.parametrize(
+    "variant",
+    [v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == 3 and v.damping > 0.0],
+    ids=str,
+)
+# Differences of five points and step 1e-3 of positions of order one: rounding, 1e-13.
+DIFFERENCES = {"atol": 1e-11}
+PLACES = (0.0, 0.9, ARC.length)
+
+
+def with_load(variant, s, make):
+    """(with, without) the load that `make` puts on a beam at s."""
+    numerics = []
+    for loaded in (True, False):
+        mech = bd.Mechanism()
+        beam = mech.add(variant.beam(ARC))
+        if loaded:
+            mech.add(make(beam.at(s)))
+        mech.observe("place", beam.at(s))
+        numerics.append(Numeric(mech, time=(0.4, 0.4)))
+    return numerics
+
+
+def rotation(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+@pytest.mark.parametrize("s", PLACES)
+@every_variant
+def test_dead_force_works_on_the_displacement_of_its_point(variant, s):
+    force = np.array([1.7, -0.6])
+    loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force)))
+    q, v, _ = random_state(loaded, seed=1)
+    work = differences(lambda x: loaded.observed("place", q=x)[:2] @ force, q)
+    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
+    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
+
+
+@pytest.mark.parametrize("s", PLACES)
+@every_variant
+def test_body_force_turns_with_its_section(variant, s):
+    force = np.array([1.7, -0.6])
+    loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force), "body"))
+    q, v, _ = random_state(loaded, seed=2)
+    angle = loaded.observed("place", q=q)[2]
+    drawn = loaded.observed("place")[2]
+    turned = rotation(angle - drawn) @ force
+    work = differences(lambda z: loaded.observed("place", q=z)[:2] @ turned, q)
+    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
+    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
+
+
+@pytest.mark.parametrize("s", PLACES)
+@every_variant
+def test_moment_works_on_the_turn_of_its_section(variant, s):
+    loaded, bare = with_load(variant, s, lambda on: bd.Moment("load", on, 2.3))
+    q, v, _ = random_state(loaded, seed=3)
+    work = differences(lambda x: 2.3 * loaded.observed("place", q=x)[2], q)
+    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
+    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
+
+
+@every_variant
+def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
+    mass, gravity = 0.8, np.array([0.5, -2.0])
+    numerics = []
+    for loaded in (True, False):
+        mech = bd.Mechanism(gravity=tuple(gravity))
+        beam = mech.add(variant.beam(ARC))
+        if loaded:
+            mech.add(bd.PointMass("tip mass", mass, on=beam.end))
+        mech.observe("tip", beam.end)
+        numerics.append(Numeric(mech))
+    loaded, bare = numerics
+    q, v, a = random_state(loaded, seed=4)
+
+    def place(t):
+        return loaded.observed("tip", q=q + t * v + 0.5 * t**2 * a)[:2]
+
+    h = 1e-3
+    near = place(h) - 2.0 * place(0.0) + place(-h)
+    far = place(2 * h) - 2.0 * place(0.0) + place(-2 * h)
+    acceleration = (16.0 * near - far) / (12.0 * h**2)
+    lever = differences(lambda x: loaded.observed("tip", q=x)[:2], q)
+    expected = mass * (acceleration - gravity) @ lever
+    # Second differences round at 1e-16 / step^2.
+    assert_allclose(loaded.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-8)
+    energy = loaded.energies(q, v) - bare.energies(q, v)
+    assert_allclose(energy[0], 0.5 * mass * np.sum((lever @ v) ** 2), rtol=1e-10)
+    assert_allclose(energy[2], -mass * gravity @ place(0.0), rtol=1e-12)
+
+
+def test_loads_follow_their_laws_and_their_phase():
+    law = bd.piecewise((0.5, lambda t: 3.0 * t), -1.0)
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", mass=1.0, inertia=1.0))
+    mech.add(bd.Force("push", body.at(0.0, 0.0), (law, bd.sine(2.0, 0.25))))
+    mech.add(bd.Moment("twist", body.at(0.0, 0.0), lambda t: t**2))
+    numeric = Numeric(mech)
+    for time, x in (([0.2, 0.2], 0.6), ([0.5, 0.2], 1.5), ([0.5, 0.7], -1.0), ([0.9, 0.9], -1.0)):
+        t = time[0]
+        expected = [-x, -2.0 * np.sin(0.5 * np.pi * t), -(t**2)]
+        assert_allclose(numeric.force(time=time), expected, rtol=1e-14)  # rounding
+
+
+def test_an_eccentric_force_turns_a_rigid_body():
+    mech = bd.Mechanism(gravity=(0.0, -10.0))
+    body = mech.add(bd.RigidBody("body", mass=2.0, inertia=0.3, center=(1.0, 1.0)))
+    mech.add(bd.Force("push", body.at(1.5, 1.0), (0.0, 4.0)))
+    mech.add(bd.Force("thrust", body.at(1.0, 3.0), (3.0, 0.0), axes="body"))
+    numeric = Numeric(mech)
+    quarter = np.array([1.0, 1.0, 0.5 * np.pi])
+    # By hand: the push at the arm (0, 0.5) after a quarter turn has no moment, the thrust
+    # points up at the arm (-2, 0).
+    expected = -np.array([0.0, 4.0 + 3.0 - 20.0, -6.0])
+    assert_allclose(numeric.force(quarter), expected, atol=1e-14)  # rounding
+    assert_allclose(numeric.force(), -np.array([3.0, 4.0 - 20.0, 4.0 * 0.5 - 3.0 * 2.0]))
+    assert_allclose(numeric.mass(), np.diag([2.0, 2.0, 0.3]), rtol=1e-15)
+    v = np.array([0.3, -0.2, 5.0])
+    kinetic, strain, gravity, power, dissipated = numeric.energies(v=v)
+    assert_allclose(kinetic, 0.5 * (2.0 * 0.13 + 0.3 * 25.0), rtol=1e-14)
+    assert_allclose(gravity, 20.0, rtol=1e-14)
+    assert_allclose(power, 4.0 * (-0.2 + 5.0 * 0.5) + 3.0 * (0.3 - 5.0 * 2.0), rtol=1e-14)
+    assert (strain, dissipated) == (0.0, 0.0)
+
+
+BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
+ON = BODY.at(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Force("push", BODY, (1.0, 2.0)), "push: on must be an attachment .*RigidBody"),
+        (
+            lambda: bd.Force("push", ON, 3.0),
+            r"push: law must be a pair of laws \(Fx, Fy\), got 3.0",
+        ),
+        (lambda: bd.Force("push", ON, (1.0, 2.0, 3.0)), "push: law must be a pair of laws"),
+        (lambda: bd.Force("push", ON, (1.0, "up")), "push: law must be a number, got 'up'"),
+        (lambda: bd.Force("push", ON, (np.nan, 0.0)), "push: law must be finite, got nan"),
+        (
+            lambda: bd.Force("push", ON, (1.0, 2.0), axes="bdy"),
+            r"push: axes must be one of 'inertial', 'body', got 'bdy' \(did you mean 'body'\?\)",
+        ),
+        (lambda: bd.Force("", ON, (1.0, 2.0)), "Force: the name must be a non-empty text"),
+        (lambda: bd.Moment("twist", "hub", 1.0), "twist: on must be an attachment .*got 'hub'"),
+        (
+            lambda: bd.Moment("twist", ON, (1.0, 2.0)),
+            r"twist: law must be a number, got \(1.0, 2.0",
+        ),
+        (lambda: bd.Moment("twist", ON, lambda t: [t]), "twist: the law must be a formula in t"),
+        (
+            lambda: bd.Moment("twist", bd.PointMass("bob", 1.0, at=(1.0, 2.0)).point, 1.0),
+            r"twist: bob at \(1, 2\) is a particle and has no angle",
+        ),
+        (lambda: bd.Moment(3, ON, 1.0), "Moment: the name must be a non-empty text, got 3"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()

@@ -1,0 +1,197 @@
+"""What a user builds, and the mistakes it refuses by name and value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric
+
+import beamdae as bd
+
+nan = float("nan")
+
+
+def disk(name="disk", **words):
+    return bd.RigidBody(name, **({"mass": 1.0, "inertia": 1.0} | words))
+
+
+def test_parts_keep_their_order_and_are_found_by_name():
+    mech = bd.Mechanism()
+    wheel, bob = mech.add(disk("wheel")), mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), bob.point))
+    assert list(mech.parts) == ["wheel", "bob", "pin"]
+    assert mech.part("wheel") is wheel
+    assert mech.joints == [pin]
+    equations = bd.equations_of_motion(mech)
+    assert equations.q_names == ("wheel.x", "wheel.y", "wheel.angle", "bob.x", "bob.y")
+    assert equations.lam_names == ("pin.x", "pin.y")
+
+
+def test_duplicate_names_are_refused():
+    mech = bd.Mechanism()
+    first = mech.add(disk())
+    for again in (disk(), first, bd.PointMass("disk", 1.0, at=(0.0, 0.0)), disk("ground")):
+        with pytest.raises(bd.BeamdaeError, match=f"the name '{again.name}' is taken"):
+            mech.add(again)
+    assert list(mech.parts) == ["disk"]
+
+
+def test_parts_of_unknown_bodies_are_refused():
+    mech, other = bd.Mechanism(), bd.Mechanism()
+    stranger = disk("stranger")
+    here, hub = mech.ground.at(0.0, 0.0), stranger.at(0.0, 0.0)
+    for part in (
+        bd.Revolute("pin", here, hub),
+        bd.Driver("motor", hub, here, law=0.0),
+        bd.Force("push", hub, (1.0, 0.0)),
+        bd.Moment("twist", hub, 1.0),
+        bd.PointMass("load", 1.0, on=hub),
+    ):
+        with pytest.raises(
+            bd.BeamdaeError, match=f"{part.name}: it refers to 'stranger', which must be added"
+        ):
+            mech.add(part)
+    mech.add(stranger)
+    with pytest.raises(bd.BeamdaeError, match="pin: it refers to another mechanism's ground"):
+        mech.add(bd.Revolute("pin", other.ground.at(0.0, 0.0), hub))
+    assert list(mech.parts) == ["stranger"]
+
+
+@pytest.mark.parametrize("thing", ["disk", 3.0, None, ARC, bd.Mechanism().ground])
+def test_only_parts_can_be_added(thing):
+    with pytest.raises(bd.BeamdaeError, match="Mechanism: only parts can be added, got"):
+        bd.Mechanism().add(thing)
+
+
+def test_observing():
+    mech = bd.Mechanism()
+    body = mech.add(disk())
+    mech.observe("hub", body.at(0.0, 0.0))
+    for name in ("hub", "t", "energy"):
+        with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is taken"):
+            mech.observe(name, body.at(1.0, 0.0))
+    for name in ("", "  ", 3, None):
+        with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty text"):
+            mech.observe(name, body.at(1.0, 0.0))
+    with pytest.raises(bd.BeamdaeError, match="rim: only attachments and quantities such as"):
+        mech.observe("rim", body)
+    stranger = disk("stranger")
+    with pytest.raises(bd.BeamdaeError, match="rim: it refers to 'stranger', which must be added"):
+        mech.observe("rim", stranger.at(0.0, 0.0))
+    pin = bd.Revolute("pin", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0))
+    with pytest.raises(bd.BeamdaeError, match="pin force: the joint 'pin' must be added first"):
+        mech.observe("pin force", pin.reaction)
+    mech.add(pin)
+    mech.observe("pin force", pin.reaction)
+    assert list(mech.observables) == ["hub", "pin force"]
+
+
+def test_headers_name_columns_and_units():
+    mech = bd.Mechanism()
+    body = mech.add(disk())
+    beam = mech.add(VARIANTS[0].beam(ARC))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+    mech.observe("hub", body.at(0.0, 0.0))
+    mech.observe("bob", bob.point)
+    mech.observe("gauge", beam.strain(0.5, offset=0.1))
+    mech.observe("root", beam.section_forces(0.0))
+    headers = [h for o in bd.equations_of_motion(mech).observables for h in o.headers]
+    assert headers == [
+        *("hub.x [m]", "hub.y [m]", "hub.angle [rad]"),
+        *("hub.x_dot [m/s]", "hub.y_dot [m/s]", "hub.angle_dot [rad/s]"),
+        *("bob.x [m]", "bob.y [m]", "bob.x_dot [m/s]", "bob.y_dot [m/s]"),
+        "gauge [-]",
+        *("root.N [N]", "root.Q [N]", "root.M [N m]"),
+    ]
+
+
+def test_part_lookup_hints_at_the_nearest_name():
+    mech = bd.Mechanism()
+    mech.add(disk("flywheel"))
+    with pytest.raises(bd.BeamdaeError, match=r"no part 'flywheal' \(did you mean 'flywheel'\?\)"):
+        mech.part("flywheal")
+    with pytest.raises(bd.BeamdaeError, match=r"no part 'zzz'\."):
+        mech.part("zzz")
+
+
+def test_a_mechanism_without_moving_bodies_is_refused():
+    mech = bd.Mechanism()
+    for _ in range(2):
+        with pytest.raises(bd.BeamdaeError, match="it needs at least one body that can move"):
+            bd.equations_of_motion(mech)
+        if not mech.parts:
+            mech.add(bd.Force("push", mech.ground.at(0.0, 0.0), (1.0, 0.0)))
+
+
+def test_free_and_fixed_point_masses():
+    mech = bd.Mechanism(gravity=(1.0, -2.0))
+    body = mech.add(disk(mass=2.0, inertia=0.5))
+    mech.add(bd.PointMass("fixed", 3.0, on=body.at(0.0, 2.0)))
+    free = mech.add(bd.PointMass("free", 4.0, at=(5.0, 6.0), velocity=(7.0, 8.0)))
+    numeric = Numeric(mech)
+    assert numeric.equations.q_names[3:] == ("free.x", "free.y")
+    assert_allclose(numeric.equations.q0[3:], (5.0, 6.0), rtol=0.0)
+    assert_allclose(numeric.equations.v0[3:], (7.0, 8.0), rtol=0.0)
+    expected = np.diag([5.0, 5.0, 0.5 + 3.0 * 4.0, 4.0, 4.0])
+    expected[0, 2] = expected[2, 0] = -3.0 * 2.0
+    assert_allclose(numeric.mass(), expected, atol=1e-14)  # rounding
+    # Weights, and the moment of the fixed mass at the arm (0, 2): x-gravity turns clockwise.
+    assert_allclose(-numeric.force(), [5.0, -10.0, -6.0, 4.0, -8.0], atol=1e-14)
+    assert free.point.point == (5.0, 6.0)
+    massless = bd.PointMass("nothing", 0.0, on=body.at(0.0, 0.0))
+    assert massless.coordinate_names == ()
+
+
+def test_characteristic_length_is_the_extent_of_the_drawing():
+    mech = bd.Mechanism()
+    body = mech.add(disk(center=(1.0, 1.0)))
+    assert bd.equations_of_motion(mech).length == 1.0
+    mech.add(bd.Revolute("pin", mech.ground.at(1.0, -3.0), body.at(1.0, -3.0)))
+    assert bd.equations_of_motion(mech).length == 4.0
+    mech.add(VARIANTS[0].beam(bd.Line((0.0, 0.0), (-6.0, 0.0))))
+    equations = bd.equations_of_motion(mech)
+    assert equations.length == 7.0
+    scales = dict(zip(equations.q_names, equations.position_scales, strict=True))
+    assert scales["disk.x"] == scales["beam.y0"] == scales["beam.u1"] == 7.0
+    assert scales["disk.angle"] == scales["beam.theta"] == scales["beam.phi3"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: disk(mass=-1.0), "disk: mass must be positive, got -1"),
+        (lambda: disk(mass=0.0), "disk: mass must be positive, got 0"),
+        (lambda: disk(mass=nan), "disk: mass must be finite, got nan"),
+        (lambda: disk(mass="heavy"), "disk: mass must be a number, got 'heavy'"),
+        (lambda: disk(inertia=-0.5), "disk: inertia must be positive, got -0.5"),
+        (lambda: disk(center=3.0), r"disk: center must be a pair \(x, y\), got 3.0"),
+        (lambda: disk(center=(0.0, nan)), "disk: center y must be finite, got nan"),
+        (lambda: disk(velocity=(nan, 0.0)), "disk: velocity x must be finite, got nan"),
+        (lambda: disk(angular_velocity=np.inf), "disk: angular_velocity must be finite, got inf"),
+        (lambda: disk(name=""), "RigidBody: the name must be a non-empty text, got ''"),
+        (lambda: bd.PointMass("bob", -2.0, at=(0, 0)), "bob: mass must not be negative, got -2"),
+        (lambda: bd.PointMass("bob", nan, at=(0, 0)), "bob: mass must be finite, got nan"),
+        (lambda: bd.PointMass("bob", 0.0, at=(0, 0)), "bob: mass must be positive, got 0"),
+        (lambda: bd.PointMass("bob", 1.0), r"bob: give either on=an attachment or at=\(x, y\)"),
+        (
+            lambda: bd.PointMass("bob", 1.0, on=disk().at(0, 0), at=(0, 0)),
+            r"bob: give either on=an attachment or at=\(x, y\)",
+        ),
+        (lambda: bd.PointMass("bob", 1.0, on=disk()), "bob: on must be an attachment .*RigidBody"),
+        (lambda: bd.PointMass("bob", 1.0, at=2.0), r"bob: at must be a pair \(x, y\), got 2.0"),
+        (lambda: bd.PointMass("bob", 1.0, at=(nan, 0)), "bob: at x must be finite, got nan"),
+        (
+            lambda: bd.PointMass("bob", 1.0, at=(0, 0), velocity=(0.0, nan)),
+            "bob: velocity y must be finite, got nan",
+        ),
+        (
+            lambda: bd.Mechanism(gravity=9.81),
+            r"Mechanism: gravity must be a pair \(x, y\), got 9.81",
+        ),
+        (lambda: bd.Mechanism(gravity=(0.0, nan)), "Mechanism: gravity y must be finite, got nan"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()

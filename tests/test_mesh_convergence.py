@@ -1,0 +1,37 @@
+"""Mesh convergence of the hub beam, 60 degrees: the orders the README states."""
+
+import numpy as np
+import pytest
+from mesh_convergence.run import mesh_errors, observed_orders
+
+ELEMENTS = (1, 2, 3, 4, 6, 8, 12)
+
+
+@pytest.mark.slow(reason="eight runs of the hub beam a variant")
+@pytest.mark.parametrize(
+    ("parameters", "order", "at_eight"),
+    [
+        # Cubic elements: order 4 is what interpolation promises; reduced integration of the
+        # membrane terms gives more than one beyond that before time errors are reached.
+        ({"quadrature": 3}, 5.0, 1e-5),
+        ({"quadrature": 4}, 4.5, 1e-3),
+        # The kink between interpolated axes that "local" continuity overlooks is O(h^3) a node,
+        # O(h^2) in all.
+        ({"quadrature": 3, "continuity": "local"}, 1.8, 1.5e-3),
+        ({"quadrature": 3, "elements_shape": "straight"}, 1.9, 4e-2),
+    ],
+    ids=["reduced", "full", "local", "straight"],
+)
+def test_error_of_the_tip_falls_at_the_stated_order(parameters, order, at_eight):
+    errors = mesh_errors(ELEMENTS, **parameters)
+    assert np.all(np.diff(errors) < 0.0)
+    orders = observed_orders(ELEMENTS, errors)
+    assert np.mean(orders[-3:]) > order - 0.3
+    assert errors[ELEMENTS.index(8)] < at_eight
+
+
+@pytest.mark.slow(reason="eight runs of the hub beam a variant")
+def test_curved_elements_need_a_third_of_the_straight_ones():
+    curved = mesh_errors((4,), quadrature=3)
+    straight = mesh_errors((12,), quadrature=3, elements_shape="straight")
+    assert curved[0] < straight[0]

@@ -1,0 +1,136 @@
+"""Every integrator meets every published case."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from published_cases import (
+    IFTOMM_PENDULUM,
+    PENDULUM,
+    PERIOD_TWO_GRAVITY,
+    PUBLISHED_CASES,
+    pendulum_motion,
+)
+
+import beamdae as bd
+
+# What each first-order form allows in the error test: multipliers and, on index 3, velocities are
+# algebraic there, and their differences quotients of rounding stop it at small steps.
+TESTED = {
+    "stabilized-index1": "velocities",
+    "ggl": "velocities",
+    "index2": "velocities",
+    "index1": "velocities",
+    "index3": "positions",
+}
+
+every_case = pytest.mark.parametrize("case", PUBLISHED_CASES, ids=lambda c: c.name)
+
+
+def ida(rtol, formulation="stabilized-index1"):
+    # The limit turns a crawling run into a failed one.
+    return bd.Ida(
+        rtol=rtol,
+        formulation=formulation,
+        error_control=TESTED[formulation],
+        max_order=5,
+        max_steps=30_000,
+    )
+
+
+@cache
+def relative_errors(case, integrator):
+    """Largest error of each known quantity relative to its size."""
+    known = case.answer(np.array(case.times))
+    errors = case.errors(case.run(integrator))
+    return {name: errors[name] / max(1e-9, np.max(np.abs(known[name]))) for name in errors}
+
+
+def test_closed_forms_agree_with_an_independent_integration():
+    for case, gravity, angle in (
+        (PENDULUM, PERIOD_TWO_GRAVITY, 0.5 * np.pi),
+        (IFTOMM_PENDULUM, 9.81, -0.5 * np.pi),
+    ):
+        t = np.array(case.times)
+        found = pendulum_motion(gravity, angle, 0.0, t)
+        for name, known in case.answer(t).items():
+            # Runge-Kutta at 1e-13, its error grown over a few periods.
+            assert_allclose(found[name], known, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("formulation", ["stabilized-index1", "ggl", "index2", "index1"])
+@every_case
+def test_ida_meets_the_case_to_its_tolerance(case, formulation, rtol):
+    # rtol holds the error of a step; a run adds up to some ten swings of them and its phase
+    # drifts. On index 1 nothing holds the positions on the constraints, and they drift as well.
+    factor = 500.0 if formulation == "index1" else 100.0
+    errors = relative_errors(case, ida(rtol, formulation))
+    assert max(errors["q"], errors.get("v", 0.0)) < factor * rtol
+    # Multipliers are never tested; the algebraic ones have an error of the order of their
+    # velocities' one divided by a step.
+    assert errors.get("lam", 0.0) < 10.0 * factor * rtol
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@every_case
+def test_ida_on_index_3_meets_the_case_as_far_as_it_can(case, rtol):
+    # Positions alone are tested: velocities are known to rtol / h, and h goes as rtol^(1/6), and
+    # the positions that follow from them to as much over a run.
+    errors = relative_errors(case, ida(rtol, "index3"))
+    assert max(errors["q"], errors.get("v", 0.0)) < 10.0 * np.sqrt(rtol)
+
+
+@pytest.mark.parametrize("formulation", TESTED)
+@every_case
+def test_the_error_of_ida_falls_with_its_tolerance(case, formulation):
+    first, second, third = (
+        relative_errors(case, ida(rtol, formulation))["q"] for rtol in (1e-4, 1e-6, 1e-8)
+    )
+    assert second < first / 3.0
+    assert third < second / 3.0
+    # Over all four decades at least as the square root of rtol; about in proportion to it where
+    # velocities are tested, but a lucky run at the first tolerance hides a part of that.
+    assert third < first / (30.0 if formulation == "index3" else 100.0)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6])
+@every_case
+def test_ida_as_it_comes_meets_the_case_to_its_tolerance(case, rtol):
+    errors = relative_errors(case, bd.Ida(rtol=rtol, max_steps=30_000))
+    assert max(errors["q"], errors.get("v", 0.0)) < 100.0 * rtol
+
+
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+@pytest.mark.parametrize("step", [2e-3, 1e-3])
+@every_case
+def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, step):
+    integrator = bd.GeneralizedAlpha(step=step, formulation=formulation, newton_tolerance=1e-8)
+    errors = relative_errors(case, integrator)
+    # Three times the error of phase of the trapezoidal rule, (omega h)^2 / 12 of omega t; it
+    # holds for multipliers as well.
+    bound = 3.0 * (case.rate * step) ** 2 / 12.0 * case.rate * case.t_end
+    assert max(errors.values()) < bound
+
+
+@pytest.mark.parametrize("start", ["cured", "plain"])
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+@pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.9, 1.0])
+def test_every_setting_of_generalized_alpha_finds_the_motion(rho_inf, formulation, start):
+    integrator = bd.GeneralizedAlpha(
+        step=1e-3, rho_inf=rho_inf, formulation=formulation, start=start, newton_tolerance=1e-8
+    )
+    errors = PENDULUM.errors(PENDULUM.run(integrator))
+    # The strongest damping has five times the error of phase of the trapezoidal rule.
+    bound = 3.0 * 5.0 * (PENDULUM.rate * 1e-3) ** 2 / 12.0 * PENDULUM.rate * PENDULUM.t_end
+    assert errors["q"] < bound
+    assert errors["v"] < bound * PENDULUM.rate
+
+
+@pytest.mark.parametrize("formulation", ["ggl", "stabilized-index1"])
+def test_stabilized_forms_keep_positions_and_velocities_on_the_constraints(formulation):
+    solution = PENDULUM.run(ida(1e-6, formulation))
+    # Newton's iteration leaves them at a fraction of the local tolerance.
+    assert solution.quality.max_position_drift < 1e-6
+    assert solution.quality.max_velocity_drift < 1e-5

@@ -1,0 +1,17 @@
+"""The README's example runs as printed."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+
+
+def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
+    assert len([line for line in example.splitlines() if line.strip()]) <= 15
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "README.md", "exec"), {})
+    table = pd.read_csv("results/pendulum.csv")
+    assert table["t [s]"].iloc[-1] == 1.0
+    assert {"tip.x [m]", "tip.angle [rad]", "gauge [-]"} <= set(table.columns)

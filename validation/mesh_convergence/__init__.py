@@ -1,0 +1,1 @@
+"""Mesh convergence of the hub beam."""

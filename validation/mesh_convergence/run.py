@@ -1,0 +1,73 @@
+"""Error of the hub beam's tip deformation over the number of elements, for every element variant.
+
+    python validation/mesh_convergence/run.py [--subtended 30] [--shape parabolic]
+
+All meshes are integrated by the same generalized-alpha scheme, and compared with 24 elements: what
+is left is the error of the mesh. It is the largest over the run, relative to half the range.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
+
+import numpy as np
+import pandas as pd
+from hub_beam import hub_beam
+
+import beamdae as bd
+
+ELEMENTS = (1, 2, 3, 4, 6, 8, 12)
+COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
+VARIANTS = {
+    "curved": {},
+    "curved, local continuity (paper)": {"continuity": "local"},
+    "straight": {"elements_shape": "straight"},
+}
+
+
+def deformation(**parameters: object) -> np.ndarray:
+    """Tip deformation (rows, 2) of the hub beam."""
+    integrator = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-7)
+    mechanism = hub_beam(**parameters)
+    solution = bd.simulate(mechanism, integrator, t_end=hub_beam.t_end, output_step=2e-3)
+    return solution.observed[COLUMNS].to_numpy()
+
+
+def mesh_errors(elements: tuple[int, ...] = ELEMENTS, **parameters: object) -> np.ndarray:
+    """Error of each mesh against 24 elements of the default kind."""
+    beam = {k: v for k, v in parameters.items() if k in ("subtended", "shape")}
+    reference = deformation(elements=24, **beam)
+    amplitude = 0.5 * np.max(np.ptp(reference, axis=0))
+    runs = (deformation(elements=n, **parameters) for n in elements)
+    return np.array([np.max(np.abs(run - reference)) / amplitude for run in runs])
+
+
+def observed_orders(elements: tuple[int, ...], errors: np.ndarray) -> np.ndarray:
+    """Order between neighboring meshes."""
+    return np.diff(np.log(errors)) / -np.diff(np.log(elements))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--subtended", type=float, default=60.0)
+    parser.add_argument("--shape", default="circular")
+    beam = vars(parser.parse_args())
+    lines = []
+    for quadrature in (3, 4):
+        for name, variant in VARIANTS.items():
+            errors = mesh_errors(quadrature=quadrature, **variant, **beam)
+            orders = ["", *(f"{o:.1f}" for o in observed_orders(ELEMENTS, errors))]
+            cells = {
+                f"{n}": f"{e:.1e} {o}" for n, e, o in zip(ELEMENTS, errors, orders, strict=True)
+            }
+            lines.append({"elements": name, "quadrature": quadrature, **cells})
+    print("error and observed order over the number of elements")
+    print(pd.DataFrame(lines).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Does rtol mean what it says? Cases, references and the table behind the defaults."""
