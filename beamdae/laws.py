@@ -130,7 +130,6 @@ def piecewise(*pieces: Any) -> Law:
     if any(law.breakpoints for law in laws):
         raise BeamdaeError("piecewise: a piece must be smooth, it must not be piecewise itself.")
     scales = [law.time_scale for law in laws if law.time_scale is not None]
-    scales += [b - a for a, b in zip([0.0, *ends], ends, strict=False) if b > a]
     scale = min(scales) if scales else None
     return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
 

@@ -201,7 +201,6 @@ def test_a_step_newton_cannot_take_is_a_status(formulation):
     assert not solution.status.success
     assert "Newton" in solution.status.message
     assert "smaller step" in solution.status.message
-    assert solution.statistics.newton_failures == 0 or solution.statistics.steps > 0
     assert np.all(np.isfinite(solution.q))
 
 

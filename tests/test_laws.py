@@ -93,7 +93,8 @@ def test_a_branch_that_is_not_finite_elsewhere_does_no_harm():
 
 def test_time_scales():
     assert bd.run_up(1.0, 0.5).time_scale == 0.5
-    assert bd.piecewise((1.0, 5.0), (1.2, 3.0), 0.0).time_scale == pytest.approx(0.2)
+    # Integrators stop at the ends of the pieces; a short piece need not shorten all other steps.
+    assert bd.piecewise((1.0, 5.0), (1.2, 3.0), 0.0).time_scale is None
     assert bd.piecewise((1.0, bd.sine(1.0, 50.0)), 0.0).time_scale == 0.02
     assert as_law("test", 5.0).time_scale is None
     assert bd.table([0.0, 0.1, 1.0], [0.0, 1.0, 0.0]).time_scale == pytest.approx(0.4)

@@ -61,7 +61,7 @@ def test_shear_modulus(nu):
         (lambda: bd.Material(E=-2.0, nu=0.3, rho=1.0), "Material: E must be positive, got -2"),
         (lambda: bd.Material(E=np.nan, nu=0.3, rho=1.0), "Material: E must be finite, got nan"),
         (lambda: bd.Material(E="stiff", nu=0.3, rho=1.0), "E must be a number, got 'stiff'"),
-        (lambda: bd.Material(E=True, nu=0.3, rho=-1.0), "Material: rho must be positive, got -1"),
+        (lambda: bd.Material(E=1.0, nu=0.3, rho=-1.0), "Material: rho must be positive, got -1"),
         (lambda: bd.Material(E=1.0, nu=0.51, rho=1.0), r"nu must lie in \(-1, 0.5\], got 0.51"),
         (lambda: bd.Material(E=1.0, nu=-1.0, rho=1.0), r"nu must lie in \(-1, 0.5\], got -1"),
         (lambda: bd.Section(ALLOY, 0.0, 1.0), "Section: area must be positive, got 0"),

@@ -204,7 +204,8 @@ class _Newton:
         except SingularMatrixError as problem:
             raise _NewtonError(str(problem)) from None
         if not self._iterate(x, arguments):
-            raise _NewtonError("Newton's iteration did not converge")
+            self.failures += 1
+            raise _NewtonError("Newton's iteration did not converge; take a smaller step")
 
     def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
         self._linear.factorize(self._jacobian(x, *arguments)[0])
@@ -216,7 +217,9 @@ class _Newton:
             change = self._linear.solve(self._residual(x, *arguments)[0])
             x -= change
             size = float(np.abs(change[: self._n] * self._weights).max())
-            if not size < np.inf or size > 2.0 * previous:
+            if not np.isfinite(size):
+                raise _NewtonError("the residual is not finite; check laws and start values")
+            if size > 2.0 * previous:
                 return False
             if k > 0:
                 self._rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
@@ -254,7 +257,12 @@ class _Run:
         steps = max(int(np.ceil((end - start) / self.settings.step - 1e-6)), 1)
         t = np.linspace(start, end, steps + 1)
         phase = 0.5 * (start + end)
-        rows = State(*(np.empty((steps + 1, len(x))) for x in state))
+        try:
+            rows = State(*(np.empty((steps + 1, len(x))) for x in state))
+        except MemoryError:
+            reason = f"{steps} steps from t = {start:g} s need more memory than there is"
+            rows = State(*(x[None] for x in state))
+            return Segment(t[:1], rows, phase), Status(False, f"{reason}; take a larger step")
         for row, x in zip(rows, state, strict=True):
             row[0] = x
         taken = self._march(t, phase, rows)
@@ -287,7 +295,7 @@ class _Run:
                 if k % 64 == 0:
                     self._check(t[k])
             except _NewtonError as problem:
-                self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}; take a smaller step"
+                self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}"
                 return k - 1
             except KeyboardInterrupt:
                 self.stopped = f"interrupted at t = {t[k - 1]:.6g} s"

@@ -25,6 +25,9 @@ from beamdae.trajectory import Segment, Trajectory, segments
 Array = np.ndarray
 Progress = Callable[[float], None]
 
+# Progress and time limit are looked at now and then: a look costs as much as a small step.
+_STEPS_BETWEEN_LOOKS = 64
+
 
 @dataclass(frozen=True)
 class Ida:
@@ -99,7 +102,9 @@ class Ida:
         first = np.array([plan[0][0], 0.5 * sum(plan[0])])
         state = starter.state(first, equations.q0, equations.v0)
         size = scales(equations, starter, first, state, float(times[-1] - times[0]))
-        control = resolve(self.error_control, self.max_order, starter, first, state, size.rate)
+        control = resolve(
+            self.error_control, self.max_order, form, starter, first, state, size.rate
+        )
         options = self._options(form, control, size, times)
         setup_time = clock.perf_counter() - begin
 
@@ -128,7 +133,7 @@ class Ida:
             trajectory,
             times[times <= trajectory.end * (1.0 + 1e-12)],
             status,
-            newton.statistics(sum(len(s.t) - 1 for s in done), setup_time, wall_time),
+            newton.statistics(setup_time, wall_time),
             {
                 "integrator": "Ida",
                 **asdict(self),
@@ -151,7 +156,7 @@ class Ida:
         tolerance = control.tolerance(self.rtol, form.size)
         return {
             "rtol": tolerance,
-            "atol": control.absolute(tolerance, scales, e.n, form.size),
+            "atol": control.absolute(tolerance, scales, form),
             "max_order": control.max_order,
             "max_step": max_step,
             "linsolver": "band",
@@ -179,6 +184,7 @@ class _Newton:
         self.time = np.zeros(2)
         self._ready = False
         self._pending = np.zeros(form.size)
+        self.steps = 0
         self.times: list[float] = []
         self.setups: list[int] = []
 
@@ -208,14 +214,14 @@ class _Newton:
         self._pending[:] = self.linear.solve(self._residual.outputs[0])
         np.fill_diagonal(out, 1.0)
 
-    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
+    def statistics(self, setup_time: float, wall_time: float) -> Statistics:
         times = np.array(self.times)
         change = np.flatnonzero(np.diff(times, prepend=-np.inf) != 0.0)
         attempts = len(change)
         renewed = len(self.setups) - len(np.unique(np.searchsorted(change, self.setups)))
         return Statistics(
-            steps=steps,
-            rejected_steps=max(attempts - steps, 0),
+            steps=self.steps,
+            rejected_steps=max(attempts - self.steps, 0),
             residual_calls=self._residual.calls,
             jacobian_calls=self._jacobian.calls,
             factorizations=self.linear.factorizations,
@@ -249,13 +255,15 @@ class _Run:
                 self.solver.init_step(start, y[0], yp[0])
                 while t[-1] < end:
                     result = self.solver.step(end, "onestep", end)
-                    if not result.success or not np.all(np.isfinite(result.y)):
+                    stuck = not result.t > t[-1]
+                    if stuck or not result.success or not np.all(np.isfinite(result.y)):
                         status = Status(False, self._reason(result, t[-1]))
                         break
                     t.append(result.t)
                     y.append(result.y)
                     yp.append(result.yp)
-                    if len(t) % 64 == 0 and (stop := self._stop(t)):
+                    self.newton.steps += 1
+                    if stop := self._stop(t[-1], at_end=result.t >= end):
                         status = Status(False, stop)
                         break
         except KeyboardInterrupt:
@@ -264,14 +272,16 @@ class _Run:
         rows = State(rows.q, rows.v, rows.a, np.vstack([state.lam, rows.lam[1:]]))
         return Segment(np.array(t), rows, phase), status
 
-    def _stop(self, t: list[float]) -> str | None:
+    def _stop(self, t: float, at_end: bool) -> str | None:
+        steps, limits = self.newton.steps, self.settings
+        if limits.max_steps is not None and steps >= limits.max_steps and not at_end:
+            return f"max_steps = {limits.max_steps} taken, stopped at t = {t:.6g} s"
+        if steps % _STEPS_BETWEEN_LOOKS:
+            return None
         if self.progress is not None:
-            self.progress(t[-1])
-        limits = self.settings
-        if limits.max_steps is not None and len(t) > limits.max_steps:
-            return f"more than max_steps = {limits.max_steps} steps, stopped at t = {t[-1]:.6g} s"
+            self.progress(t)
         if limits.time_limit is not None and clock.perf_counter() - self.begin > limits.time_limit:
-            return f"time limit of {limits.time_limit:g} s, stopped at t = {t[-1]:.6g} s"
+            return f"time limit of {limits.time_limit:g} s, stopped at t = {t:.6g} s"
         return None
 
     def _reason(self, result: Any, t: float) -> str:
@@ -280,6 +290,8 @@ class _Run:
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
         }.get(result.status, str(result.message).rstrip("."))
+        if result.success:
+            advice = "the step became too small to advance time; check laws, or loosen rtol"
         residual, *_ = self.newton._residual.outputs
         if not np.all(np.isfinite(residual)):
             advice = "the residual is not finite; check laws and start values"
