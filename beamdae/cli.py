@@ -217,13 +217,11 @@ def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
     """Size of the equations of motion and what their consistent start is."""
     import numpy as np
 
-    from beamdae.initial import Starter
+    from beamdae.integrators.marching import plan
     from beamdae.simulation import as_equations
-    from beamdae.trajectory import segments
 
     equations = as_equations(mechanism)
-    first = next(segments(equations, 0.0, t_end))
-    state = Starter(equations).state(np.array([0.0, sum(first) / 2]), equations.q0, equations.v0)
+    state = plan(equations, np.array([0.0, t_end])).state
     moved = float(np.max(np.abs(state.q - equations.q0)))
     return {
         "coordinates": equations.n,

@@ -5,6 +5,7 @@ The choices rest on measurements: validation/tolerances prints the table behind 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ _STIFF_RATIO = 300.0
 _DAMPED_RATIO = 0.5
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
 _SAFETY = 0.08
-_ASYMPTOTIC = 16.0
+_ASYMPTOTIC = 18.0
 
 
 @dataclass(frozen=True)
@@ -107,13 +108,14 @@ class ErrorControl:
 def resolve(
     policy: str,
     max_order: int | str,
-    form: FirstOrder,
-    starter: Starter,
-    time: Array,
-    state: State,
+    form: str,
     rate: float,
+    fastest_mode: Callable[[], tuple[float, float]],
 ) -> ErrorControl:
     """Resolve "auto": which components are tested, and the highest order.
+
+    `rate` is that of the motion, `fastest_mode` gives the frequency [rad/s] and the damping ratio
+    of the fastest natural mode.
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
@@ -124,14 +126,14 @@ def resolve(
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")
-    frequency, damping = starter.fastest_mode(time, state)
+    frequency, damping = fastest_mode()
     if frequency <= _STIFF_RATIO * rate:
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
     elif damping >= _DAMPED_RATIO:
         choice, order, reason = "positions", 5, "the fastest modes are overdamped"
     else:
         choice, order, reason = "positions", 2, "fast modes are undamped"
-    if form.form == "index3":
+    if form == "index3":
         choice = "positions"
     reason = f"{reason} (fastest {frequency:.3g} rad/s, damping ratio {damping:.2g})"
     return ErrorControl(

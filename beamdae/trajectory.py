@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from beamdae.equations import EquationsOfMotion
 from beamdae.formulations import State
 
 Array = np.ndarray
@@ -83,14 +81,6 @@ def accumulate(t: Array, rates: Array) -> Array:
     return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def segments(
-    equations: EquationsOfMotion, start: float, end: float
-) -> Iterator[tuple[float, float]]:
-    """The intervals between the breakpoints of the laws inside (start, end)."""
-    inner = [b for b in equations.breakpoints if start < b < end]
-    yield from zip([start, *inner], [*inner, end], strict=True)
-
-
 def _with_phase(t: Array, phase: float | Array) -> Array:
     return np.stack([t, np.broadcast_to(phase, np.shape(t))], axis=-1)
 
@@ -105,6 +95,11 @@ class Trajectory:
     def end(self) -> float:
         """Last time reached."""
         return float(self.segments[-1].t[-1])
+
+    @property
+    def steps(self) -> int:
+        """Number of accepted steps."""
+        return sum(len(s.t) - 1 for s in self.segments)
 
     def which(self, times: Array) -> Array:
         """Index of the segment of each time; a breakpoint belongs to what came before it."""

@@ -125,9 +125,10 @@ def test_picture_of_comparison_has_a_curve_in_each_color(tmp_path):
 
 
 def test_pictures_leave_the_global_state_alone(tmp_path):
-    before = dict(matplotlib.rcParams)
-    report.picture_of_run(tmp_path / "run.png", FRAME, "title")
-    assert dict(matplotlib.rcParams) == before
+    with matplotlib.rc_context({"lines.linewidth": 1.23, "axes.grid": True}):
+        before = dict(matplotlib.rcParams)
+        report.picture_of_run(tmp_path / "run.png", FRAME, "title")
+        assert dict(matplotlib.rcParams) == before
 
 
 def test_picture_that_cannot_be_written(tmp_path):

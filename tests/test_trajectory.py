@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.formulations import State
-from beamdae.trajectory import Segment, Trajectory, accumulate, interpolate, segments
+from beamdae.integrators.marching import plan
+from beamdae.trajectory import Segment, Trajectory, accumulate, interpolate
 
 
 def segment(t, q, lam=None, phase=0.5):
@@ -117,5 +118,5 @@ def test_segments_end_on_the_breakpoints_inside_the_run():
     late = bd.piecewise((0.25, 0.0), (0.5, 2.0), (3.0, 1.0), 0.0)
     mech.add(bd.Force("push", body.point, (early, late)))
     equations = bd.equations_of_motion(mech)
-    assert list(segments(equations, 0.0, 2.0)) == [(0.0, 0.25), (0.25, 0.5), (0.5, 2.0)]
-    assert list(segments(equations, 0.5, 3.0)) == [(0.5, 3.0)]
+    assert plan(equations, np.array([0.0, 2.0])).intervals == ((0.0, 0.25), (0.25, 0.5), (0.5, 2.0))
+    assert plan(equations, np.array([0.5, 3.0])).intervals == ((0.5, 3.0),)

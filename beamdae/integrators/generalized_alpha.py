@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -13,9 +14,10 @@ from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.formulations import State, StepEquations, step_equations
 from beamdae.initial import Starter
+from beamdae.integrators.marching import plan, reached
 from beamdae.linear import SingularMatrixError, factorization, single_threaded
 from beamdae.solution import Solution, Statistics, Status
-from beamdae.trajectory import Segment, Trajectory, segments
+from beamdae.trajectory import Segment
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -62,7 +64,7 @@ class GeneralizedAlpha:
     rho_inf: float = 0.8
     formulation: str = "index3"
     start: str = "cured"
-    newton_tolerance: float = 1e-5
+    newton_tolerance: float = 1e-7
     linear_solver: str = "auto"
     time_limit: float | None = None
 
@@ -118,38 +120,19 @@ class GeneralizedAlpha:
             If the model has no consistent start.
         """
         begin = clock.perf_counter()
-        starter = Starter(equations)
         newton = _Newton(step_equations(equations, self.formulation != "index3"), self)
-        plan = list(segments(equations, float(times[0]), float(times[-1])))
-        state = starter.state(np.array([plan[0][0], sum(plan[0]) / 2]), equations.q0, equations.v0)
+        route = plan(equations, times)
         setup_time = clock.perf_counter() - begin
 
         begin = clock.perf_counter()
-        done: list[Segment] = []
-        status = Status(True, "reached the end")
-        for start, end in plan:
-            run = _Run(self, starter, newton, begin, progress)
-            try:
-                if done:
-                    phase = np.array([start, 0.5 * (start + end)])
-                    state = starter.state(phase, state.q, state.v)
-                segment, status = run(start, end, state)
-            except BeamdaeError as problem:
-                status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
-                break
-            done.append(segment)
-            state = State(*(x[-1] for x in segment.state))
-            if not status.success:
-                break
+        trajectory, status = route.march(_Run(self, route.starter, newton, begin, progress))
         wall_time = clock.perf_counter() - begin
-
-        trajectory = Trajectory(tuple(done))
         return Solution(
             equations,
             trajectory,
-            times[times <= trajectory.end * (1.0 + 1e-12)],
+            reached(times, trajectory),
             status,
-            newton.statistics(sum(len(s.t) - 1 for s in done), setup_time, wall_time),
+            newton.statistics(trajectory.steps, setup_time, wall_time),
             {"integrator": "GeneralizedAlpha", **asdict(self)},
         )
 
@@ -213,11 +196,15 @@ class _Newton:
 
     def _iterate(self, x: Array, arguments: tuple[Array, ...]) -> bool:
         previous = np.inf
+        raw = self._residual(x, *arguments)[0]
         for k in range(_MAX_ITERATIONS):
-            change = self._linear.solve(self._residual(x, *arguments)[0])
+            if k > 0:
+                self._residual(x)
+            change = self._linear.solve(raw)
             x -= change
-            size = float(np.abs(change[: self._n] * self._weights).max())
-            if not np.isfinite(size):
+            scaled = change[: self._n] * self._weights
+            size = math.sqrt(scaled @ scaled)
+            if not math.isfinite(size):
                 raise _NewtonError("the residual is not finite; check laws and start values")
             if size > 2.0 * previous:
                 return False
@@ -253,10 +240,11 @@ class _Run:
     progress: Progress | None
     stopped: str = field(default="", init=False)
 
-    def __call__(self, start: float, end: float, state: State) -> tuple[Segment, Status]:
+    def __call__(
+        self, start: float, end: float, phase: float, state: State
+    ) -> tuple[Segment, Status]:
         steps = max(int(np.ceil((end - start) / self.settings.step - 1e-6)), 1)
         t = np.linspace(start, end, steps + 1)
-        phase = 0.5 * (start + end)
         try:
             rows = State(*(np.empty((steps + 1, len(x))) for x in state))
         except MemoryError:

@@ -7,6 +7,7 @@ import io
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,10 @@ from beamdae.equations import EquationsOfMotion
 from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
 from beamdae.errors import BeamdaeError, count, one_of, positive
 from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
-from beamdae.initial import Starter
+from beamdae.integrators.marching import plan, reached
 from beamdae.linear import SingularMatrixError, factorization, single_threaded
 from beamdae.solution import Solution, Statistics, Status
-from beamdae.trajectory import Segment, Trajectory, segments
+from beamdae.trajectory import Segment
 
 Array = np.ndarray
 Progress = Callable[[float], None]
@@ -95,43 +96,25 @@ class Ida:
         """
         begin = clock.perf_counter()
         form = first_order(equations, self.formulation)
-        starter = Starter(equations)
         newton = _Newton(form, self.linear_solver)
-        plan = list(segments(equations, float(times[0]), float(times[-1])))
-        done: list[Segment] = []
-        first = np.array([plan[0][0], 0.5 * sum(plan[0])])
-        state = starter.state(first, equations.q0, equations.v0)
-        size = scales(equations, starter, first, state, float(times[-1] - times[0]))
+        route = plan(equations, times)
+        duration = float(times[-1] - times[0])
+        size = scales(equations, route.starter, route.time, route.state, duration)
+        fastest_mode = partial(route.starter.fastest_mode, route.time, route.state)
         control = resolve(
-            self.error_control, self.max_order, form, starter, first, state, size.rate
+            self.error_control, self.max_order, self.formulation, size.rate, fastest_mode
         )
-        options = self._options(form, control, size, times)
+        options = self._options(form, control, size, duration)
         setup_time = clock.perf_counter() - begin
 
-        solver = IDA(newton.residual, jacfn=newton.jacobian, **options)
         begin = clock.perf_counter()
-        status = Status(True, "reached the end")
-        for start, end in plan:
-            phase = 0.5 * (start + end)
-            if done:
-                try:
-                    state = starter.state(np.array([start, phase]), state.q, state.v)
-                except BeamdaeError as problem:
-                    status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
-                    break
-            run = _Run(solver, newton, form, self, begin, progress)
-            segment, status = run(start, end, phase, state)
-            done.append(segment)
-            state = State(*(x[-1] for x in segment.state))
-            if not status.success:
-                break
+        solver = IDA(newton.residual, jacfn=newton.jacobian, **options)
+        trajectory, status = route.march(_Run(solver, newton, form, self, begin, progress))
         wall_time = clock.perf_counter() - begin
-
-        trajectory = Trajectory(tuple(done))
         return Solution(
             equations,
             trajectory,
-            times[times <= trajectory.end * (1.0 + 1e-12)],
+            reached(times, trajectory),
             status,
             newton.statistics(setup_time, wall_time),
             {
@@ -140,17 +123,17 @@ class Ida:
                 "error_control": control.policy,
                 "max_order": control.max_order,
                 "auto": control.reason,
-                "local_tolerance": options["rtol"],
+                "local_tolerance": float(options["rtol"]),
             },
         )
 
     def _options(
-        self, form: FirstOrder, control: ErrorControl, scales: Scales, times: Array
+        self, form: FirstOrder, control: ErrorControl, scales: Scales, duration: float
     ) -> dict[str, Any]:
         e = form.equations
         max_step = self.max_step
         if max_step is None:
-            max_step = float(times[-1] - times[0]) / 20.0
+            max_step = duration / 20.0
             if e.time_scale is not None:
                 max_step = min(max_step, e.time_scale / 4.0)
         tolerance = control.tolerance(self.rtol, form.size)
@@ -249,21 +232,25 @@ class _Run:
         t, y, yp = [start], *([x] for x in self.form.pack(state))
         self.newton.restart(phase)
         status = Status(True, "reached the end")
-        messages = io.StringIO()
+        newton, step, look = self.newton, self.solver.step, self._next_look()
         try:
-            with contextlib.redirect_stdout(messages):
+            # SUNDIALS prints its errors; the status says them.
+            with contextlib.redirect_stdout(io.StringIO()):
                 self.solver.init_step(start, y[0], yp[0])
                 while t[-1] < end:
-                    result = self.solver.step(end, "onestep", end)
+                    result = step(end, "onestep", end)
                     stuck = not result.t > t[-1]
-                    if stuck or not result.success or not np.all(np.isfinite(result.y)):
+                    if stuck or not result.success:
                         status = Status(False, self._reason(result, t[-1]))
                         break
                     t.append(result.t)
                     y.append(result.y)
                     yp.append(result.yp)
-                    self.newton.steps += 1
-                    if stop := self._stop(t[-1], at_end=result.t >= end):
+                    newton.steps += 1
+                    if newton.steps < look:
+                        continue
+                    look = self._next_look()
+                    if stop := self._stop(result.t, at_end=result.t >= end):
                         status = Status(False, stop)
                         break
         except KeyboardInterrupt:
@@ -272,12 +259,15 @@ class _Run:
         rows = State(rows.q, rows.v, rows.a, np.vstack([state.lam, rows.lam[1:]]))
         return Segment(np.array(t), rows, phase), status
 
+    def _next_look(self) -> int:
+        """Number of steps after which to look at limits and progress again."""
+        soon = self.newton.steps + _STEPS_BETWEEN_LOOKS
+        return soon if self.settings.max_steps is None else min(soon, self.settings.max_steps)
+
     def _stop(self, t: float, at_end: bool) -> str | None:
-        steps, limits = self.newton.steps, self.settings
-        if limits.max_steps is not None and steps >= limits.max_steps and not at_end:
+        limits = self.settings
+        if limits.max_steps is not None and self.newton.steps >= limits.max_steps and not at_end:
             return f"max_steps = {limits.max_steps} taken, stopped at t = {t:.6g} s"
-        if steps % _STEPS_BETWEEN_LOOKS:
-            return None
         if self.progress is not None:
             self.progress(t)
         if limits.time_limit is not None and clock.perf_counter() - self.begin > limits.time_limit:
