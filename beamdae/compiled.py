@@ -7,6 +7,8 @@ import numpy as np
 
 Array = np.ndarray
 
+_ROWS_AT_ONCE = 2048
+
 
 class Compiled:
     """A CasADi function bound to its own buffers.
@@ -48,11 +50,18 @@ class Compiled:
 def evaluate_rows(function: ca.Function, *arguments: Array) -> Array:
     """Evaluate a function once a row: arguments (rows, size), or (size,) where shared.
 
-    Returns the first output, (rows, size).
+    Returns its only output, (rows, size), which must be dense.
     """
+    shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
     rows = max(len(a) for a in arguments if np.ndim(a) == 2)
-    columns = [
-        np.ascontiguousarray(np.broadcast_to(a, (rows, np.shape(a)[-1])).T) for a in arguments
-    ]
-    mapped = function.map(rows)
-    return np.array(mapped(*columns)[0] if function.n_out() > 1 else mapped(*columns)).T
+    result = np.empty((rows, function.nnz_out(0)))
+    mapped: dict[int, Compiled] = {}
+    for first in range(0, rows, _ROWS_AT_ONCE):
+        part = slice(first, min(first + _ROWS_AT_ONCE, rows))
+        count = part.stop - first
+        if count not in mapped:
+            many = function.map(function.name(), "serial", count, shared, [])
+            mapped[count] = Compiled(many if count > 1 else function)
+        values = (a if np.ndim(a) == 1 else np.ravel(a[part]) for a in arguments)
+        result[part] = mapped[count](*values)[0].reshape(count, -1)
+    return result

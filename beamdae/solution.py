@@ -68,7 +68,7 @@ class Quality:
     Attributes
     ----------
     max_residual
-        Largest |F + G^T lam| relative to the largest constraint or inertial force.
+        Largest |F + G^T lam| relative to the largest constraint, applied or elastic force.
     max_position_drift, max_velocity_drift
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
@@ -139,7 +139,9 @@ class Solution:
             return pd.DataFrame(index=range(len(self.t)))
         times, state = self._output
         symbols = _symbols(e)
-        function = ca.Function("observed", list(symbols), [e.observed(*symbols[:3], *symbols[4:])])
+        function = ca.Function(
+            "observed", list(symbols), [ca.densify(e.observed(*symbols[:3], *symbols[4:]))]
+        )
         return pd.DataFrame(
             evaluate_rows(function, times, *state[:3], e.p, state.lam), columns=headers
         )
@@ -155,12 +157,14 @@ class Solution:
         norms = ca.vertcat(
             _largest(force + reaction),
             _largest(reaction),
-            _largest(force),
+            _largest(e.force(time, q, v, MX.zeros(e.n), p)),
             _largest(e.level(0, time, q, v, a, p)),
             _largest(e.level(1, time, q, v, a, p)),
         )
         power = ca.vertcat(energies[3], e.driver_power(time, q, p, lam), energies[4])
-        function = ca.Function("diagnosis", list(symbols), [ca.vertcat(energies[:3], power, norms)])
+        function = ca.Function(
+            "diagnosis", list(symbols), [ca.densify(ca.vertcat(energies[:3], power, norms))]
+        )
         rows, works, start = [], [], np.zeros(3)
         for segment in self.trajectory.segments:
             values = evaluate_rows(

@@ -28,6 +28,7 @@ Progress = Callable[[float], None]
 
 # Progress and time limit are looked at now and then: a look costs as much as a small step.
 _STEPS_BETWEEN_LOOKS = 64
+_STEPS_BETWEEN_PACKING = 1024
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,33 @@ class _Newton:
         )
 
 
+class _Rows:
+    """States of the accepted steps, packed now and then to keep memory small."""
+
+    def __init__(self, form: FirstOrder, start: State) -> None:
+        self._form = form
+        self._packed = [State(*(x[None] for x in start))]
+        self._y: list[Array] = []
+        self._yp: list[Array] = []
+
+    def append(self, y: Array, yp: Array) -> None:
+        self._y.append(y)
+        self._yp.append(yp)
+        if len(self._y) == _STEPS_BETWEEN_PACKING:
+            self._pack()
+
+    def _pack(self) -> None:
+        if self._y:
+            rows = self._form.unpack(np.array(self._y), np.array(self._yp))
+            self._packed.append(State(*(x.copy() for x in rows)))
+            self._y, self._yp = [], []
+
+    @property
+    def state(self) -> State:
+        self._pack()
+        return State(*(np.concatenate(x) for x in zip(*self._packed, strict=True)))
+
+
 @dataclass
 class _Run:
     """One segment, step by step."""
@@ -229,14 +257,15 @@ class _Run:
     def __call__(
         self, start: float, end: float, phase: float, state: State
     ) -> tuple[Segment, Status]:
-        t, y, yp = [start], *([x] for x in self.form.pack(state))
+        t = [start]
+        rows = _Rows(self.form, state)
         self.newton.restart(phase)
         status = Status(True, "reached the end")
         newton, step, look = self.newton, self.solver.step, self._next_look()
         try:
             # SUNDIALS prints its errors; the status says them.
             with contextlib.redirect_stdout(io.StringIO()):
-                self.solver.init_step(start, y[0], yp[0])
+                self.solver.init_step(start, *self.form.pack(state))
                 while t[-1] < end:
                     result = step(end, "onestep", end)
                     stuck = not result.t > t[-1]
@@ -244,8 +273,7 @@ class _Run:
                         status = Status(False, self._reason(result, t[-1]))
                         break
                     t.append(result.t)
-                    y.append(result.y)
-                    yp.append(result.yp)
+                    rows.append(result.y, result.yp)
                     newton.steps += 1
                     if newton.steps < look:
                         continue
@@ -255,9 +283,7 @@ class _Run:
                         break
         except KeyboardInterrupt:
             status = Status(False, f"interrupted at t = {t[-1]:.6g} s")
-        rows = self.form.unpack(np.array(y), np.array(yp))
-        rows = State(rows.q, rows.v, rows.a, np.vstack([state.lam, rows.lam[1:]]))
-        return Segment(np.array(t), rows, phase), status
+        return Segment(np.array(t), rows.state, phase), status
 
     def _next_look(self) -> int:
         """Number of steps after which to look at limits and progress again."""
