@@ -11,8 +11,9 @@ from beamdae.model import Model, model
 if TYPE_CHECKING:
     from beamdae.beam import Beam
     from beamdae.bodies import Attachment, PointMass, RigidBody
+    from beamdae.building import equations_of_motion
     from beamdae.constrained_system import ConstrainedSystem
-    from beamdae.equations import EquationsOfMotion, equations_of_motion
+    from beamdae.equations import EquationsOfMotion
     from beamdae.geometry import Arc, Curve, Line, Parabola
     from beamdae.integrators import GeneralizedAlpha, Ida
     from beamdae.joints import Driver, PointOnLine, Revolute, Weld
@@ -66,9 +67,10 @@ __all__ = [
 
 _MODULES = {
     "beam": ("Beam",),
+    "building": ("equations_of_motion",),
     "bodies": ("Attachment", "PointMass", "RigidBody"),
     "constrained_system": ("ConstrainedSystem",),
-    "equations": ("EquationsOfMotion", "equations_of_motion"),
+    "equations": ("EquationsOfMotion",),
     "geometry": ("Arc", "Curve", "Line", "Parabola"),
     "integrators": ("GeneralizedAlpha", "Ida"),
     "joints": ("Driver", "PointOnLine", "Revolute", "Weld"),

@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations import EquationsOfMotion, build
+from beamdae.building import build
+from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.statements import (
     SX,

@@ -27,10 +27,12 @@ _ROUNDING = 1e-12
 
 # Header in the terminal by column of a comparison.
 _COMPARED = {
+    "status": "status",
     "wall time [s]": "wall\n[s]",
     "steps": "steps",
     "rejected steps": "rejected",
     "residual calls": "residual\ncalls",
+    "Jacobian calls": "Jacobian\ncalls",
     "error [-]": "error\n[-]",
     "max position drift": "position\ndrift",
     "max velocity drift": "velocity\ndrift",
@@ -116,8 +118,9 @@ def comparison_table(table: pd.DataFrame, uncertainty: float = math.nan) -> Tabl
         cells = {name: number(row[name]) for name in shown}
         if row.get("below uncertainty", False):
             cells["error [-]"] = f"< {number(uncertainty)}"
-        failed = "" if row["status"] == "ok" else " (!)"
-        result.add_row(f"{row['integrator']}{failed}", *cells.values())
+        # The sentence of a failure is too long for a cell, it follows below the table.
+        cells["status"] = "ok" if row["status"] == "ok" else "failed"
+        result.add_row(row["integrator"], *cells.values())
     return result
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.building import equations_of_motion
 from beamdae.constrained_system import ConstrainedSystem
-from beamdae.equations import EquationsOfMotion, equations_of_motion
+from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError, positive
 from beamdae.integrators import Ida
 from beamdae.mechanism import Mechanism

@@ -74,9 +74,9 @@ def test_comparison_marks_what_the_reference_cannot_tell():
     )
     shown = text(report.comparison_table(table, 1e-4)).splitlines()
     rows = {line.split()[0]: line for line in shown if "(step=" in line}
-    assert rows["A(step=1)"].split()[1:] == ["10", "0.01"]
-    assert rows["B(step=2)"].split()[1:] == ["20", "<", "0.0001"]
-    assert rows["C(step=3)"].split()[1:] == ["(!)", "-", "-"]
+    assert rows["A(step=1)"].split()[1:] == ["ok", "10", "0.01"]
+    assert rows["B(step=2)"].split()[1:] == ["ok", "20", "<", "0.0001"]
+    assert rows["C(step=3)"].split()[1:] == ["failed", "-", "-"]
     assert report.failures(table) == ["C(step=3): stopped at t = 1 s"]
     assert "uncertainty 0.0001" in report.comparison_caption(1e-4)
 

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from beamdae.compiled import Compiled
 from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError, finite, one_of, positive
-from beamdae.formulations import State, StepEquations, step_equations
+from beamdae.formulations import State, step_equations
 from beamdae.initial import Starter
 from beamdae.integrators.marching import plan, reached
-from beamdae.linear import SingularMatrixError, factorization, single_threaded
-from beamdae.solution import Solution, Statistics, Status
+from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
+from beamdae.linear import single_threaded
+from beamdae.solution import Solution, Status
 from beamdae.trajectory import Segment
 
 Array = np.ndarray
 Progress = Callable[[float], None]
-
-_MAX_ITERATIONS = 12
-# What rounding leaves of an increment relative to the scale of its coordinate.
-_ROUNDING = 1e-14
-# The factors are kept while every iteration gains this much.
-_KEEP_RATE = 0.05
 
 
 @dataclass(frozen=True)
@@ -120,7 +113,8 @@ class GeneralizedAlpha:
             If the model has no consistent start.
         """
         begin = clock.perf_counter()
-        newton = _Newton(step_equations(equations, self.formulation != "index3"), self)
+        form = step_equations(equations, self.formulation != "index3")
+        newton = ModifiedNewton(form, self.newton_tolerance, self.linear_solver)
         route = plan(equations, times)
         setup_time = clock.perf_counter() - begin
 
@@ -137,105 +131,13 @@ class GeneralizedAlpha:
         )
 
 
-class _NewtonError(ArithmeticError):
-    """The iteration did not converge, even with a new factorization."""
-
-
-class _Newton:
-    """Modified Newton iteration that keeps its factors as long as they serve."""
-
-    def __init__(self, form: StepEquations, settings: GeneralizedAlpha) -> None:
-        p = form.equations.p
-        self._residual = Compiled(form.residual, p)
-        self._jacobian = Compiled(form.jacobian, p)
-        self._position = Compiled(form.position, p)
-        self._index3_size = form.equations.n + form.equations.m
-        self._linear = factorization(form.pattern, settings.linear_solver)
-        self._weights = 1.0 / form.equations.position_scales
-        self._n = form.equations.n
-        self._tolerance = settings.newton_tolerance
-        self.bound = _ROUNDING
-        self._rate = np.inf
-        self.size = form.size
-        self.failures = 0
-
-    def position(self, x: Array, time: Array, q_p: Array, q_n: Array) -> Array:
-        """Positions of the solution x of a step from q_n."""
-        if self.size == self._index3_size:
-            return q_p + x[: self._n]
-        return self._position(x, time, q_p, q_n)[0].copy()
-
-    def restart(self) -> None:
-        """Forget the factors."""
-        self._rate = np.inf
-
-    def aim(self, c_q: float, acceleration: Array) -> None:
-        """Set the bound on the error of increments, c_q times that of accelerations."""
-        largest = float(np.abs(acceleration * self._weights).max())
-        self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
-
-    def solve(self, x: Array, *arguments: Array) -> None:
-        """Improve x in place until the step equations hold."""
-        start = x.copy()
-        if self._rate <= _KEEP_RATE and self._iterate(x, arguments):
-            return
-        if np.isfinite(self._rate):
-            self.failures += 1
-        x[:] = start
-        try:
-            self._factorize(x, arguments)
-        except SingularMatrixError as problem:
-            raise _NewtonError(str(problem)) from None
-        if not self._iterate(x, arguments):
-            self.failures += 1
-            raise _NewtonError("Newton's iteration did not converge; take a smaller step")
-
-    def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
-        self._linear.factorize(self._jacobian(x, *arguments)[0])
-        self._rate = 0.0
-
-    def _iterate(self, x: Array, arguments: tuple[Array, ...]) -> bool:
-        previous = np.inf
-        raw = self._residual(x, *arguments)[0]
-        for k in range(_MAX_ITERATIONS):
-            if k > 0:
-                self._residual(x)
-            change = self._linear.solve(raw)
-            x -= change
-            scaled = change[: self._n] * self._weights
-            size = math.sqrt(scaled @ scaled)
-            if not math.isfinite(size):
-                raise _NewtonError("the residual is not finite; check laws and start values")
-            if size > 2.0 * previous:
-                return False
-            if k > 0:
-                self._rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
-            rate = self._rate if k > 0 else max(self._rate, 1e-2)
-            if rate < 1.0 and size * rate <= self.bound * (1.0 - rate):
-                return True
-            previous = size
-        return False
-
-    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
-        return Statistics(
-            steps=steps,
-            residual_calls=self._residual.calls,
-            jacobian_calls=self._jacobian.calls,
-            factorizations=self._linear.factorizations,
-            solves=self._linear.solves,
-            newton_failures=self.failures,
-            setup_time=setup_time,
-            wall_time=wall_time,
-        )
-
-
 @dataclass
 class _Run:
     """One segment with a constant step."""
 
     settings: GeneralizedAlpha
     starter: Starter
-    newton: _Newton
+    newton: ModifiedNewton
     begin: float
     progress: Progress | None
     stopped: str = field(default="", init=False)
@@ -282,7 +184,7 @@ class _Run:
                 newton.solve(x, time, q_p, v_p, ddq, q, coefficients)
                 if k % 64 == 0:
                     self._check(t[k])
-            except _NewtonError as problem:
+            except NewtonError as problem:
                 self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}"
                 return k - 1
             except KeyboardInterrupt:

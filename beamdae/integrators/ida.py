@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDA
 
-from beamdae.compiled import Compiled
 from beamdae.equations import EquationsOfMotion
 from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
 from beamdae.errors import BeamdaeError, count, one_of, positive
 from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
 from beamdae.integrators.marching import plan, reached
-from beamdae.linear import SingularMatrixError, factorization, single_threaded
-from beamdae.solution import Solution, Statistics, Status
+from beamdae.integrators.preconditioned import PreconditionedResidual
+from beamdae.linear import single_threaded
+from beamdae.solution import Solution, Status
 from beamdae.trajectory import Segment
 
 Array = np.ndarray
@@ -97,7 +97,7 @@ class Ida:
         """
         begin = clock.perf_counter()
         form = first_order(equations, self.formulation)
-        newton = _Newton(form, self.linear_solver)
+        newton = PreconditionedResidual(form, self.linear_solver)
         route = plan(equations, times)
         duration = float(times[-1] - times[0])
         size = scales(equations, route.starter, route.time, route.state, duration)
@@ -149,73 +149,6 @@ class Ida:
         }
 
 
-class _Newton:
-    """The linear algebra of IDA's Newton iteration, done here.
-
-    IDA is given the residual multiplied by the inverse of the Jacobian of its last setup, and the
-    identity as Jacobian: its own (diagonal) solver then does nothing but its scaling by
-    2 / (1 + c / c_setup). That leaves factorization and solution to LAPACK or SuperLU by size,
-    without the cost of a Krylov iteration around them. When IDA asks for a new Jacobian it has
-    just evaluated the residual at the same point: that one is multiplied again, with the new
-    factors, in the vector IDA passed in for it.
-    """
-
-    def __init__(self, form: FirstOrder, linear_solver: str) -> None:
-        p = form.equations.p
-        self._residual = Compiled(form.residual, p)
-        self._jacobian = Compiled(form.jacobian, p, np.zeros(1))
-        self.linear = factorization(form.pattern, linear_solver)
-        self.time = np.zeros(2)
-        self._ready = False
-        self._pending = np.zeros(form.size)
-        self.steps = 0
-        self.times: list[float] = []
-        self.setups: list[int] = []
-
-    def restart(self, phase: float) -> None:
-        self.time[1] = phase
-        self._ready = False
-
-    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        self.time[0] = t
-        self.times.append(t)
-        self._pending = out
-        (raw,) = self._residual(self.time, y, yp)
-        out[:] = self.linear.solve(raw) if self._ready else raw
-
-    def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
-        self.time[0] = t
-        self.setups.append(len(self.times))
-        self._jacobian.inputs[-1][0] = c
-        (nonzeros,) = self._jacobian(self.time, y, yp)
-        try:
-            self.linear.factorize(nonzeros)
-        except SingularMatrixError:
-            # IDA retries with a smaller step, and reports where it had to give up.
-            self._pending[:] = np.nan
-            return
-        self._ready = True
-        self._pending[:] = self.linear.solve(self._residual.outputs[0])
-        np.fill_diagonal(out, 1.0)
-
-    def statistics(self, setup_time: float, wall_time: float) -> Statistics:
-        times = np.array(self.times)
-        change = np.flatnonzero(np.diff(times, prepend=-np.inf) != 0.0)
-        attempts = len(change)
-        renewed = len(self.setups) - len(np.unique(np.searchsorted(change, self.setups)))
-        return Statistics(
-            steps=self.steps,
-            rejected_steps=max(attempts - self.steps, 0),
-            residual_calls=self._residual.calls,
-            jacobian_calls=self._jacobian.calls,
-            factorizations=self.linear.factorizations,
-            solves=self.linear.solves,
-            newton_failures=renewed,
-            setup_time=setup_time,
-            wall_time=wall_time,
-        )
-
-
 class _Rows:
     """States of the accepted steps, packed now and then to keep memory small."""
 
@@ -248,7 +181,7 @@ class _Run:
     """One segment, step by step."""
 
     solver: IDA
-    newton: _Newton
+    newton: PreconditionedResidual
     form: FirstOrder
     settings: Ida
     begin: float
@@ -308,7 +241,6 @@ class _Run:
         }.get(result.status, str(result.message).rstrip("."))
         if result.success:
             advice = "the step became too small to advance time; check laws, or loosen rtol"
-        residual, *_ = self.newton._residual.outputs
-        if not np.all(np.isfinite(residual)):
+        if not np.all(np.isfinite(self.newton.last_residual)):
             advice = "the residual is not finite; check laws and start values"
         return f"stopped at t = {t:.6g} s: {advice}"

@@ -1,0 +1,110 @@
+"""Modified Newton iteration on the equations of one implicit step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from beamdae.compiled import Compiled
+from beamdae.formulations import StepEquations
+from beamdae.linear import SingularMatrixError, factorization
+from beamdae.solution import Statistics
+
+Array = np.ndarray
+
+_MAX_ITERATIONS = 12
+# What rounding leaves of an increment relative to the scale of its coordinate.
+_ROUNDING = 1e-14
+# The factors are kept while every iteration gains this much.
+_KEEP_RATE = 0.05
+
+
+class NewtonError(ArithmeticError):
+    """The iteration did not converge, even with a new factorization."""
+
+
+class ModifiedNewton:
+    """Modified Newton iteration that keeps its factors as long as they serve."""
+
+    def __init__(self, form: StepEquations, tolerance: float, linear_solver: str) -> None:
+        p = form.equations.p
+        self._residual = Compiled(form.residual, p)
+        self._jacobian = Compiled(form.jacobian, p)
+        self._position = Compiled(form.position, p)
+        self._linear = factorization(form.pattern, linear_solver)
+        self._weights = 1.0 / form.equations.position_scales
+        self._n = form.equations.n
+        self._tolerance = tolerance
+        self.bound = _ROUNDING
+        self._rate = np.inf
+        self.size = form.size
+        self.failures = 0
+
+    def position(self, x: Array, time: Array, q_p: Array, q_n: Array) -> Array:
+        """Positions of the solution x of a step from q_n."""
+        return self._position(x, time, q_p, q_n)[0].copy()
+
+    def restart(self) -> None:
+        """Forget the factors."""
+        self._rate = np.inf
+
+    def aim(self, c_q: float, acceleration: Array) -> None:
+        """Set the bound on the error of increments, c_q times that of accelerations."""
+        largest = float(np.abs(acceleration * self._weights).max())
+        self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
+
+    def solve(self, x: Array, *arguments: Array) -> None:
+        """Improve x in place until the step equations hold."""
+        start = x.copy()
+        if self._rate <= _KEEP_RATE and self._iterate(x, arguments):
+            return
+        if np.isfinite(self._rate):
+            self.failures += 1
+        x[:] = start
+        try:
+            self._factorize(x, arguments)
+        except SingularMatrixError as problem:
+            raise NewtonError(str(problem)) from None
+        if not self._iterate(x, arguments):
+            self.failures += 1
+            raise NewtonError("Newton's iteration did not converge; take a smaller step")
+
+    def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
+        self._linear.factorize(self._jacobian(x, *arguments)[0])
+        self._rate = 0.0
+
+    def _iterate(self, x: Array, arguments: tuple[Array, ...]) -> bool:
+        previous = np.inf
+        raw = self._residual(x, *arguments)[0]
+        for k in range(_MAX_ITERATIONS):
+            if k > 0:
+                self._residual(x)
+            change = self._linear.solve(raw)
+            x -= change
+            scaled = change[: self._n] * self._weights
+            size = math.sqrt(scaled @ scaled)
+            if not math.isfinite(size):
+                raise NewtonError("the residual is not finite; check laws and start values")
+            if size > 2.0 * previous:
+                return False
+            if k > 0:
+                self._rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
+            rate = self._rate if k > 0 else max(self._rate, 1e-2)
+            if rate < 1.0 and size * rate <= self.bound * (1.0 - rate):
+                return True
+            previous = size
+        return False
+
+    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
+        """What it cost."""
+        return Statistics(
+            steps=steps,
+            residual_calls=self._residual.calls,
+            jacobian_calls=self._jacobian.calls,
+            factorizations=self._linear.factorizations,
+            solves=self._linear.solves,
+            newton_failures=self.failures,
+            setup_time=setup_time,
+            wall_time=wall_time,
+        )
