@@ -25,7 +25,7 @@ _STIFF_RATIO = 300.0
 _DAMPED_RATIO = 0.5
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
 _SAFETY = 0.08
-_ASYMPTOTIC = 18.0
+_ASYMPTOTIC = 16.0
 
 
 @dataclass(frozen=True)

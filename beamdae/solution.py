@@ -44,8 +44,8 @@ class Statistics:
     residual_calls, jacobian_calls, factorizations, solves
         Calls of the compiled residual and Jacobian, LU factorizations and solutions.
     newton_failures
-        Newton iterations that did not converge (for IDA: with a Jacobian from an earlier step,
-        which it then renews, or for good).
+        Newton iterations that did not converge with the Jacobian of an earlier step, which is then
+        renewed, or for good. IDA does not tell: for it these are Jacobians renewed within a step.
     setup_time, wall_time
         Building and compiling; integration alone [s].
     """

@@ -57,9 +57,9 @@ class ModifiedNewton:
     def solve(self, x: Array, *arguments: Array) -> None:
         """Improve x in place until the step equations hold."""
         start = x.copy()
-        if self._rate <= _KEEP_RATE and self._iterate(x, arguments):
-            return
-        if np.isfinite(self._rate):
+        if self._rate <= _KEEP_RATE:
+            if self._iterate(x, arguments):
+                return
             self.failures += 1
         x[:] = start
         try:
