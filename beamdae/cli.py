@@ -21,7 +21,7 @@ from beamdae.errors import BeamdaeError, one_of
 if TYPE_CHECKING:
     from beamdae.model import Model
 
-_WIDTH = 120
+_WIDTH = 140
 
 
 class _Commands(TyperGroup):

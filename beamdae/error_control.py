@@ -59,8 +59,10 @@ def scales(
     ]
     if equations.time_scale is not None:
         candidates.append(1.0 / equations.time_scale)
-    force = np.concatenate([[1e-300], np.abs(state.lam), np.abs(starter.forces(time, state))])
-    return Scales(position, max(candidates), float(np.max(force)))
+    rate = max(candidates)
+    inertial = starter.forces(time, state, position * rate**2)
+    force = max(float(np.max(np.abs(inertial))), float(np.max(np.abs(state.lam), initial=0.0)))
+    return Scales(position, rate, force)
 
 
 @dataclass(frozen=True)

@@ -70,10 +70,9 @@ class Starter:
         function = ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros])
         return Compiled(function, e.p), factorization(pattern), pattern
 
-    def forces(self, time: Array, state: State) -> Array:
-        """F at zero acceleration: applied, elastic and quadratic velocity forces, negative."""
-        still = np.zeros(self.equations.n)
-        return self._saddle[0](time, state.q, state.v, still, _MASS)[0].copy()
+    def forces(self, time: Array, state: State, a: Array) -> Array:
+        """F at accelerations `a`, in place of those of the state."""
+        return self._saddle[0](time, state.q, state.v, a, _MASS)[0].copy()
 
     def fastest_mode(self, time: Array, state: State) -> tuple[float, float]:
         """Estimate the highest natural frequency [rad/s] and the damping ratio of its mode.
@@ -125,11 +124,17 @@ class Starter:
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
 
-    def acceleration(self, time: Array, q: Array, v: Array) -> tuple[Array, Array]:
-        """Accelerations and multipliers of a consistent (q, v)."""
+    def acceleration(
+        self, time: Array, q: Array, v: Array, stiff_time: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Accelerations and multipliers of a consistent (q, v).
+
+        With a `stiff_time` T [s], M + T^2 K stands for M: modes of frequency w respond by
+        1 / (1 + (w T)^2) of their acceleration.
+        """
         e = self.equations
         gamma = -self._constraints(time, q, v, np.zeros(e.n))[2].copy()
-        solver, force = self._factorized(time, q, v, _MASS)
+        solver, force = self._factorized(time, q, v, np.array([stiff_time**2, 0.0, 1.0]))
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 

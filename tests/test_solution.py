@@ -282,9 +282,9 @@ def test_a_failed_run_has_all_of_this_as_well(tmp_path):
 
 
 def test_a_run_that_fails_in_its_first_step_keeps_the_start():
-    equations = pendulum(9.81, 1.0).equations
-    solution = bd.simulate(equations, bd.GeneralizedAlpha(step=5.0), 10.0)
+    failing = pushed(lambda t: np.sqrt(0.001 - t))
+    solution = bd.simulate(failing, bd.GeneralizedAlpha(step=0.02), 1.0)
     assert not solution.status.success
     assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
     assert solution.table().shape[0] == 1
-    assert_allclose(solution.q[0], [np.sin(1.0), -np.cos(1.0)], rtol=1e-12)
+    assert_allclose(solution.q[0], [0.0, 0.0], rtol=0.0, atol=0.0)

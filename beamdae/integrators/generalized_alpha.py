@@ -167,8 +167,8 @@ class _Run:
         c_q = h**2 * s.beta
         coefficients = np.array([s.gamma / (h * s.beta), 1.0 / (c_q * share), c_q])
         time, x = np.array([t[0], phase]), np.zeros(newton.size)
-        q, ddq = rows.q[0], rows.a[0]
-        v, a = self._started(time, h, State(*(x[0] for x in rows)))
+        q = rows.q[0]
+        v, ddq, a = self._started(time, h, State(*(x[0] for x in rows)))
         x[n : n + m] = c_q * rows.lam[0]
         newton.restart()
         for k in range(1, len(t)):
@@ -181,7 +181,10 @@ class _Run:
             x[n + m :] = 0.0
             try:
                 newton.aim(c_q, ddq)
-                newton.solve(x, time, q_p, v_p, ddq, q, coefficients)
+                arguments = (time, q_p, v_p, ddq, q, coefficients)
+                # Under a violent load the accelerations of light, stiff coordinates are huge for
+                # an instant: then uniform motion is the better guess.
+                newton.solve(x, *arguments, second_guess=q + h * v - q_p)
                 if k % 64 == 0:
                     self._check(t[k])
             except NewtonError as problem:
@@ -199,20 +202,22 @@ class _Run:
                 return k
         return len(t) - 1
 
-    def _started(self, time: Array, h: float, state: State) -> tuple[Array, Array]:
-        """Velocities and algorithmic accelerations to start from.
+    def _started(self, time: Array, h: float, state: State) -> tuple[Array, Array, Array]:
+        """Velocities, accelerations and algorithmic accelerations to start from.
 
-        Only what the joints prescribe of the jerk enters: the rest would excite stiff modes.
+        Of the jerk only what the joints prescribe enters, and modes too stiff for the step respond
+        to a load that is there at once as they would after the step: both would ring otherwise.
         """
         s = self.settings
         if s.start == "plain":
-            return state.v, state.a
+            return state.v, state.a, state.a
         jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
-        a = state.a + (s.alpha_m - s.alpha_f) * h * jerk
+        ddq, _ = self.starter.acceleration(time, state.q, state.v, stiff_time=0.5 * h)
+        a = ddq + (s.alpha_m - s.alpha_f) * h * jerk
         if s.formulation != "index3":
-            return state.v, a
+            return state.v, ddq, a
         factor = 1.0 / 6.0 - 0.5 * (s.alpha_m - s.alpha_f) - s.beta
-        return state.v + h**2 * factor * jerk, a
+        return state.v + h**2 * factor * jerk, ddq, a
 
     def _check(self, t: float) -> None:
         if self.progress is not None:

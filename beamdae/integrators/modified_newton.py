@@ -18,6 +18,8 @@ _MAX_ITERATIONS = 12
 _ROUNDING = 1e-14
 # The factors are kept while every iteration gains this much.
 _KEEP_RATE = 0.05
+# Slower than this, and new factors are found within the iteration.
+_SLOW_RATE = 0.2
 
 
 class NewtonError(ArithmeticError):
@@ -54,27 +56,39 @@ class ModifiedNewton:
         largest = float(np.abs(acceleration * self._weights).max())
         self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
 
-    def solve(self, x: Array, *arguments: Array) -> None:
-        """Improve x in place until the step equations hold."""
+    def solve(self, x: Array, *arguments: Array, second_guess: Array) -> None:
+        """Improve x in place until the step equations hold.
+
+        From x with the factors there are, with new ones, and from the increments `second_guess`.
+
+        Raises
+        ------
+        NewtonError
+            If all of that fails.
+        """
         start = x.copy()
         if self._rate <= _KEEP_RATE:
-            if self._iterate(x, arguments):
+            if self._iterate(x, arguments, renew=False):
                 return
             self.failures += 1
-        x[:] = start
-        try:
-            self._factorize(x, arguments)
-        except SingularMatrixError as problem:
-            raise NewtonError(str(problem)) from None
-        if not self._iterate(x, arguments):
+        for guess in (start[: self._n], second_guess):
+            x[:] = start
+            x[: self._n] = guess
+            try:
+                self._factorize(x, arguments)
+                if self._iterate(x, arguments, renew=True):
+                    return
+                reason = "Newton's iteration did not converge; take a smaller step"
+            except SingularMatrixError as problem:
+                reason = str(problem)
             self.failures += 1
-            raise NewtonError("Newton's iteration did not converge; take a smaller step")
+        raise NewtonError(reason)
 
     def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
         self._linear.factorize(self._jacobian(x, *arguments)[0])
         self._rate = 0.0
 
-    def _iterate(self, x: Array, arguments: tuple[Array, ...]) -> bool:
+    def _iterate(self, x: Array, arguments: tuple[Array, ...], renew: bool) -> bool:
         previous = np.inf
         raw = self._residual(x, *arguments)[0]
         for k in range(_MAX_ITERATIONS):
@@ -84,15 +98,17 @@ class ModifiedNewton:
             x -= change
             scaled = change[: self._n] * self._weights
             size = math.sqrt(scaled @ scaled)
-            if not math.isfinite(size):
+            if k == 0 and not math.isfinite(size):
                 raise NewtonError("the residual is not finite; check laws and start values")
-            if size > 2.0 * previous:
+            if not size <= 2.0 * previous:
                 return False
             if k > 0:
                 self._rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
             rate = self._rate if k > 0 else max(self._rate, 1e-2)
             if rate < 1.0 and size * rate <= self.bound * (1.0 - rate):
                 return True
+            if renew and rate > _SLOW_RATE:
+                self._factorize(x, arguments)
             previous = size
         return False
 
