@@ -98,7 +98,7 @@ def run(
             "rho_inf": rho_inf,
             "formulation": formulation,
             "error_control": error_control,
-            "max_order": int(max_order) if max_order and max_order.isdigit() else max_order,
+            "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
         },
     )
     _require_writable(out)

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from beamdae.building import build
 from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError
+from beamdae.laws import Law
 from beamdae.statements import (
     SX,
     ConstraintKernel,
@@ -45,6 +46,11 @@ class ConstrainedSystem:
         Names of the coordinates; default q0, q1, ...
     observe
         Further columns by name: expressions in t, q and v.
+    breakpoints
+        Times [s] at which an expression jumps or kinks in t; integrators stop and restart there.
+    time_scale
+        Shortest time [s] over which an expression changes with t, if it is much shorter than the
+        run: no step is longer.
 
     Examples
     --------
@@ -66,6 +72,8 @@ class ConstrainedSystem:
     constraints: Any = None
     names: tuple[str, ...] = ()
     observe: dict[str, Any] = field(default_factory=dict)
+    breakpoints: tuple[float, ...] = ()
+    time_scale: float | None = None
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
@@ -75,6 +83,9 @@ class ConstrainedSystem:
         names = tuple(self.names) or tuple(f"q{i}" for i in range(n))
         if len(names) != n:
             raise BeamdaeError(f"ConstrainedSystem: names must have {n} entries, got {len(names)}.")
+        columns = [*names, *self.observe]
+        if len(set(columns)) < len(columns):
+            raise BeamdaeError(f"ConstrainedSystem: names must differ, got {', '.join(columns)}.")
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
         constraints = self._constraint_statements(piece)
         observables = {
@@ -87,12 +98,17 @@ class ConstrainedSystem:
             q0=q0,
             v0=v0,
             length=float(np.max(np.abs(q0))) or 1.0,
-            laws=(),
+            laws=(self._timing,),
             forces=[self._force_statement(piece)],
             constraints=constraints,
             observables=observables,
             offsets={id(self): 0},
         )
+
+    @property
+    def _timing(self) -> Law:
+        pieces = tuple(lambda t: 0.0 for _ in range(len(self.breakpoints) + 1))
+        return Law(pieces, tuple(self.breakpoints), self.time_scale)
 
     @staticmethod
     def _start(name: str, values: Any, n: int) -> np.ndarray:
@@ -105,7 +121,8 @@ class ConstrainedSystem:
 
     def _in(self, local: Local, expression: Any, name: str) -> SX:
         if isinstance(expression, (list, tuple)):
-            expression = ca.vertcat(*expression)
+            rows = [ca.horzcat(*r) if isinstance(r, (list, tuple)) else r for r in expression]
+            expression = ca.vertcat(*rows)
         try:
             function = ca.Function(name, [self.t, self.q, self.v], [expression])
         except Exception as problem:

@@ -70,7 +70,7 @@ class EquationsOfMotion:
     q_names, lam_names
         'part.coordinate' of each coordinate and constraint.
     q0, v0
-        Start as drawn; `initial.consistent_start` makes it consistent.
+        Start as drawn; `initial.Starter` makes it consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length

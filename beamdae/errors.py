@@ -17,7 +17,7 @@ class BeamdaeError(ValueError):
 
 def finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or say that it is not a finite number."""
-    if isinstance(value, bool):
+    if isinstance(value, (bool, str)):
         raise BeamdaeError(f"{part}: {name} must be a number, got {value!r}.")
     if not isinstance(value, (int, float)):
         try:
@@ -66,7 +66,7 @@ def point(part: str, name: str, value: Any) -> tuple[float, float]:
 
 def one_of(part: str, name: str, value: Any, allowed: Sequence[Any]) -> Any:
     """Return `value` if it is one of `allowed`."""
-    if value not in allowed:
+    if not any(type(value) is type(a) and value == a for a in allowed):
         names = ", ".join(repr(a) for a in allowed)
         raise BeamdaeError(
             f"{part}: {name} must be one of {names}, got {value!r}{nearest(value, allowed)}."

@@ -14,13 +14,20 @@ from beamdae.errors import BeamdaeError, point
 from beamdae.laws import Law, as_law
 from beamdae.statements import SX, ConstraintKernel, ConstraintStatement, Local, Quantity
 
-# Relative to the size of the coordinates: what rounding a drawing's numbers by hand may cost.
+# Relative to the size of the bodies: what rounding a drawing's numbers by hand may cost.
 _MEETING_TOLERANCE = 1e-6
+
+
+def _size(a: Attachment, b: Attachment) -> float:
+    """Extent of the two bodies and their points in the drawing [m]."""
+    points = np.concatenate([[a.point, b.point], a.body.outline, b.body.outline])
+    extent = float(np.max(np.ptp(points, axis=0)))
+    return extent or max(1.0, float(np.max(np.abs(points))))
 
 
 def _require_meeting(part: str, a: Attachment, b: Attachment) -> None:
     gap = float(np.hypot(*np.subtract(b.point, a.point)))
-    if gap > _MEETING_TOLERANCE * max(1.0, float(np.max(np.abs([a.point, b.point])))):
+    if gap > _MEETING_TOLERANCE * _size(a, b):
         raise BeamdaeError(
             f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
             f"are {gap:.6g} m apart."
@@ -170,7 +177,7 @@ class PointOnLine(Joint):
         if np.hypot(dx, dy) == 0.0:
             raise BeamdaeError(f"{self.name}: direction must not be zero.")
         gap = abs(float(np.dot(self._normal, np.subtract(self.b.point, self.a.point))))
-        if gap > _MEETING_TOLERANCE * max(1.0, float(np.max(np.abs([self.a.point, self.b.point])))):
+        if gap > _MEETING_TOLERANCE * _size(self.a, self.b):
             raise BeamdaeError(
                 f"{self.name}: the point must lie on the line in the reference drawing, but "
                 f"{self.b} is {gap:.6g} m off the line through {self.a}."

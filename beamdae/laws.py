@@ -36,6 +36,17 @@ class Law:
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
 
+    def __post_init__(self) -> None:
+        if len(self.pieces) != len(self.breakpoints) + 1:
+            raise BeamdaeError(
+                f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
+                f"got {len(self.breakpoints)}."
+            )
+        if any(b <= a for a, b in pairwise(self.breakpoints)):
+            raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
+        if self.time_scale is not None:
+            positive("Law", "time_scale", self.time_scale)
+
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
         with warnings.catch_warnings():
@@ -58,6 +69,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         law = value
     elif callable(value):
         law = Law((value,))
+        _require_smooth(part, law, start)
     else:
         number = finite(part, "law", value)
         law = Law((lambda t: number,))
@@ -65,14 +77,49 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     return law
 
 
+# Operations by which a formula can jump or kink where no integrator would stop.
+_ROUGH = {
+    getattr(ca, f"OP_{name}"): name.lower()
+    for name in (
+        "LT",
+        "LE",
+        "EQ",
+        "NE",
+        "IF_ELSE_ZERO",
+        "FLOOR",
+        "CEIL",
+        "FMOD",
+        "FABS",
+        "SIGN",
+        "COPYSIGN",
+        "FMIN",
+        "FMAX",
+    )
+}
+
+
+def _require_smooth(part: str, law: Law, start: float) -> None:
+    _check(part, law, start)
+    time = SX.sym("t", 2)
+    function = ca.Function("law", [time], [law(time)])
+    used = {function.instruction_id(i) for i in range(function.n_instructions())}
+    rough = [name for operation, name in _ROUGH.items() if operation in used]
+    if rough:
+        raise BeamdaeError(
+            f"{part}: the law must be smooth, but it uses {', '.join(rough)}; give its pieces to "
+            "bd.piecewise, so that no step runs over a jump or kink."
+        )
+
+
 def _check(part: str, law: Law, start: float) -> None:
     time = SX.sym("t", 2)
     try:
         value = law(time)
     except Exception as problem:
+        told = " ".join(str(problem).split("Possible prototypes")[0].split())[:120]
         raise BeamdaeError(
             f"{part}: the law must be a formula in t with numpy functions such as np.sin, "
-            f"it failed: {' '.join(str(problem).split())[:160]}."
+            f"it failed: {told}."
         ) from problem
     if value.shape != (1, 1) or not set(map(str, ca.symvar(value))) <= set(
         map(str, ca.symvar(time))
@@ -80,7 +127,10 @@ def _check(part: str, law: Law, start: float) -> None:
         raise BeamdaeError(f"{part}: the law must return one number, got {value!s:.80}.")
     first = float(ca.Function("law", [time], [value])([start, start]))
     if not np.isfinite(first):
-        raise BeamdaeError(f"{part}: the law must be finite, at t = {start:g} it is {first}.")
+        raise BeamdaeError(
+            f"{part}: the law must be finite, at t = {start:g} it is {first}; formulas take numpy "
+            "functions such as np.exp, not those of math."
+        )
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:

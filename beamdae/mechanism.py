@@ -47,7 +47,8 @@ class Mechanism:
             If the name is taken or an attachment's body has not been added.
         """
         name = getattr(part, "name", None)
-        if name is None or isinstance(part, Ground):
+        states = ("coordinate_names", "force_statements", "constraint_statement")
+        if name is None or isinstance(part, Ground) or not any(hasattr(part, s) for s in states):
             raise BeamdaeError(f"Mechanism: only parts can be added, got {part!r}.")
         if name in self.parts or name == self.ground.name:
             raise BeamdaeError(f"Mechanism: the name {name!r} is taken, every part needs its own.")
@@ -72,7 +73,7 @@ class Mechanism:
             )
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
-        if quantity.joint is not None and quantity.joint not in self.parts:
+        if quantity.joint is not None and not isinstance(self.parts.get(quantity.joint), Joint):
             raise BeamdaeError(f"{name}: the joint {quantity.joint!r} must be added first.")
         self.observables[name] = quantity
 

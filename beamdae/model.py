@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 from collections.abc import Callable
@@ -65,11 +66,13 @@ class Model:
 
     def _typed(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
+        if hasattr(value, "item") and getattr(value, "ndim", None) == 0:
+            value = value.item()
         if isinstance(value, str) and kind is not str:
             value = self._parsed(name, value, kind)
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
-        if kind is int and isinstance(value, float) and value == int(value):
+        if kind is int and isinstance(value, float) and value.is_integer():
             value = int(value)
         if kind is not type(None) and not isinstance(value, kind):
             raise BeamdaeError(
@@ -84,9 +87,11 @@ class Model:
             if text.lower() in ("true", "false"):
                 return text.lower() == "true"
             raise BeamdaeError(f"{self.name}: {name} must be true or false, got {text!r}.")
+        if kind is type(None):
+            return text
         try:
-            return kind(text)
-        except (TypeError, ValueError):
+            return ast.literal_eval(text) if kind in (tuple, list, dict) else kind(text)
+        except (TypeError, ValueError, SyntaxError):
             raise BeamdaeError(
                 f"{self.name}: {name} must be of type {kind.__name__}, got {text!r}."
             ) from None

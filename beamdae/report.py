@@ -127,9 +127,9 @@ def comparison_table(table: pd.DataFrame, uncertainty: float = math.nan) -> Tabl
 def comparison_caption(uncertainty: float) -> str:
     """What the errors of a comparison mean, and how well the reference is known."""
     return (
-        "error: largest difference to the reference over the run, relative to the amplitude of "
-        f"each position and angle; reference uncertainty {number(uncertainty)}, errors below it "
-        "are shown as <."
+        "error: largest difference to the reference over the run, relative to half the range of "
+        f"each position, angle and deformation; reference uncertainty {number(uncertainty)}, "
+        "errors below it are shown as <."
     )
 
 

@@ -16,6 +16,8 @@ from beamdae.mechanism import Mechanism
 from beamdae.model import Model
 from beamdae.solution import Solution
 
+_MOST_ROWS = 1e7
+
 
 def simulate(
     model: Model | Mechanism | ConstrainedSystem | EquationsOfMotion,
@@ -58,10 +60,20 @@ def simulate(
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
     t_end = positive("simulate", "t_end", t_end)
     step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
+    if t_end / step > _MOST_ROWS:
+        raise BeamdaeError(
+            f"simulate: output_step {step:g} s gives more than {_MOST_ROWS:.0e} rows "
+            f"in {t_end:g} s."
+        )
     rows = max(int(np.ceil(t_end / step - 1e-9)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
-    solution = (integrator or Ida()).integrate(as_equations(model), times, progress=progress)
+    method = Ida() if integrator is None else integrator
+    if isinstance(method, type) or not hasattr(method, "integrate"):
+        raise BeamdaeError(
+            f"simulate: integrator must be Ida(...) or GeneralizedAlpha(...), got {method!r}."
+        )
+    solution = method.integrate(as_equations(model), times, progress=progress)
     return replace(solution, model={**information, "t_end": t_end})
 
 

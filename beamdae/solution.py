@@ -165,11 +165,16 @@ class Solution:
         function = ca.Function(
             "diagnosis", list(symbols), [ca.densify(ca.vertcat(energies[:3], power, norms))]
         )
-        rows, works, start = [], [], np.zeros(3)
+        rows: list[Array] = []
+        works: list[Array] = []
+        start = np.zeros(3)
         for segment in self.trajectory.segments:
             values = evaluate_rows(
                 function, segment.times, *segment.state[:3], e.p, segment.state.lam
             )
+            if rows:
+                # A law whose rate jumps at a breakpoint changes the velocities at once.
+                start = start + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])
             work = start + accumulate(segment.t, values[:, 3:6])
             start = work[-1]
             rows.append(values)
@@ -245,6 +250,8 @@ class Solution:
             If the folder cannot be written.
         """
         path = Path(path)
+        if path.suffix == ".json":
+            raise BeamdaeError(f"{path}: the table is CSV, .json is for what is written beside it.")
         sidecar = {
             "model": self.model,
             "integrator": self.integrator,

@@ -277,12 +277,17 @@ def _measured(
     solution: Solution | None, deviant: pd.DataFrame | None, reference: Reference | None
 ) -> dict[str, Any]:
     summary = {} if solution is None else solution.summary()
-    error = np.nan if deviant is None else float(deviant.to_numpy().max())
+    finished = solution is not None and solution.status.success
+    moved = solution is not None and solution.statistics.steps > 0
+    error = float(deviant.to_numpy().max()) if moved and deviant is not None else np.nan
     row = {"reached [s]": summary.get("last_time", np.nan)}
     row |= {column: summary.get(name) for column, name in _COUNTS.items()}
     row |= {column: summary.get(name, np.nan) for column, name in _MEASURES.items()}
     if reference is not None:
-        row |= {"error [-]": error, "below uncertainty": bool(error <= reference.uncertainty)}
+        row |= {
+            "error [-]": error,
+            "below uncertainty": bool(finished and error <= reference.uncertainty),
+        }
     return row
 
 
@@ -314,13 +319,13 @@ def compared_columns(reference: Solution, columns: Sequence[str] = ()) -> list[s
 
 
 def deviation(solution: Solution, reference: Solution, columns: Sequence[str] = ()) -> pd.DataFrame:
-    """|x - x_ref| / (max x_ref - min x_ref) of the compared columns, by time.
+    """|x - x_ref| over half the range of x_ref, of the compared columns, by time.
 
     At the output times of `solution` that both have reached; the amplitude is that of the whole
     reference.
     """
     names = compared_columns(reference, columns)
-    amplitude = np.ptp(reference.observed[names].to_numpy(), axis=0)
+    amplitude = 0.5 * np.ptp(reference.observed[names].to_numpy(), axis=0)
     t = solution.t[solution.t <= reference.trajectory.end * (1.0 + 1e-12)]
     known = reference if np.array_equal(t, reference.t) else replace(reference, t=t)
     missing = [name for name in names if name not in solution.observed]

@@ -114,7 +114,7 @@ def test_error_is_the_largest_deviation_relative_to_the_amplitude(fine):
     columns = ["end.x [m]", "end.y [m]", "end.angle [rad]", "pin.angle [rad]"]
     known = fine.observed[columns].to_numpy()
     wrong = np.abs(coarse.observed[columns].to_numpy() - known).max(axis=0)
-    expected = np.max(wrong / (known.max(axis=0) - known.min(axis=0)))
+    expected = np.max(2.0 * wrong / (known.max(axis=0) - known.min(axis=0)))
     (error,) = bd.compare([bd.Case(swing, {}, bd.GeneralizedAlpha(step=0.02))], fine)["error [-]"]
     assert error == pytest.approx(expected, rel=1e-12)
     assert error > 1e-5

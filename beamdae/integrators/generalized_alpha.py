@@ -21,6 +21,8 @@ from beamdae.trajectory import Segment
 Array = np.ndarray
 Progress = Callable[[float], None]
 
+_MOST_STEPS = 1e9
+
 
 @dataclass(frozen=True)
 class GeneralizedAlpha:
@@ -145,14 +147,18 @@ class _Run:
     def __call__(
         self, start: float, end: float, phase: float, state: State
     ) -> tuple[Segment, Status]:
-        steps = max(int(np.ceil((end - start) / self.settings.step - 1e-6)), 1)
-        t = np.linspace(start, end, steps + 1)
+        wanted = np.ceil((end - start) / self.settings.step - 1e-6)
+        steps = int(max(min(wanted, _MOST_STEPS), 1))
         try:
+            if wanted > _MOST_STEPS:
+                raise MemoryError
+            t = np.linspace(start, end, steps + 1)
             rows = State(*(np.empty((steps + 1, len(x))) for x in state))
         except MemoryError:
-            reason = f"{steps} steps from t = {start:g} s need more memory than there is"
+            reason = f"{wanted:.3g} steps from t = {start:g} s need more memory than there is"
             rows = State(*(x[None] for x in state))
-            return Segment(t[:1], rows, phase), Status(False, f"{reason}; take a larger step")
+            at_start = Segment(np.array([start]), rows, phase)
+            return at_start, Status(False, f"{reason}; take a larger step")
         for row, x in zip(rows, state, strict=True):
             row[0] = x
         taken = self._march(t, phase, rows)

@@ -16,6 +16,10 @@ from beamdae.trajectory import Segment, Trajectory
 
 Array = np.ndarray
 Interval = tuple[float, float]
+
+# Restarts correct the drift of a run; more than this, relative to the scale of a coordinate, is a
+# law that jumps.
+_JUMP = 1e-3
 Run = Callable[[float, float, float, State], tuple[Segment, Status]]
 
 
@@ -40,10 +44,16 @@ class Plan:
             phase = _phase((start, end))
             if done:
                 try:
-                    state = self.starter.state(np.array([start, phase]), state.q, state.v)
+                    restarted = self.starter.state(np.array([start, phase]), state.q, state.v)
                 except BeamdaeError as problem:
                     status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
                     break
+                moved = np.abs(restarted.q - state.q) / self.starter.equations.position_scales
+                if np.max(moved) > _JUMP:
+                    reason = f"a law makes positions jump at t = {start:g} s"
+                    status = Status(False, f"stopped at t = {start:g} s: {reason}")
+                    break
+                state = restarted
             segment, status = run(start, end, phase, state)
             done.append(segment)
             state = State(*(x[-1] for x in segment.state))

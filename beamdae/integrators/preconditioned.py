@@ -71,9 +71,6 @@ class PreconditionedResidual:
 
     def statistics(self, setup_time: float, wall_time: float) -> Statistics:
         """What it cost."""
-        """New factors for IDA, and the identity for its own solver."""
-        """Residual for IDA, multiplied by the factors there are."""
-        """Start a smooth interval without factors."""
         times = np.array(self.times)
         change = np.flatnonzero(np.diff(times, prepend=-np.inf) != 0.0)
         attempts = len(change)

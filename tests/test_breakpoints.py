@@ -1,0 +1,90 @@
+"""What happens where laws change, and what happens to the books there."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+INTEGRATORS = [bd.Ida(1e-7), bd.GeneralizedAlpha(1e-3)]
+every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=["ida", "alpha"])
+
+
+def turned(law):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.1, center=(0.5, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=law))
+    return mech
+
+
+@every_integrator
+def test_a_driver_whose_angle_jumps_ends_the_run(integrator):
+    solution = bd.simulate(turned(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
+    assert not solution.status.success
+    assert "positions jump at t = 0.3 s" in solution.status.message
+    assert_allclose(solution.t[-1], 0.3, rtol=1e-12)
+
+
+@every_integrator
+def test_a_driver_whose_speed_jumps_is_booked_as_work(integrator):
+    law = bd.piecewise((0.3, 0.0), lambda t: 2.0 * (t - 0.3))
+    solution = bd.simulate(turned(law), integrator, t_end=1.0, output_step=0.1)
+    assert solution.status.success
+    # Inertia about the hinge 0.6 kg m^2 at 2 rad/s, and the weight lifted to sin(1.4 rad) / 2.
+    expected = 0.5 * 0.6 * 2.0**2 + 2.0 * 9.81 * 0.5 * np.sin(1.4)
+    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=1e-5)
+    assert solution.quality.energy_imbalance < 1e-5
+
+
+def test_a_late_pulse_is_not_stepped_over():
+    """The default largest step, a twentieth of the run, sees a pulse as long as that."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    pulse = ca.exp(-(((t - 8.0) / 0.5) ** 2))
+    mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=pulse, q0=[0.0], v0=[0.0])
+    solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)
+    assert_allclose(solution.v[-1], 0.5 * np.sqrt(np.pi), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
+)
+def test_a_constrained_system_knows_its_timing(timing):
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    push = ca.if_else(ca.logic_and(t > 7.98, t < 8.02), 100.0, 0.0)
+    mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=push, q0=[0.0], v0=[0.0], **timing)
+    solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)
+    assert_allclose(solution.v[-1], 4.0, rtol=1e-3)
+
+
+def test_a_strongly_damped_beam_dissipates_what_it_had():
+    """The sign of the dissipation: strain energy of a release goes there, none is left."""
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.01, damping=0.02)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (0.0, bd.piecewise((1.0, 50.0), 0.0))))
+    solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
+    ledger = solution.ledger.iloc[-1]
+    work = ledger["energy.work_of_loads [J]"]
+    # Quasi-static F^2 L^3 / (3 EI) of the push, all of it dissipated in the end.
+    assert_allclose(work, 50.0**2 * 0.5**3 / (3.0 * 70e9 * 0.03 * 0.01**3 / 12.0), rtol=0.02)
+    assert_allclose(ledger["energy.dissipated [J]"], work, rtol=1e-3)
+    assert solution.quality.energy_imbalance < 1e-3
+
+
+def test_positive_bending_moment_lengthens_the_left_side():
+    """A counter-clockwise tip moment shortens the left side: M = -moment, strain there < 0."""
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.01, damping=0.02)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Moment("twist", beam.end, 0.1))
+    mech.observe("middle", beam.section_forces(0.25))
+    mech.observe("left", beam.strain(0.25, offset=0.005))
+    observed = bd.simulate(mech, bd.Ida(1e-6), t_end=3.0).observed.iloc[-1]
+    assert_allclose(observed["middle.M [N m]"], -0.1, rtol=1e-4)
+    assert_allclose(observed["left [-]"], -0.1 * 0.005 / strip.EI, rtol=1e-3)
