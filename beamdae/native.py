@@ -1,10 +1,10 @@
 """Machine code for kernels: compiled once where there is a C compiler, cached for later runs.
 
 The code performs the same operations in the same order as CasADi's virtual machine, without
-contraction, so results are the same to the last bit; the kernels alone are
-about six times as fast. Kernels depend
-on the element type alone, so a handful of files serve all models. Without a compiler, a writable
-cache, or with BEAMDAE_NATIVE=off in the environment, the virtual machine is used.
+contraction, so results are the same to the last bit; the kernels alone are about six times as
+fast. They depend on the element type alone, so a handful of files serve all models. Without a
+compiler or a writable cache, or with BEAMDAE_NATIVE=off in the environment, the virtual machine is
+used.
 """
 
 from __future__ import annotations

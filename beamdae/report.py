@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -222,7 +223,7 @@ def picture_of_comparison(
     error.set_yscale("log")
     if uncertainty > 0.0:
         error.axhline(uncertainty, color="0.4", lw=1.0, ls=":", label="reference uncertainty")
-        _legend(error, 1)
+        error.legend(loc="lower right", frameon=False, fontsize=8)
     _dress(error, "", "error / amplitude [-]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
@@ -309,10 +310,23 @@ def _legend(axis: Axes, columns: int) -> None:
     )
 
 
+def _as_written(figure: Figure) -> None:
+    """Names are no formulas: a dollar sign in them is one."""
+    legends = [axis.get_legend() for axis in figure.axes] + figure.legends
+    texts = [text for legend in legends if legend is not None for text in legend.get_texts()]
+    texts += [text for axis in figure.axes for text in (axis.title, axis.yaxis.label)]
+    for text in texts:
+        text.set_parse_math(False)
+
+
 def _saved(figure: Figure, path: Path) -> Path:
+    _as_written(figure)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150)
+        with warnings.catch_warnings():
+            # A name in a script the font lacks is drawn as boxes; the tables have it right.
+            warnings.filterwarnings("ignore", message="Glyph .* missing from")
+            figure.savefig(path, dpi=150)
     except OSError as problem:
         raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
     return path

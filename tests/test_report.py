@@ -135,3 +135,15 @@ def test_picture_that_cannot_be_written(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(bd.BeamdaeError, match=r"run\.png: it cannot be written"):
         report.picture_of_run(tmp_path / "file" / "run.png", FRAME, "title")
+
+
+def test_names_are_drawn_as_written(tmp_path):
+    odd = pd.DataFrame(
+        {
+            "t [s]": [0.0, 1.0],
+            r"price $\frac$.x [m]": [0.0, 1.0],
+            r"price $\frac$.y [m]": [0.0, 2.0],
+            "梁.x [m]": [0.0, 1.0],
+        }
+    )
+    assert report.picture_of_run(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
