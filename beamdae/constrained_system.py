@@ -78,6 +78,7 @@ class ConstrainedSystem:
     @cached_property
     def equations(self) -> EquationsOfMotion:
         """Equations of motion, the same type a mechanism gives."""
+        self._check_symbols()
         n = self.q.numel()
         q0, v0 = self._start("q0", self.q0, n), self._start("v0", self.v0, n)
         names = tuple(self.names) or tuple(f"q{i}" for i in range(n))
@@ -104,6 +105,23 @@ class ConstrainedSystem:
             observables=observables,
             offsets={id(self): 0},
         )
+
+    def _check_symbols(self) -> None:
+        for name in ("t", "q", "v"):
+            symbol = getattr(self, name)
+            if not isinstance(symbol, (ca.SX, ca.MX)) or not symbol.is_column():
+                raise BeamdaeError(
+                    f"ConstrainedSystem: {name} must be a CasADi symbol, a column, got {symbol!r}."
+                )
+        if self.t.numel() != 1 or self.q.numel() != self.v.numel():
+            raise BeamdaeError(
+                "ConstrainedSystem: t must be a scalar and q and v of one size, got sizes "
+                f"{self.t.numel()}, {self.q.numel()} and {self.v.numel()}."
+            )
+        if not isinstance(self.observe, dict):
+            raise BeamdaeError(
+                f"ConstrainedSystem: observe must give expressions by name, got {self.observe!r}."
+            )
 
     @property
     def _timing(self) -> Law:

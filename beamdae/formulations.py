@@ -136,19 +136,8 @@ def first_order(equations: EquationsOfMotion, form: str) -> FirstOrder:
         for block in equations.constraint_blocks(time, q, v, p, mu)[2]:
             total.add(block, 0, 0)
     for k, level in enumerate(levels):
-        row = 2 * n + k * m
-        if level == 2:
-            g_ddot_q, g_ddot_v = equations.acceleration_blocks(time, q, v, a, p)
-            for by_q, by_v, by_a in zip(g_ddot_q, g_ddot_v, jacobian, strict=True):
-                total.add(by_q, row, 0)
-                total.add(by_v, row, n)
-                total.add(by_a.scaled(c), row, n)
-        for by_q, by_v in zip(g_dot_q, jacobian, strict=True):
-            if level == 0:
-                total.add(by_v, row, 0)
-            elif level == 1:
-                total.add(by_q, row, 0)
-                total.add(by_v, row, n)
+        motion = (time, q, v, a, p)
+        _add_level(total, level, 2 * n + k * m, equations, motion, jacobian, g_dot_q, c)
     pattern, nonzeros = total.assemble()
     return FirstOrder(
         equations,
@@ -157,6 +146,33 @@ def first_order(equations: EquationsOfMotion, form: str) -> FirstOrder:
         ca.Function("jacobian", [time, y, yp, p, c], [nonzeros]),
         pattern,
     )
+
+
+def _add_level(
+    total: SparseSum,
+    level: int,
+    row: int,
+    equations: EquationsOfMotion,
+    motion: tuple[MX, ...],
+    jacobian: list[Block],
+    g_dot_q: list[Block],
+    c: MX,
+) -> None:
+    """Add the rows of g (level 0), g_dot (1) or g_ddot (2) of a first-order Jacobian."""
+    n = equations.n
+    if level == 0:
+        for block in jacobian:
+            total.add(block, row, 0)
+    elif level == 1:
+        for by_q, by_v in zip(g_dot_q, jacobian, strict=True):
+            total.add(by_q, row, 0)
+            total.add(by_v, row, n)
+    else:
+        g_ddot_q, g_ddot_v = equations.acceleration_blocks(*motion)
+        for by_q, by_v, by_a in zip(g_ddot_q, g_ddot_v, jacobian, strict=True):
+            total.add(by_q, row, 0)
+            total.add(by_v, row, n)
+            total.add(by_a.scaled(c), row, n)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,8 @@ _RIGID_TIME = 1.0
 _MASS = np.array([0.0, 0.0, 1.0])
 _CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
 _POWER_ITERATIONS = 12
+# A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
+_VANISHING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,13 @@ class Starter:
             return
         matrix = self.constraint_matrix(time, q) * e.position_scales
         size = np.linalg.norm(matrix, axis=1, keepdims=True)
-        matrix = matrix / np.where(size > 0.0, size, 1.0)
+        if np.any(size <= _VANISHING):
+            name = e.lam_names[int(np.argmin(size))]
+            raise BeamdaeError(
+                f"{name}: this constraint holds nothing at t = {time[0]:g}, its gradient is zero; "
+                "it cannot be met from the start given, or is none."
+            )
+        matrix = matrix / size
         left, singular, _ = la.svd(matrix, full_matrices=False)
         rank = int(np.sum(singular > 1e-10))
         if rank == e.m:

@@ -188,3 +188,27 @@ def test_a_force_that_is_not_finite_at_the_start_is_an_error():
     broken = system(force=lambda t, q, v: ca.vertcat(0.0, ca.sqrt(q[1] - 1.0)))
     with pytest.raises(bd.BeamdaeError, match=r"q1.*not finite.*t = 0"):
         bd.simulate(broken, bd.Ida(), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"q": [1, 2]}, "q must be a CasADi symbol"),
+        ({"v": ca.SX.sym("v", 3)}, "q and v of one size, got sizes 1, 2 and 3"),
+        ({"observe": ["x"]}, "observe must give expressions by name"),
+        ({"names": ("a", "a")}, "names must differ, got a, a"),
+    ],
+)
+def test_refuses_what_is_no_system(change, message):
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    given = {"t": t, "q": q, "v": v, "mass": [1, 1], "force": [0, 0], "q0": [1, 0], "v0": [0, 0]}
+    with pytest.raises(bd.BeamdaeError, match=message):
+        _ = bd.ConstrainedSystem(**(given | change)).equations
+
+
+def test_a_constraint_that_cannot_be_met_is_not_called_dependent():
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    circle = {"constraints": ca.dot(q, q) + 1.0, "q0": [1, 0], "v0": [0, 0]}
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1, 1], force=[0, 0], **circle)
+    with pytest.raises(bd.BeamdaeError, match=r"g0: (this constraint holds|the joints cannot)"):
+        bd.simulate(system, t_end=1.0)

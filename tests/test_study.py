@@ -189,7 +189,7 @@ def test_reference_that_fails_raises():
 
 
 def test_study_of_nothing_and_wrong_reference():
-    with pytest.raises(bd.BeamdaeError, match="at least one case"):
+    with pytest.raises(bd.BeamdaeError, match="at least one Case"):
         bd.compare([])
     with pytest.raises(bd.BeamdaeError, match="reference must be a Case or a Solution, got 'fine'"):
         bd.compare([bd.Case(swing, {}, ALPHA)], "fine")
