@@ -14,6 +14,7 @@ import argparse
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -128,12 +129,10 @@ def building() -> pd.DataFrame:
 def shell() -> pd.DataFrame:
     """From shell to table."""
     command = [sys.executable, "-m", "beamdae", "run", str(MODELS / "hub_beam.py"), "--out"]
-    wall = median_time(
-        lambda: subprocess.run(
-            [*command, "/tmp/beamdae-benchmark"], check=True, capture_output=True
-        ),
-        3,
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        wall = median_time(
+            lambda: subprocess.run([*command, folder], check=True, capture_output=True), 3
+        )
     return pd.DataFrame(
         [
             {
