@@ -61,8 +61,21 @@ def main() -> None:
     app(prog_name="beamdae")
 
 
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"beamdae {version('beamdae')}")
+        raise typer.Exit
+
+
 @app.callback()
-def beamdae() -> None:
+def beamdae(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say the version."),
+    ] = False,
+) -> None:
     """Simulate curved beams in flexible multibody systems."""
 
 

@@ -330,3 +330,8 @@ def test_public_names_are_where_they_are_said_to_be():
     subprocess.run([sys.executable, "-c", code], check=True)
     with pytest.raises(AttributeError, match="no attribute 'Beem'"):
         _ = bd.Beem
+
+
+def test_version_is_that_of_the_package():
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")
