@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from beamdae.bodies import Attachment, require_name, rotate
 from beamdae.elements import FRAME, NODE, ElementType, beam_kernel, shape_functions, strains
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
-from beamdae.geometry import PlaneCurve
+from beamdae.geometry import PlaneCurve, turned
 from beamdae.mesh import Mesh, MeshError
 from beamdae.sections import Section
 from beamdae.statements import SX, ForceStatement, Local, Piece, Quantity
@@ -165,7 +165,7 @@ class Beam:
         angle = float(self.mesh.axis(np.array([element]), np.array([xi]))[1][0])
         reference = self.mesh.frame_angle
         drawn = self.curve.point(s)
-        place = _turned(-reference, drawn - self.mesh.origin)
+        place = turned(drawn - self.mesh.origin, -reference)
         weights = [float(row[i]) for i in nodes]
 
         def kinematics(q: SX) -> tuple[SX, SX]:
@@ -269,8 +269,3 @@ class Beam:
 
         piece = self._element_piece(element)
         return Quantity(columns, (piece,), expression, self.section_values)
-
-
-def _turned(angle: float, vector: Array) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from beamdae.equations import ConstraintTerm, EquationsOfMotion, ForceTerm, Observable
 from beamdae.errors import BeamdaeError
-from beamdae.laws import Law
 from beamdae.mechanism import Mechanism
 from beamdae.statements import SX, ConstraintStatement, ForceStatement, Local, Piece, Quantity
 
@@ -31,12 +30,14 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         for statement in part.force_statements(mechanism.gravity)
     ]
     constraints = [joint.constraint_statement() for joint in mechanism.joints]
+    time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     return build(
         q_names=tuple(f"{b.name}.{c}" for b in bodies for c in b.coordinate_names),
         q0=np.concatenate([b.initial_position for b in bodies]),
         v0=np.concatenate([b.initial_velocity for b in bodies]),
         length=_size(mechanism),
-        laws=tuple(mechanism.laws),
+        breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
+        time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
         observables=mechanism.observables,
@@ -59,7 +60,8 @@ def build(
     q0: Array,
     v0: Array,
     length: float,
-    laws: tuple[Law, ...],
+    breakpoints: tuple[float, ...],
+    time_scale: float | None,
     forces: list[ForceStatement],
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
@@ -109,7 +111,8 @@ def build(
         v0=v0,
         p=np.concatenate(data) if data else np.zeros(0),
         length=length,
-        laws=laws,
+        breakpoints=breakpoints,
+        time_scale=time_scale,
         observables=tuple(resolved),
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),

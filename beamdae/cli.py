@@ -56,8 +56,6 @@ OutputStep = Annotated[
 
 def main() -> None:
     """Run the command line."""
-    # The matrices are small: threads of OpenBLAS only wait for each other (50 times slower).
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app(prog_name="beamdae")
 
 
@@ -220,7 +218,7 @@ def list_models(
             continue
         for name, model in models.items():
             values = ", ".join(f"{k}={v}" for k, v in model.parameters.items())
-            rows.append((name, f"{model.t_end:g}", model_file.summary(model), values))
+            rows.append((name, f"{model.t_end:g}", model.summary, values))
     if not rows:
         raise BeamdaeError(f"{path}: it holds no model.")
     _console().print(report.listing(("model", "t_end [s]", "about", "parameters"), rows))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -12,8 +13,7 @@ import scipy.sparse as sp
 
 from beamdae.building import build
 from beamdae.equations import EquationsOfMotion
-from beamdae.errors import BeamdaeError
-from beamdae.laws import Law
+from beamdae.errors import BeamdaeError, finite, positive
 from beamdae.statements import (
     SX,
     ConstraintKernel,
@@ -99,7 +99,8 @@ class ConstrainedSystem:
             q0=q0,
             v0=v0,
             length=float(np.max(np.abs(q0))) or 1.0,
-            laws=(self._timing,),
+            breakpoints=self._checked_breakpoints(),
+            time_scale=self.time_scale,
             forces=[self._force_statement(piece)],
             constraints=constraints,
             observables=observables,
@@ -118,15 +119,18 @@ class ConstrainedSystem:
                 "ConstrainedSystem: t must be a scalar and q and v of one size, got sizes "
                 f"{self.t.numel()}, {self.q.numel()} and {self.v.numel()}."
             )
+        if self.time_scale is not None:
+            positive("ConstrainedSystem", "time_scale", self.time_scale)
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
                 f"ConstrainedSystem: observe must give expressions by name, got {self.observe!r}."
             )
 
-    @property
-    def _timing(self) -> Law:
-        pieces = tuple(lambda t: 0.0 for _ in range(len(self.breakpoints) + 1))
-        return Law(pieces, tuple(self.breakpoints), self.time_scale)
+    def _checked_breakpoints(self) -> tuple[float, ...]:
+        times = tuple(finite("ConstrainedSystem", "breakpoints", b) for b in self.breakpoints)
+        if any(b <= a for a, b in pairwise(times)):
+            raise BeamdaeError(f"ConstrainedSystem: breakpoints must ascend, got {times}.")
+        return times
 
     @staticmethod
     def _start(name: str, values: Any, n: int) -> np.ndarray:

@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.assembly import Block, gather, scatter
-from beamdae.laws import Law
 from beamdae.statements import ConstraintKernel, ForceKernel
 
 Array = np.ndarray
@@ -75,8 +74,10 @@ class EquationsOfMotion:
         Numbers of the model: quadrature data, section, mass and load values.
     length
         Characteristic length of the mechanism [m], the scale of positions.
-    laws
-        Laws of time of drivers and loads.
+    breakpoints
+        Ascending times [s] at which a law changes its formula; integrators stop and restart there.
+    time_scale
+        Shortest time [s] over which a law changes, or None.
     """
 
     q_names: tuple[str, ...]
@@ -85,7 +86,8 @@ class EquationsOfMotion:
     v0: Array
     p: Array
     length: float
-    laws: tuple[Law, ...]
+    breakpoints: tuple[float, ...]
+    time_scale: float | None
     observables: tuple[Observable, ...]
     forces: tuple[ForceTerm, ...] = field(repr=False)
     joints: tuple[ConstraintTerm, ...] = field(repr=False)
@@ -99,17 +101,6 @@ class EquationsOfMotion:
     def m(self) -> int:
         """Number of constraints."""
         return len(self.lam_names)
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Ascending times at which a law changes its formula."""
-        return tuple(sorted({b for law in self.laws for b in law.breakpoints}))
-
-    @property
-    def time_scale(self) -> float | None:
-        """Shortest time over which a law changes, or None."""
-        scales = [law.time_scale for law in self.laws if law.time_scale is not None]
-        return min(scales) if scales else None
 
     @cached_property
     def position_scales(self) -> Array:

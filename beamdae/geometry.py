@@ -15,6 +15,13 @@ from beamdae.errors import BeamdaeError, finite, point, positive
 Array = np.ndarray
 
 
+def turned(points: Array, angle: Any) -> Array:
+    """Points or vectors (..., 2) turned counter-clockwise by `angle` [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+
 class PlaneCurve(Protocol):
     """What a beam asks of its reference curve; every method takes arc lengths of any shape."""
 
@@ -210,9 +217,8 @@ class Parabola(_SplineCurve):
     def _spline(self) -> Any:
         x = np.linspace(0.0, self.span, 3)
         y = 4.0 * self.rise * x * (self.span - x) / self.span**2
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        points = np.stack([c * x - s * y, s * x + c * y], axis=-1) + np.asarray(self.start, float)
-        return make_interp_spline(x, points, k=2)
+        points = turned(np.stack([x, y], axis=-1), self.angle)
+        return make_interp_spline(x, points + np.asarray(self.start, float), k=2)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,8 @@ _RIGID_TIME = 1.0
 _MASS = np.array([0.0, 0.0, 1.0])
 _CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
 _POWER_ITERATIONS = 12
+# Numbers of a law that are rounded by hand do not meet exactly; this much [m or rad] is no jump.
+_JUMP = 1e-3
 # A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
 _VANISHING = 1e-13
 
@@ -125,6 +127,19 @@ class Starter:
         self._check_rank(time, q)
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
+
+    def require_continuous(self, phase_before: float, time: Array, q: Array) -> None:
+        """Refuse a law that makes positions jump at time = (t, phase) after `phase_before`."""
+        e = self.equations
+        still = np.zeros(e.n)
+        before = self._constraints(np.array([time[0], phase_before]), q, still, still)[0].copy()
+        jump = np.abs(self._constraints(time, q, still, still)[0] - before)
+        if e.m > 0 and np.max(jump) > _JUMP * min(1.0, e.length):
+            name = e.lam_names[int(np.argmax(jump))]
+            raise BeamdaeError(
+                f"{name}: a law makes positions jump at t = {time[0]:g} s by {np.max(jump):.3g}, "
+                "it must go on from where it was."
+            )
 
     def acceleration(
         self, time: Array, q: Array, v: Array, stiff_time: float = 0.0

@@ -37,6 +37,8 @@ class Law:
     time_scale: float | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.pieces, tuple) or not all(callable(p) for p in self.pieces):
+            raise BeamdaeError(f"Law: pieces must be a tuple of functions, got {self.pieces!r}.")
         if len(self.pieces) != len(self.breakpoints) + 1:
             raise BeamdaeError(
                 f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
@@ -69,11 +71,12 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         law = value
     elif callable(value):
         law = Law((value,))
-        _require_smooth(part, law, start)
     else:
         number = finite(part, "law", value)
         law = Law((lambda t: number,))
-    _check(part, law, start)
+    function = _checked(part, law, start)
+    if callable(value) and law is not value:
+        _require_smooth(part, function)
     return law
 
 
@@ -98,10 +101,7 @@ _ROUGH = {
 }
 
 
-def _require_smooth(part: str, law: Law, start: float) -> None:
-    _check(part, law, start)
-    time = SX.sym("t", 2)
-    function = ca.Function("law", [time], [law(time)])
+def _require_smooth(part: str, function: ca.Function) -> None:
     used = {function.instruction_id(i) for i in range(function.n_instructions())}
     rough = [name for operation, name in _ROUGH.items() if operation in used]
     if rough:
@@ -111,7 +111,8 @@ def _require_smooth(part: str, law: Law, start: float) -> None:
         )
 
 
-def _check(part: str, law: Law, start: float) -> None:
+def _checked(part: str, law: Law, start: float) -> ca.Function:
+    """The law as a function of (t, phase)."""
     time = SX.sym("t", 2)
     try:
         value = law(time)
@@ -125,12 +126,14 @@ def _check(part: str, law: Law, start: float) -> None:
         map(str, ca.symvar(time))
     ):
         raise BeamdaeError(f"{part}: the law must return one number, got {value!s:.80}.")
-    first = float(ca.Function("law", [time], [value])([start, start]))
+    function = ca.Function("law", [time], [value])
+    first = float(function([start, start]))
     if not np.isfinite(first):
         raise BeamdaeError(
             f"{part}: the law must be finite, at t = {start:g} it is {first}; formulas take numpy "
             "functions such as np.exp, not those of math."
         )
+    return function
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:

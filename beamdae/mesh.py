@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.elements import FRAME, NODE, ElementType, shape_functions
-from beamdae.geometry import PlaneCurve
+from beamdae.geometry import PlaneCurve, turned
 
 Array = np.ndarray
 
@@ -84,9 +84,8 @@ class Mesh:
     @cached_property
     def node_points(self) -> Array:
         """Nodes of each element in the floating frame, shape (elements, nodes, 2)."""
-        c, s = np.cos(self.frame_angle), np.sin(self.frame_angle)
         there = self.curve.point(self.node_arc_lengths) - self.origin
-        points = (there @ np.array([[c, -s], [s, c]]))[self._element_nodes()]
+        points = turned(there, -self.frame_angle)[self._element_nodes()]
         if self.shape == "straight":
             share = np.linspace(0.0, 1.0, self.kind.nodes)[:, None]
             points = points[:, :1] + share * (points[:, -1:] - points[:, :1])
@@ -128,9 +127,7 @@ class Mesh:
 
     def _mass_columns(self, element: Array, xi: Array, weight: Array) -> list[Array]:
         at, angle, _, ds = self.axis(element, xi)
-        c, s = np.cos(angle), np.sin(angle)
-        local = [c * at[:, 0] + s * at[:, 1], c * at[:, 1] - s * at[:, 0]]
-        return [weight * ds, *local, c, s]
+        return [weight * ds, *turned(at, -angle).T, np.cos(angle), np.sin(angle)]
 
     def _stiffness_columns(self, element: Array, xi: Array, weight: Array) -> list[Array]:
         _, _, curvature, ds = self.axis(element, xi)

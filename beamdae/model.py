@@ -38,9 +38,9 @@ class Model:
     @property
     def summary(self) -> str:
         """First line of the docstring of the function, or of its module."""
-        module = inspect.getmodule(self.build)
-        text = self.build.__doc__ or (module.__doc__ if module else None) or ""
-        return text.strip().splitlines()[0] if text.strip() else ""
+        of_file = inspect.unwrap(self.build).__globals__.get("__doc__")
+        lines = (self.build.__doc__ or of_file or "").strip().splitlines()
+        return lines[0] if lines else ""
 
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""

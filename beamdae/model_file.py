@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import sys
 import traceback
 from collections.abc import Callable
@@ -51,12 +50,6 @@ def models_in(path: Path) -> dict[str, Model]:
     """
     found = [value for value in vars(_imported(path)).values() if isinstance(value, Model)]
     return {model.name: replace(model, build=_located(model, path)) for model in found}
-
-
-def summary(model: Model) -> str:
-    """First line of the docstring of the model function, or of its file."""
-    file_text = inspect.unwrap(model.build).__globals__.get("__doc__") or ""
-    return model.summary or next(iter(file_text.strip().splitlines()), "")
 
 
 def _imported(path: Path) -> ModuleType:

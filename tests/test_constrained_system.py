@@ -197,6 +197,9 @@ def test_a_force_that_is_not_finite_at_the_start_is_an_error():
         ({"v": ca.SX.sym("v", 3)}, "q and v of one size, got sizes 1, 2 and 3"),
         ({"observe": ["x"]}, "observe must give expressions by name"),
         ({"names": ("a", "a")}, "names must differ, got a, a"),
+        ({"breakpoints": (2.0, 1.0)}, "ConstrainedSystem: breakpoints must ascend"),
+        ({"breakpoints": ("1",)}, "ConstrainedSystem: breakpoints must be a number, got '1'"),
+        ({"time_scale": 0.0}, "ConstrainedSystem: time_scale must be positive, got 0"),
     ],
 )
 def test_refuses_what_is_no_system(change, message):

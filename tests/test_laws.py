@@ -250,3 +250,8 @@ def test_a_law_an_integrator_could_step_over_is_refused(law, what):
 def test_law_refuses_breakpoints_that_do_not_fit(pieces, breakpoints, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.Law(tuple(lambda t: t for _ in range(pieces)), breakpoints)
+
+
+def test_law_refuses_pieces_that_are_no_functions():
+    with pytest.raises(bd.BeamdaeError, match="pieces must be a tuple of functions"):
+        bd.Law(np.sin)

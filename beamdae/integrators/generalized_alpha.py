@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -12,15 +11,13 @@ from beamdae.equations import EquationsOfMotion
 from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.formulations import State, step_equations
 from beamdae.initial import Starter
-from beamdae.integrators.marching import plan, reached
+from beamdae.integrators.marching import Progress, Watch, plan, reached
 from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
 from beamdae.linear import single_threaded
 from beamdae.solution import Solution, Status
 from beamdae.trajectory import Segment
 
 Array = np.ndarray
-Progress = Callable[[float], None]
-
 _MOST_STEPS = 1e9
 
 
@@ -121,7 +118,8 @@ class GeneralizedAlpha:
         setup_time = clock.perf_counter() - begin
 
         begin = clock.perf_counter()
-        trajectory, status = route.march(_Run(self, route.starter, newton, begin, progress))
+        watch = Watch(progress, self.time_limit, begin)
+        trajectory, status = route.march(_Run(self, route.starter, newton, watch))
         wall_time = clock.perf_counter() - begin
         return Solution(
             equations,
@@ -140,9 +138,7 @@ class _Run:
     settings: GeneralizedAlpha
     starter: Starter
     newton: ModifiedNewton
-    begin: float
-    progress: Progress | None
-    stopped: str = field(default="", init=False)
+    watch: Watch
 
     def __call__(
         self, start: float, end: float, phase: float, state: State
@@ -161,11 +157,12 @@ class _Run:
             return at_start, Status(False, f"{reason}; take a larger step")
         for row, x in zip(rows, state, strict=True):
             row[0] = x
-        taken = self._march(t, phase, rows)
-        status = Status(not self.stopped, self.stopped or "reached the end")
+        taken, stopped = self._march(t, phase, rows)
+        status = Status(stopped is None, stopped or "reached the end")
         return Segment(t[: taken + 1], State(*(x[: taken + 1] for x in rows)), phase), status
 
-    def _march(self, t: Array, phase: float, rows: State) -> int:
+    def _march(self, t: Array, phase: float, rows: State) -> tuple[int, str | None]:
+        """Fill the rows; returns how many steps were taken, and why no more."""
         s, newton = self.settings, self.newton
         n, m = rows.q.shape[1], rows.lam.shape[1]
         h = (t[-1] - t[0]) / (len(t) - 1)
@@ -191,22 +188,19 @@ class _Run:
                 # Under a violent load the accelerations of light, stiff coordinates are huge for
                 # an instant: then uniform motion is the better guess.
                 newton.solve(x, *arguments, second_guess=q + h * v - q_p)
-                if k % 64 == 0:
-                    self._check(t[k])
+                stop = self.watch(t[k]) if k % self.watch.interval == 0 else None
             except NewtonError as problem:
-                self.stopped = f"stopped at t = {t[k - 1]:.6g} s: {problem}"
-                return k - 1
+                return k - 1, f"stopped at t = {t[k - 1]:.6g} s: {problem}"
             except KeyboardInterrupt:
-                self.stopped = f"interrupted at t = {t[k - 1]:.6g} s"
-                return k - 1
+                return k - 1, f"interrupted at t = {t[k - 1]:.6g} s"
             ddq = ddq + coefficients[1] * x[:n]
             a = a_p + x[:n] / c_q
             v = v_p + coefficients[0] * x[:n]
             q = newton.position(x, time, q_p, q)
             rows.q[k], rows.v[k], rows.a[k], rows.lam[k] = q, v, ddq, x[n : n + m] / c_q
-            if self.stopped:
-                return k
-        return len(t) - 1
+            if stop is not None:
+                return k, stop
+        return len(t) - 1, None
 
     def _started(self, time: Array, h: float, state: State) -> tuple[Array, Array, Array]:
         """Velocities, accelerations and algorithmic accelerations to start from.
@@ -224,10 +218,3 @@ class _Run:
             return state.v, ddq, a
         factor = 1.0 / 6.0 - 0.5 * (s.alpha_m - s.alpha_f) - s.beta
         return state.v + h**2 * factor * jerk, ddq, a
-
-    def _check(self, t: float) -> None:
-        if self.progress is not None:
-            self.progress(float(t))
-        limit = self.settings.time_limit
-        if limit is not None and clock.perf_counter() - self.begin > limit:
-            self.stopped = f"time limit of {limit:g} s, stopped at t = {t:.6g} s"

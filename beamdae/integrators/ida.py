@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import time as clock
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -17,17 +16,13 @@ from beamdae.equations import EquationsOfMotion
 from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
 from beamdae.errors import BeamdaeError, count, one_of, positive
 from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
-from beamdae.integrators.marching import plan, reached
+from beamdae.integrators.marching import Progress, Watch, plan, reached
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.linear import single_threaded
 from beamdae.solution import Solution, Status
 from beamdae.trajectory import Segment
 
 Array = np.ndarray
-Progress = Callable[[float], None]
-
-# Progress and time limit are looked at now and then: a look costs as much as a small step.
-_STEPS_BETWEEN_LOOKS = 64
 _STEPS_BETWEEN_PACKING = 1024
 
 
@@ -110,7 +105,8 @@ class Ida:
 
         begin = clock.perf_counter()
         solver = IDA(newton.residual, jacfn=newton.jacobian, **options)
-        trajectory, status = route.march(_Run(solver, newton, form, self, begin, progress))
+        watch = Watch(progress, self.time_limit, begin)
+        trajectory, status = route.march(_Run(solver, newton, form, self.max_steps, watch))
         wall_time = clock.perf_counter() - begin
         return Solution(
             equations,
@@ -183,9 +179,8 @@ class _Run:
     solver: IDA
     newton: PreconditionedResidual
     form: FirstOrder
-    settings: Ida
-    begin: float
-    progress: Progress | None
+    max_steps: int | None
+    watch: Watch
 
     def __call__(
         self, start: float, end: float, phase: float, state: State
@@ -220,18 +215,13 @@ class _Run:
 
     def _next_look(self) -> int:
         """Number of steps after which to look at limits and progress again."""
-        soon = self.newton.steps + _STEPS_BETWEEN_LOOKS
-        return soon if self.settings.max_steps is None else min(soon, self.settings.max_steps)
+        soon = self.newton.steps + self.watch.interval
+        return soon if self.max_steps is None else min(soon, self.max_steps)
 
     def _stop(self, t: float, at_end: bool) -> str | None:
-        limits = self.settings
-        if limits.max_steps is not None and self.newton.steps >= limits.max_steps and not at_end:
-            return f"max_steps = {limits.max_steps} taken, stopped at t = {t:.6g} s"
-        if self.progress is not None:
-            self.progress(t)
-        if limits.time_limit is not None and clock.perf_counter() - self.begin > limits.time_limit:
-            return f"time limit of {limits.time_limit:g} s, stopped at t = {t:.6g} s"
-        return None
+        if self.max_steps is not None and self.newton.steps >= self.max_steps and not at_end:
+            return f"max_steps = {self.max_steps} taken, stopped at t = {t:.6g} s"
+        return self.watch(t)
 
     def _reason(self, result: Any, t: float) -> str:
         advice = {

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,10 +19,26 @@ from beamdae.trajectory import Segment, Trajectory
 Array = np.ndarray
 Interval = tuple[float, float]
 
-# Restarts correct the drift of a run; more than this, relative to the scale of a coordinate, is a
-# law that jumps.
-_JUMP = 1e-3
+Progress = Callable[[float], None]
 Run = Callable[[float, float, float, State], tuple[Segment, Status]]
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Tells progress and ends a run whose time is up; looked at every `interval` steps."""
+
+    progress: Progress | None
+    time_limit: float | None
+    begin: float
+    interval: ClassVar[int] = 64
+
+    def __call__(self, t: float) -> str | None:
+        """Why the run has to stop at time `t` [s], or None."""
+        if self.progress is not None:
+            self.progress(float(t))
+        if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
+            return f"time limit of {self.time_limit:g} s, stopped at t = {t:.6g} s"
+        return None
 
 
 @dataclass(frozen=True)
@@ -44,16 +62,12 @@ class Plan:
             phase = _phase((start, end))
             if done:
                 try:
-                    restarted = self.starter.state(np.array([start, phase]), state.q, state.v)
+                    time = np.array([start, phase])
+                    self.starter.require_continuous(done[-1].phase, time, state.q)
+                    state = self.starter.state(time, state.q, state.v)
                 except BeamdaeError as problem:
                     status = Status(False, f"no consistent restart at t = {start:g} s: {problem}")
                     break
-                moved = np.abs(restarted.q - state.q) / self.starter.equations.position_scales
-                if np.max(moved) > _JUMP:
-                    reason = f"a law makes positions jump at t = {start:g} s"
-                    status = Status(False, f"stopped at t = {start:g} s: {reason}")
-                    break
-                state = restarted
             segment, status = run(start, end, phase, state)
             done.append(segment)
             state = State(*(x[-1] for x in segment.state))
