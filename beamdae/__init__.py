@@ -13,21 +13,25 @@ if TYPE_CHECKING:
     from beamdae.bodies import Attachment, PointMass, RigidBody
     from beamdae.building import equations_of_motion
     from beamdae.constrained_system import ConstrainedSystem
+    from beamdae.damping import AirDrag, RayleighDamping
     from beamdae.equations import EquationsOfMotion
-    from beamdae.geometry import Arc, Curve, Line, Parabola
+    from beamdae.geometry import Arc, Line, Segment
     from beamdae.integrators import GeneralizedAlpha, Ida
     from beamdae.joints import Driver, PointOnLine, Revolute, Weld
     from beamdae.laws import Law, piecewise, run_up, sine, table
     from beamdae.loads import Force, Moment
     from beamdae.mechanism import Mechanism
+    from beamdae.observables import relative_displacement
     from beamdae.sections import Material, Section
     from beamdae.simulation import simulate
     from beamdae.solution import Solution
+    from beamdae.spline_curves import Curve, Parabola
     from beamdae.study import Case, compare, grid
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AirDrag",
     "Arc",
     "Attachment",
     "Beam",
@@ -49,9 +53,11 @@ __all__ = [
     "Parabola",
     "PointMass",
     "PointOnLine",
+    "RayleighDamping",
     "Revolute",
     "RigidBody",
     "Section",
+    "Segment",
     "Solution",
     "Weld",
     "compare",
@@ -59,6 +65,7 @@ __all__ = [
     "grid",
     "model",
     "piecewise",
+    "relative_displacement",
     "run_up",
     "simulate",
     "sine",
@@ -70,16 +77,19 @@ _MODULES = {
     "building": ("equations_of_motion",),
     "bodies": ("Attachment", "PointMass", "RigidBody"),
     "constrained_system": ("ConstrainedSystem",),
+    "damping": ("AirDrag", "RayleighDamping"),
     "equations": ("EquationsOfMotion",),
-    "geometry": ("Arc", "Curve", "Line", "Parabola"),
+    "geometry": ("Arc", "Line", "Segment"),
     "integrators": ("GeneralizedAlpha", "Ida"),
     "joints": ("Driver", "PointOnLine", "Revolute", "Weld"),
     "laws": ("Law", "piecewise", "run_up", "sine", "table"),
     "loads": ("Force", "Moment"),
     "mechanism": ("Mechanism",),
+    "observables": ("relative_displacement",),
     "sections": ("Material", "Section"),
     "simulation": ("simulate",),
     "solution": ("Solution",),
+    "spline_curves": ("Curve", "Parabola"),
     "study": ("Case", "compare", "grid"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

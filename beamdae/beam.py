@@ -35,7 +35,7 @@ class Beam:
     section
         Cross-section, constant along the beam.
     elements
-        Number of 4-node cubic elements, of equal arc length.
+        Number of elements, of equal arc length.
     strain
         "nonlinear" (eq. 5, the paper's) or "linear" (without the quadratic terms).
     elements_shape
@@ -46,9 +46,12 @@ class Beam:
         paper's, curved elements only). The axes of neighboring elements meet at a small angle that
         the paper overlooks; it limits the convergence to order 2 instead of 4 and more (measured,
         see validation/).
+    nodes
+        Nodes of an element: 4 (cubic, the paper's), 3 or 2 (linear, straight whatever the curve).
     quadrature
-        Gauss points of the stiffness terms, 3 (reduced) or 4 (full). The default 3 needs about
-        half as many elements for the same error (measured, see validation/).
+        Gauss points of the stiffness terms: "reduced", one less than nodes, or "full", as many as
+        nodes. Reduced needs about half as many elements for the same error (measured, see
+        validation/); full 2-node elements lock.
     frame
         Floating frame on the start section ("tangent") or from end to end ("chord"). The strains
         of eqs. (5) and (6) hold for moderate displacements and rotations relative to the frame, so
@@ -67,7 +70,8 @@ class Beam:
         strain: str = "nonlinear",
         elements_shape: str = "curved",
         continuity: str = "cartesian",
-        quadrature: int = 3,
+        nodes: int = 4,
+        quadrature: str = "reduced",
         frame: str = "tangent",
         velocity: tuple[float, float] = (0.0, 0.0),
         angular_velocity: float = 0.0,
@@ -85,15 +89,17 @@ class Beam:
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
         one_of(name, "strain", strain, ("nonlinear", "linear"))
-        one_of(name, "quadrature", quadrature, (3, 4))
-        if elements_shape == "straight" and continuity == "local":
+        one_of(name, "nodes", nodes, (2, 3, 4))
+        one_of(name, "quadrature", quadrature, ("reduced", "full"))
+        if (elements_shape == "straight" or nodes == 2) and continuity == "local":
             raise BeamdaeError(
                 f"{name}: straight elements meet at kinks, continuity must be 'cartesian'."
             )
+        points = nodes if quadrature == "full" else nodes - 1
         try:
             self.mesh = Mesh(
                 curve,
-                ElementType(quadrature=quadrature, strain=strain, damped=section.damping > 0.0),
+                ElementType(nodes, points, strain, damped=section.damping > 0.0),
                 count(name, "elements", elements),
                 one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
                 one_of(name, "continuity", continuity, ("cartesian", "local")),

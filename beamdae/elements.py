@@ -101,22 +101,54 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
     return sum((float(row[i]) * nodal[NODE * i + component] for i in range(len(row))), start=SX(0))
 
 
-class _Data(NamedTuple):
+class Data(NamedTuple):
+    """The numbers of one element: a column a point, values of the section, gravity."""
+
     mass: SX
     stiffness: SX
     section: SX
     gravity: SX
 
 
-def _split(kind: ElementType, data: SX) -> _Data:
+def split(kind: ElementType, data: SX) -> Data:
+    """The data of a kernel as what they are; `data` may hold more behind them."""
     n_mass = kind.mass_quadrature * len(MASS_POINT)
     n_stiffness = kind.quadrature * len(STIFFNESS_POINT)
-    return _Data(
+    return Data(
         ca.reshape(data[:n_mass], len(MASS_POINT), kind.mass_quadrature),
         ca.reshape(data[n_mass : n_mass + n_stiffness], len(STIFFNESS_POINT), kind.quadrature),
         data[n_mass + n_stiffness : n_mass + n_stiffness + len(SECTION)],
-        data[-2:],
+        data[kind.n_data - 2 : kind.n_data],
     )
+
+
+class PointMotion(NamedTuple):
+    """Velocity of a point of the axis in its local frame ec, and of its section."""
+
+    weight: SX
+    velocity: SX
+    spin: SX
+    rotation: SX
+
+
+def point_motions(kind: ElementType, local: Local, data: Data) -> list[PointMotion]:
+    """How the inertia points of an element move: the rate of eq. (8) at eta = 0, theta' + phi'.
+
+    `rotation` is phi, of the section relative to the undeformed one.
+    """
+    xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
+    omega = local.v[2]
+    frame = _rotation(ca.cos(local.q[2]), ca.sin(local.q[2]))
+    origin_velocity = frame.T @ local.v[:2]
+    q, v = (_nodal_vectors(kind, z) for z in (local.q, local.v))
+    phi, dphi = local.q[FRAME + 2 :: NODE].T, local.v[FRAME + 2 :: NODE].T
+    motions = []
+    for k, row in enumerate(shape_functions(kind.nodes, xi)):
+        to_local = _rotation(data.mass[3, k], data.mass[4, k]).T
+        place = data.mass[1:3, k] + q @ row
+        velocity = to_local @ origin_velocity + omega * _turn(place) + v @ row
+        motions.append(PointMotion(data.mass[0, k], velocity, omega + dphi @ row, phi @ row))
+    return motions
 
 
 @cache
@@ -128,7 +160,7 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(kind.size, kind.n_data)
-    data = _split(kind, local.data)
+    data = split(kind, local.data)
     inertia, kinetic, potential = _inertia(kind, local, data)
     elastic, stored, dissipated = _elasticity(kind, local, data)
     force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
@@ -136,23 +168,22 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
 
 
-def _inertia(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
+def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
     """Everything in the local frame ec of the point, where plane rotations commute with I."""
     xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
     rhoA, rhoI = data.section[3], data.section[4]
     omega, alpha = local.v[2], local.a[2]
     frame = _rotation(ca.cos(local.q[2]), ca.sin(local.q[2]))
-    origin_velocity = frame.T @ local.v[:2]
     origin_acceleration = frame.T @ (local.a[:2] - data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
     on_nodes = SX.zeros(NODE * kind.nodes)
-    kinetic, potential = SX(0), SX(0)
+    potential = SX(0)
     # Rotations commute in the plane, so eq. (10) is one linear map of (q, v, a), the same at every
     # point, and its nodal values can be interpolated like displacements.
     swing = _rotation(-(omega**2), alpha)
     q, v, a = (_nodal_vectors(kind, z) for z in (local.q, local.v, local.a))
     relative = swing @ q + 2 * omega * _turn(v) + a
-    dphi, ddphi = local.v[FRAME + 2 :: NODE].T, local.a[FRAME + 2 :: NODE].T
+    ddphi = local.a[FRAME + 2 :: NODE].T
     for k, row in enumerate(shape_functions(kind.nodes, xi)):
         weight, cos_alpha, sin_alpha = data.mass[0, k], data.mass[3, k], data.mass[4, k]
         reference = data.mass[1:3, k]
@@ -165,10 +196,12 @@ def _inertia(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
         on_origin += to_local.T @ force
         on_angle += ca.dot(_turn(place), force) + moment
         on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
-        velocity = to_local @ origin_velocity + omega * _turn(place) + v @ row
-        kinetic += 0.5 * weight * (rhoA * ca.sumsqr(velocity) + rhoI * (omega + dphi @ row) ** 2)
         height = ca.dot(data.gravity, local.q[:2] + frame @ to_local.T @ place)
         potential -= weight * rhoA * height
+    kinetic = SX(0)
+    for point in point_motions(kind, local, data):
+        speed2, spin2 = ca.sumsqr(point.velocity), point.spin**2
+        kinetic += 0.5 * point.weight * (rhoA * speed2 + rhoI * spin2)
     return ca.vertcat(frame @ on_origin, on_angle, on_nodes), kinetic, potential
 
 
@@ -186,7 +219,7 @@ def _nodal_vectors(kind: ElementType, coordinates: SX) -> SX:
     return ca.reshape(coordinates[FRAME:], NODE, kind.nodes)[:2, :]
 
 
-def _elasticity(kind: ElementType, local: Local, data: _Data) -> tuple[SX, SX, SX]:
+def _elasticity(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
     xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
     shapes, slopes = shape_functions(kind.nodes, xi), shape_functions(kind.nodes, xi, 1)
     nodal, rates = local.q[FRAME:], local.v[FRAME:]

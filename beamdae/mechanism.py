@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-import casadi as ca
 import numpy as np
 
 from beamdae.bodies import Attachment, Ground, require_name
 from beamdae.errors import BeamdaeError, nearest, point
 from beamdae.joints import Joint
 from beamdae.laws import Law
-from beamdae.statements import SX, Local, Quantity
+from beamdae.observables import motion
+from beamdae.statements import Quantity
 
 P = TypeVar("P")
 
@@ -52,8 +52,8 @@ class Mechanism:
             raise BeamdaeError(f"Mechanism: only parts can be added, got {part!r}.")
         if name in self.parts or name == self.ground.name:
             raise BeamdaeError(f"Mechanism: the name {name!r} is taken, every part needs its own.")
-        for attachment in _attachments(part):
-            self._require_body(name, attachment)
+        for body in _bodies(part):
+            self._require_member(name, body)
         self.parts[name] = part
         return part
 
@@ -93,9 +93,6 @@ class Mechanism:
         """All laws of time of drivers and loads."""
         return [law for part in self.parts.values() for law in getattr(part, "laws", ())]
 
-    def _require_body(self, part: str, attachment: Attachment) -> None:
-        self._require_member(part, attachment.body)
-
     def _require_member(self, part: str, body: Any) -> None:
         if body is self.ground or any(body is other for other in self.parts.values()):
             return
@@ -105,23 +102,8 @@ class Mechanism:
         )
 
 
-def _attachments(part: Any) -> list[Attachment]:
-    candidates = (getattr(part, field, None) for field in ("a", "b", "on"))
-    return [c for c in candidates if isinstance(c, Attachment)]
-
-
-def motion(attachment: Attachment) -> Quantity:
-    """Position, angle and their rates of an attachment, in the inertial frame."""
-    has_angle = not SX(attachment.turn(SX.sym("q", attachment.size))).is_constant()
-    columns = [("x", "m"), ("y", "m"), ("x_dot", "m/s"), ("y_dot", "m/s")]
-    if has_angle:
-        columns.insert(2, ("angle", "rad"))
-        columns.append(("angle_dot", "rad/s"))
-
-    def expression(local: Local) -> SX:
-        place = attachment.position(local.q)
-        if has_angle:
-            place = ca.vertcat(place, attachment.inclination + attachment.turn(local.q))
-        return ca.vertcat(place, local.dot(place))
-
-    return Quantity(tuple(columns), (attachment.piece,), expression)
+def _bodies(part: Any) -> list[Any]:
+    """The bodies a part refers to: those of its attachments, or the beam it acts on."""
+    fields = [getattr(part, field, None) for field in ("a", "b", "on")]
+    bodies = [field.body for field in fields if isinstance(field, Attachment)]
+    return bodies + ([part.beam] if hasattr(part, "beam") else [])

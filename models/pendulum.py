@@ -4,22 +4,39 @@ import beamdae as bd
 
 
 @bd.model(t_end=5.0)
-def pendulum(elements=8, strain="nonlinear", tip_mass=0.060, damping=1e-4, quadrature=3):
+def pendulum(
+    elements=8,
+    strain="nonlinear",
+    tip_mass=0.060,
+    damping=1e-4,
+    mass_damping=0.0,
+    stiffness_damping=0.0,
+    air_drag=0.0,
+    angle=-0.60,
+    radius=0.85,
+    quadrature="reduced",
+):
     """Pendulum released at rest, its root tangent 0.60 rad below the horizontal.
 
-    `damping` is the Kelvin-Voigt time [s] of the strip. The gauges sit on its lower surface: that
-    gives the strains the sign they have in Fig. 5a.
+    `damping` is the Kelvin-Voigt time [s] of the strip, `mass_damping` [1/s] and
+    `stiffness_damping` [s] are Rayleigh's, `air_drag` [kg/m^2] is the force per length and squared
+    normal velocity. `angle` is that of the root tangent, a negative `radius` bends the strip down.
+    The gauges sit on its lower surface: that gives the strains the sign they have in Fig. 5a.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
     strip = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=damping)
-    arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
+    arc = bd.Arc(radius=radius, length=0.80, start=(0.0, 0.0), angle=angle)
 
     beam = mech.add(
         bd.Beam("beam", arc, strip, elements=elements, strain=strain, quadrature=quadrature)
     )
     mech.add(bd.PointMass("tip mass", tip_mass, on=beam.end))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    if mass_damping or stiffness_damping:
+        mech.add(bd.RayleighDamping("rayleigh", beam, mass_damping, stiffness_damping))
+    if air_drag:
+        mech.add(bd.AirDrag("air", beam, air_drag))
 
     mech.observe("tip", beam.end)
     mech.observe("frame", beam.floating_frame)

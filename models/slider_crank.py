@@ -7,20 +7,35 @@ import beamdae as bd
 
 @bd.model(t_end=4.5)
 def slider_crank(
-    elements=8, strain="nonlinear", frame="tangent", speed=np.pi, damping=0.0, quadrature=3
+    elements=8,
+    strain="nonlinear",
+    frame="tangent",
+    crank="rigid",
+    speed=np.pi,
+    damping=0.0,
+    quadrature="reduced",
 ):
-    """Rigid crank run up to `speed` [rad/s] in 0.5 s, parabolic rod, slider of 0.5 kg.
+    """Crank run up to `speed` [rad/s] in 0.5 s, parabolic rod, slider of 0.5 kg.
 
-    `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord".
+    `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord". The
+    crank is "rigid" or "flexible", with the rod's section and half its elements.
     """
     alloy = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
     square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)
-    crank_mass = alloy.rho * square.area * 1.0
 
     mech = bd.Mechanism()
-    crank = mech.add(
-        bd.RigidBody("crank", mass=crank_mass, inertia=crank_mass / 12.0, center=(0.5, 0.0))
-    )
+    if crank == "rigid":
+        mass = alloy.rho * square.area * 1.0
+        arm = mech.add(bd.RigidBody("crank", mass, inertia=mass / 12.0, center=(0.5, 0.0)))
+        shaft, pin = arm.at(0.0, 0.0), arm.at(1.0, 0.0)
+    elif crank == "flexible":
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        arm = mech.add(
+            bd.Beam("crank", line, square, max(elements // 2, 1), strain, quadrature=quadrature)
+        )
+        shaft, pin = arm.start, arm.end
+    else:
+        raise bd.BeamdaeError(f"slider_crank: crank must be 'rigid' or 'flexible', got {crank!r}.")
     axis = bd.Parabola(span=4.0, rise=1.0, start=(1.0, 0.0))
     rod = mech.add(
         bd.Beam(
@@ -34,11 +49,9 @@ def slider_crank(
         )
     )
     mech.add(bd.PointMass("slider", 0.5, on=rod.end))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    motor = mech.add(
-        bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law=bd.run_up(speed, 0.5))
-    )
-    mech.add(bd.Revolute("crank pin", crank.at(1.0, 0.0), rod.start))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), shaft))
+    motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), shaft, law=bd.run_up(speed, 0.5)))
+    mech.add(bd.Revolute("crank pin", pin, rod.start))
     mech.add(bd.PointOnLine("guide", mech.ground.at(5.0, 0.0), rod.end, direction=(1.0, 0.0)))
 
     mech.observe("slider", rod.end)

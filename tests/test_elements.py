@@ -551,7 +551,8 @@ def test_beam_refuses_what_it_cannot_use():
     for words, match in [
         ({"strain": "cubic"}, "strain must be one of 'nonlinear', 'linear', got 'cubic'"),
         ({"elements_shape": "curve"}, r"got 'curve' \(did you mean 'curved'\?\)"),
-        ({"quadrature": 5}, "quadrature must be one of 3, 4, got 5"),
+        ({"quadrature": 5}, "quadrature must be one of 'reduced', 'full', got 5"),
+        ({"nodes": 5}, "nodes must be one of 2, 3, 4, got 5"),
         ({"continuity": "smooth"}, "continuity must be one of 'cartesian', 'local', got 'smooth'"),
         (
             {"elements_shape": "straight", "continuity": "local"},

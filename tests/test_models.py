@@ -8,11 +8,17 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
+from spin_up import spin_up
 
 import beamdae as bd
 
 FOLDER = Path(__file__).parents[1] / "models"
-MODELS = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
+MODELS = {
+    "hub_beam": hub_beam,
+    "pendulum": pendulum,
+    "slider_crank": slider_crank,
+    "spin_up": spin_up,
+}
 
 # Column, smallest and largest value over the whole default run. Origin: GeneralizedAlpha(1e-4,
 # newton_tolerance=1e-7), confirmed by Ida(1e-7); tests/test_tolerance.py bounds the difference.
@@ -41,6 +47,13 @@ EXTREMES = {
         "mid-point.u [m]": (-0.0384997, 0.0246617),
         "mid-point.v [m]": (-0.103396, 0.115813),
         "motor.M [N m]": (-47.5174, 57.6233),
+    },
+    "spin_up": {
+        "tip.x [m]": (-10.00027, 10.00037),
+        "deformation.u [m]": (-0.0189255, 5.14527e-4),
+        "deformation.v [m]": (-0.575335, 0.0037707),
+        "motor.M [N m]": (-2.71534, 320.632),
+        "energy.strain [J]": (0, 7.35266),
     },
 }
 

@@ -57,7 +57,7 @@ def main() -> None:
     parser.add_argument("--shape", default="circular")
     beam = vars(parser.parse_args())
     lines = []
-    for quadrature in (3, 4):
+    for quadrature in ("reduced", "full"):
         for name, variant in VARIANTS.items():
             errors = mesh_errors(quadrature=quadrature, **variant, **beam)
             orders = ["", *(f"{o:.1f}" for o in observed_orders(ELEMENTS, errors))]
