@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from beamdae.solution import Solution
     from beamdae.spline_curves import Curve, Parabola
     from beamdae.study import Case, compare, grid
+    from beamdae.welded import welded_beams
 
 __version__ = "0.1.0"
 
@@ -70,6 +71,7 @@ __all__ = [
     "simulate",
     "sine",
     "table",
+    "welded_beams",
 ]
 
 _MODULES = {
@@ -91,6 +93,7 @@ _MODULES = {
     "solution": ("Solution",),
     "spline_curves": ("Curve", "Parabola"),
     "study": ("Case", "compare", "grid"),
+    "welded": ("welded_beams",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -41,7 +41,7 @@ class Body(Protocol):
         """The body's inertia, elasticity, damping and weight."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Attachment:
     """A material point of a body, named by where it sits in the reference drawing.
 
@@ -83,7 +83,7 @@ class Attachment:
         """Rotation of the section since the reference drawing [rad] from the local coordinates."""
         return self.kinematics(q)[1]
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{self.body.name} at ({self.point[0]:.6g}, {self.point[1]:.6g})"
 
 

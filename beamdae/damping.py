@@ -27,8 +27,10 @@ class RayleighDamping:
     a fluid of constant viscosity. A vibration about a still frame decays with exp(-mass t / 2). The
     stiffness part acts on the rates of the nodal coordinates, K the constant stiffness of the
     undeformed beam (linear strains): a mode of frequency w gets the damping ratio stiffness w / 2.
-    `Section.damping` is the same for small deformations, and acts on the rates of the strains of
-    the element, nonlinear ones included.
+
+    `Section.damping` (Kelvin-Voigt) is the same for amplitudes small against the radius of gyration
+    of the section, and the one to take for thin beams that bend further: K counts the shortening
+    of a bent beam as axial strain, and its damping grows with the square of the amplitude.
 
     Parameters
     ----------

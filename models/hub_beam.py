@@ -1,7 +1,5 @@
 """Curved beam on a rotating rigid hub (Pan & Liu 2012, eqs. 25-27, Figs. 6 and 7, Table 2)."""
 
-import itertools
-
 import numpy as np
 
 import beamdae as bd
@@ -19,18 +17,20 @@ def hub_beam(
     continuity="cartesian",
     quadrature="reduced",
     damping=0.0,
+    density=2766.7,
+    length=5.0 * np.pi / 3.0,
     torque=10.0,
+    frequency=1.0,
 ):
-    """Hub and beam: torque 10 sin(2 pi t) N m on the hub, no gravity.
+    """Hub and beam: `torque` [N m] times sin(2 pi `frequency` t) on the hub, no gravity.
 
     `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same length and
     ends at the same distance from the hub. The beam is cut into `bodies` beams of `elements`
     elements each, welded together, every one in a floating frame of its own.
     """
-    length, hub_radius = 5.0 * np.pi / 3.0, 0.05
     angle = np.radians(subtended)
     radius = length / angle
-    root = (hub_radius, 0.0)
+    root = (0.05, 0.0)
     if shape == "circular":
         axis = bd.Arc(radius=radius, length=length, start=root)
     elif shape == "parabolic":
@@ -39,34 +39,30 @@ def hub_beam(
         axis = bd.Parabola(span=chord, rise=-rise, start=root, angle=np.arctan(4.0 * rise / chord))
     else:
         raise bd.BeamdaeError(f"hub_beam: shape must be 'circular' or 'parabolic', got {shape!r}.")
-    alloy = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
+    alloy = bd.Material(E=68.952e9, nu=0.3, rho=density)
     section = bd.Section(alloy, area=8e-5, second_moment=1.06667e-8, damping=damping)
 
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.3))
     mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, frequency=1.0)))
-    ends, previous = np.linspace(0.0, axis.length, bodies + 1), hub.at(*root)
-    for number, (begin, end) in enumerate(itertools.pairwise(ends), start=1):
-        beam = mech.add(
-            bd.Beam(
-                f"beam {number}" if bodies > 1 else "beam",
-                bd.Segment(axis, begin, end),
-                section,
-                elements=elements,
-                strain=strain,
-                elements_shape=elements_shape,
-                nodes=nodes,
-                continuity=continuity,
-                quadrature=quadrature,
-            )
-        )
-        mech.add(bd.Weld(f"weld {number}" if number > 1 else "root", previous, beam.start))
-        previous = beam.end
-        if number == 1:
-            mech.observe("root force", beam.section_forces(0.0))
+    mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, frequency)))
+    beams = bd.welded_beams(
+        mech,
+        "beam",
+        axis,
+        section,
+        bodies,
+        elements=elements,
+        strain=strain,
+        elements_shape=elements_shape,
+        nodes=nodes,
+        continuity=continuity,
+        quadrature=quadrature,
+    )
+    mech.add(bd.Weld("root", hub.at(*root), beams[0].start))
 
-    mech.observe("tip", beam.end)
-    mech.observe("deformation", bd.relative_displacement(of=beam.end, on=hub.at(*root)))
+    mech.observe("tip", beams[-1].end)
+    mech.observe("deformation", bd.relative_displacement(of=beams[-1].end, on=hub.at(*root)))
     mech.observe("hub", hub.at(0.0, 0.0))
+    mech.observe("root force", beams[0].section_forces(0.0))
     return mech

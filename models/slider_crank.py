@@ -12,6 +12,7 @@ def slider_crank(
     frame="tangent",
     crank="rigid",
     speed=np.pi,
+    density=2766.7,
     damping=0.0,
     quadrature="reduced",
 ):
@@ -20,7 +21,7 @@ def slider_crank(
     `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord". The
     crank is "rigid" or "flexible", with the rod's section and half its elements.
     """
-    alloy = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
+    alloy = bd.Material(E=68.952e9, nu=0.3, rho=density)
     square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)
 
     mech = bd.Mechanism()
