@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from beamdae.bodies import Attachment, require_name, rotate
 from beamdae.elements import FRAME, NODE, ElementType, beam_kernel, shape_functions, strains
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
-from beamdae.geometry import PlaneCurve, turned
+from beamdae.geometry import PlaneCurve, require_curve, turned
 from beamdae.mesh import Mesh, MeshError
 from beamdae.sections import Section
 from beamdae.statements import SX, ForceStatement, Local, Piece, Quantity
@@ -31,7 +31,7 @@ class Beam:
     name
         Unique name.
     curve
-        Reference curve of the axis by arc length (Line, Arc, Parabola, Curve).
+        Reference curve of the axis by arc length (Line, Arc, Parabola, Curve, Segment).
     section
         Cross-section, constant along the beam.
     elements
@@ -51,7 +51,7 @@ class Beam:
     quadrature
         Gauss points of the stiffness terms: "reduced", one less than nodes, or "full", as many as
         nodes. Reduced needs about half as many elements for the same error (measured, see
-        validation/); full 2-node elements lock.
+        validation/); with full quadrature 2-node elements lock, and curved ones of 3 nodes.
     frame
         Floating frame on the start section ("tangent") or from end to end ("chord"). The strains
         of eqs. (5) and (6) hold for moderate displacements and rotations relative to the frame, so
@@ -77,19 +77,14 @@ class Beam:
         angular_velocity: float = 0.0,
     ) -> None:
         self.name = require_name("Beam", name)
-        for attribute in ("point", "tangent_angle", "curvature", "length"):
-            if not hasattr(curve, attribute):
-                raise BeamdaeError(
-                    f"{name}: curve must be a Line, Arc, Parabola or Curve, got {curve!r}."
-                )
         if not isinstance(section, Section):
             raise BeamdaeError(f"{name}: section must be a Section, got {section!r}.")
-        self.curve = curve
+        self.curve = require_curve(name, curve)
         self.section = section
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
         one_of(name, "strain", strain, ("nonlinear", "linear"))
-        one_of(name, "nodes", nodes, (2, 3, 4))
+        nodes = one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4))
         one_of(name, "quadrature", quadrature, ("reduced", "full"))
         if (elements_shape == "straight" or nodes == 2) and continuity == "local":
             raise BeamdaeError(

@@ -36,6 +36,16 @@ class PlaneCurve(Protocol):
         """Signed curvature 1/R = d angle / ds [1/m], positive to the left (eq. 2)."""
 
 
+def require_curve(part: str, curve: Any) -> PlaneCurve:
+    """Return `curve` if it is a plane curve by arc length."""
+    for attribute in ("point", "tangent_angle", "curvature", "length"):
+        if not hasattr(curve, attribute):
+            raise BeamdaeError(
+                f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {curve!r}."
+            )
+    return curve
+
+
 @dataclass(frozen=True)
 class Line:
     """Straight segment from `start` to `end`, two points of the drawing [m]."""
@@ -123,13 +133,14 @@ class Segment:
     end: float
 
     def __post_init__(self) -> None:
+        require_curve("Segment", self.curve)
         finite("Segment", "start", self.start)
         finite("Segment", "end", self.end)
         whole = self.curve.length
         if not -1e-9 * whole <= self.start < self.end <= whole * (1.0 + 1e-9):
             raise BeamdaeError(
-                f"Segment: start and end must ascend within [0, {whole:.6g}] m, "
-                f"got {self.start:g} and {self.end:g}."
+                f"Segment: start and end must ascend within [0, {whole:.12g}] m, "
+                f"got {self.start:.12g} and {self.end:.12g}."
             )
 
     @property

@@ -23,6 +23,7 @@ class Variant(NamedTuple):
     frame: str
     damping: float
     continuity: str = "cartesian"
+    nodes: int = 4
 
     @property
     def section(self):
@@ -37,6 +38,7 @@ class Variant(NamedTuple):
             strain=self.strain,
             elements_shape=self.shape,
             continuity=self.continuity,
+            nodes=self.nodes,
             quadrature=self.quadrature,
             frame=self.frame,
         )
@@ -44,7 +46,8 @@ class Variant(NamedTuple):
     def __str__(self):
         damped = "damped" if self.damping else "undamped"
         shape = self.shape if self.continuity == "cartesian" else f"{self.shape}-local"
-        return f"{self.strain}-{shape}-{self.quadrature}-{self.frame}-{damped}"
+        nodes = "" if self.nodes == 4 else f"-{self.nodes}-nodes"
+        return f"{self.strain}-{shape}-{self.quadrature}-{self.frame}-{damped}{nodes}"
 
 
 VARIANTS = [
@@ -60,6 +63,16 @@ VARIANTS = [
 # Continuity changes the constant operator of the mesh alone, which the frame shares.
 VARIANTS += [
     Variant("nonlinear", "curved", "reduced", f, 0.03, "local") for f in ("tangent", "chord")
+]
+# Fewer nodes are shorter sums of the same terms: a choice of the other settings shows them.
+VARIANTS += [
+    Variant("nonlinear", "curved", "reduced", "tangent", 0.03, nodes=3),
+    Variant("nonlinear", "curved", "full", "chord", 0.03, nodes=3),
+    Variant("nonlinear", "straight", "reduced", "chord", 0.0, nodes=3),
+    Variant("linear", "curved", "reduced", "tangent", 0.0, nodes=3),
+    Variant("nonlinear", "straight", "reduced", "chord", 0.03, nodes=2),
+    Variant("nonlinear", "straight", "full", "tangent", 0.03, nodes=2),
+    Variant("linear", "straight", "reduced", "tangent", 0.0, nodes=2),
 ]
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
 

@@ -14,6 +14,15 @@ measured with 8 curved elements, tangent frame, in the directions of the three l
 Three points do not lock (at R/h = 2500 the saddle-point solution is rounded at 1e-6); four do: the
 error of the moment load grows by 4e4. With "local" continuity the force loads are off by 6.2e-4
 and 8.1e-4 at every R/h, straight elements by 8.0e-3, 2.3e-3 and 1.6e-3.
+
+Elements of fewer nodes, moment load:
+
+    R/h     2 nodes, 1 point    2 points    3 nodes, 2 points    3 points
+    4            -1.6e-3         -1.7e-1         -5.2e-7         -3.9e-4
+    20           -1.6e-3         -8.3e-1         -5.2e-7         -8.7e-3
+    100          -1.6e-3         -9.9e-1         -5.2e-7         -1.2e-1
+    500          -1.6e-3           -1.0          -5.1e-7         -4.8e-1
+    2500         -1.6e-3           -1.0          -6.7e-7         -9.5e-1
 """
 
 from __future__ import annotations
@@ -42,6 +51,13 @@ def exact_compliance(section):
     return np.array([[rr, rt, rm], [rt, tt, tm], [rm, tm, mm]])
 
 
+def square(slenderness):
+    """A square section of R/h = `slenderness`."""
+    height = RADIUS / slenderness
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
+    return bd.Section.rectangle(steel, width=height, height=height)
+
+
 @cache
 def errors(
     slenderness,
@@ -51,11 +67,10 @@ def errors(
     frame="tangent",
     strain="linear",
     continuity="cartesian",
+    nodes=4,
 ):
     """Relative errors of the compliance, (3, 3)."""
-    height = RADIUS / slenderness
-    steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
-    section = bd.Section.rectangle(steel, width=height, height=height)
+    section = square(slenderness)
     quarter = bd.Arc(
         radius=RADIUS, length=0.5 * np.pi * RADIUS, start=(RADIUS, 0.0), angle=0.5 * np.pi
     )
@@ -64,6 +79,7 @@ def errors(
         quarter,
         section,
         elements=elements,
+        nodes=nodes,
         quadrature=quadrature,
         elements_shape=shape,
         continuity=continuity,
@@ -110,17 +126,21 @@ def in_load_directions(*case, **words):
 @pytest.mark.parametrize("strain", ["linear", "nonlinear"])
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 @pytest.mark.parametrize(
-    ("shape", "continuity", "bound"),
+    ("nodes", "shape", "continuity", "bound"),
     [
-        ("curved", "cartesian", 2e-6),
+        (4, "curved", "cartesian", 2e-6),
         # 8.1e-4 in the tangent frame, 4.2e-4 in the chord frame.
-        ("curved", "local", 1e-3),
-        ("straight", "cartesian", 9e-3),
+        (4, "curved", "local", 1e-3),
+        (4, "straight", "cartesian", 9e-3),
+        # 1.4e-5 in the tangent frame, 3.1e-5 in the chord frame.
+        (3, "curved", "cartesian", 4e-5),
+        # 1.10e-2 at R/h = 4 and 1.12e-2 at all others.
+        (2, "straight", "cartesian", 1.2e-2),
     ],
 )
-def test_default_quadrature_does_not_lock(shape, continuity, bound, frame, strain):
-    case = {"shape": shape, "continuity": continuity, "frame": frame, "strain": strain}
-    worst = [np.abs(errors(r, 8, **case)).max() for r in SLENDERNESS]
+def test_default_quadrature_does_not_lock(nodes, shape, continuity, bound, frame, strain):
+    case = {"nodes": nodes, "shape": shape, "continuity": continuity}
+    worst = [np.abs(errors(r, 8, frame=frame, strain=strain, **case)).max() for r in SLENDERNESS]
     assert max(worst) < bound
     # Constant to three digits and to the rounding of the solution for the most slender arc.
     assert max(worst) < 1.05 * worst[0] + 1e-6
@@ -137,6 +157,28 @@ def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape
         assert -5e-3 < thin < -4e-3
 
 
+def test_two_full_points_on_two_nodes_lock_in_shear():
+    """Linear v and phi bend an element by shearing it: EI grows by GA l^2 / 12, l its length."""
+    chord = 2.0 * RADIUS * np.sin(np.pi / 32.0)
+    for r in SLENDERNESS:
+        reduced, full = (errors(r, 8, quadrature=q, nodes=2)[2, 2] for q in ("reduced", "full"))
+        section = square(r)
+        stiffer = 1.0 + section.GA * chord**2 / (12.0 * section.EI)
+        # Exact, as the moment is the same everywhere; 1e-8 of rounding for the most slender arc.
+        assert_allclose(1.0 + full, (1.0 + reduced) / stiffer, rtol=1e-7)
+    assert full < -0.999
+
+
+def test_three_full_points_on_three_nodes_lock_as_curved_elements_and_not_as_straight_ones():
+    moment = np.array([errors(r, 8, quadrature="full", nodes=3)[2, 2] for r in SLENDERNESS])
+    # Membrane locking: the error grows with slenderness, to 95 % of the compliance.
+    assert np.all(np.diff(moment) < 0.0)
+    assert_allclose(moment[[0, -1]], (-3.88e-4, -0.945), rtol=0.01)
+    straight = [errors(r, 8, quadrature="full", shape="straight", nodes=3) for r in SLENDERNESS]
+    # As with two reduced points on two nodes: from 8.0e-3 to 1.12e-2.
+    assert np.abs(straight).max() < 1.2e-2
+
+
 def test_curved_elements_converge_with_fourth_order():
     # Radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7 with 1, 2, 4, 8 elements at R/h = 20, tangential 6.4e-3,
     # 8.5e-5, 7.4e-7, 2.4e-8, moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.
@@ -144,6 +186,14 @@ def test_curved_elements_converge_with_fourth_order():
     orders = np.log2(error[:-1] / error[1:])
     assert np.all(orders > 3.6)
     assert np.all(orders[1:] > 3.85)
+
+
+def test_quadratic_elements_converge_with_fourth_order():
+    # The compliance is an energy, of twice the order of its strains: 2 (nodes - 1). Radial 8.9e-5,
+    # 5.6e-6, 3.5e-7, 2.2e-8 with 4 to 32 elements at R/h = 20, tangential 9.3e-5, 6.4e-6, 4.1e-7,
+    # 2.6e-8, moment 8.2e-6, 5.2e-7, 3.2e-8, 2.0e-9.
+    error = np.array([in_load_directions(20, n, nodes=3) for n in (4, 8, 16, 32)])
+    assert_allclose(np.log2(error[:-1] / error[1:]), 4.0, atol=0.15)
 
 
 @pytest.mark.parametrize("slenderness", [20, 500])
@@ -158,18 +208,21 @@ def test_local_continuity_converges_with_second_order(slenderness):
     assert error[1, 2] < 1e-6
 
 
-@pytest.mark.parametrize("quadrature", ["reduced", "full"])
-def test_straight_elements_converge_with_second_order(quadrature):
+@pytest.mark.parametrize(
+    ("nodes", "quadrature"), [(2, "reduced"), (3, "reduced"), (4, "reduced"), (4, "full")]
+)
+def test_straight_elements_converge_with_second_order(nodes, quadrature):
     # 1.2e-1, 3.2e-2, 8.0e-3 (radial) with 2, 4, 8 elements: the polygon's distance to the arc.
-    error = np.array(
-        [in_load_directions(20, n, quadrature=quadrature, shape="straight") for n in (4, 8, 16)]
-    )
+    # 2 nodes, whose bending adds an error of second order: 1.7e-1, 4.4e-2, 1.1e-2.
+    case = {"nodes": nodes, "quadrature": quadrature, "shape": "straight"}
+    error = np.array([in_load_directions(20, n, **case) for n in (4, 8, 16)])
     assert_allclose(np.log2(error[:-1] / error[1:]), 2.0, atol=0.15)
 
 
+@pytest.mark.parametrize("nodes", [2, 3, 4])
 @pytest.mark.parametrize("shape", ["curved", "straight"])
-def test_compliance_is_symmetric(shape):
+def test_compliance_is_symmetric(shape, nodes):
     # Maxwell's theorem: the errors above and below the diagonal agree to the solution's rounding.
     for r in (4, 100):
-        error = errors(r, 8, shape=shape)
+        error = errors(r, 8, shape=shape, nodes=nodes)
         assert_allclose(error, error.T, atol=1e-8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,6 +26,8 @@ CURVES = {
     "function": bd.Curve(lambda x: 0.3 * np.sin(2.0 * x), x=(-0.4, 2.0)),
     "function backwards": bd.Curve(lambda x: np.exp(0.5 * x), x=(1.0, -1.0)),
     "points": bd.Curve(points=CIRCLE),
+    "part of an arc": bd.Segment(bd.Arc(radius=-2.0, length=9.0, angle=2.5), 1.5, 6.0),
+    "part of a parabola": bd.Segment(bd.Parabola(span=4.0, rise=1.0), 0.0, 1.2),
 }
 every_curve = pytest.mark.parametrize("curve", CURVES.values(), ids=list(CURVES))
 lengths = st.floats(0.01, 100.0)
@@ -188,6 +192,37 @@ def test_a_backward_interval_reverses_the_curve():
     assert_allclose(backward.curvature(s), -forward.curvature(forward.length - s), atol=1e-8)
 
 
+def same(curve, part, s):
+    """`part` is the curve from `s` on, in every quantity: rounding of s."""
+    x = np.linspace(0.0, part.length, 9)
+    size = curve.length + np.abs(curve.point(s)).max()
+    assert_allclose(part.point(x), curve.point(s + x), atol=1e-14 * size)
+    turning = curve.length * np.abs(curve.curvature(s + x)).max()
+    for of_part, of_curve in (
+        (part.tangent_angle(x), curve.tangent_angle(s + x)),
+        (part.curvature(x) * curve.length, curve.curvature(s + x) * curve.length),
+    ):
+        assert_allclose(of_part, of_curve, atol=1e-12 * (1.0 + turning))
+
+
+@given(
+    curve=st.sampled_from(list(CURVES.values())),
+    percents=st.sets(st.integers(1, 99), max_size=4),
+)
+def test_segments_are_the_curve_over_their_stretches(curve, percents):
+    cuts = [0.0, *(curve.length * p / 100.0 for p in sorted(percents)), curve.length]
+    parts = [bd.Segment(curve, start, end) for start, end in pairwise(cuts)]
+    # Rounding of sums.
+    assert_allclose(sum(part.length for part in parts), curve.length, rtol=1e-14)
+    for part, start in zip(parts, cuts, strict=False):
+        same(curve, part, start)
+        # Also cut once more.
+        rest = bd.Segment(part, 0.3 * part.length, part.length)
+        same(curve, rest, start + 0.3 * part.length)
+    for one, other in pairwise(parts):
+        assert_allclose(one.point(one.length), other.point(0.0), atol=1e-13 * curve.length)
+
+
 nan = float("nan")
 
 
@@ -233,6 +268,18 @@ nan = float("nan")
         (
             lambda: bd.Curve(lambda x: abs(x) ** (1.0 / 3.0), x=(-1.0, 1.0)),
             "Curve: the curve folds onto itself",
+        ),
+        (
+            lambda: bd.Segment(CURVES["line"], 1.0, 1.0),
+            r"^Segment: start and end must ascend within \[0, 2.38537208838\] m, got 1 and 1\.$",
+        ),
+        (lambda: bd.Segment(CURVES["line"], 2.0, 1.0), r"Segment: .*must ascend.*got 2 and 1\.$"),
+        (lambda: bd.Segment(CURVES["line"], -0.1, 1.0), r"Segment: .*got -0.1 and 1\.$"),
+        (lambda: bd.Segment(CURVES["line"], 1.0, 2.4), r"Segment: .*got 1 and 2.4\.$"),
+        (lambda: bd.Segment(CURVES["line"], nan, 1.0), "Segment: start must be finite, got nan"),
+        (
+            lambda: bd.Segment(CURVES["line"], 0.0, "tip"),
+            "Segment: end must be a number, got 'tip'",
         ),
     ],
 )

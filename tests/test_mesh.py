@@ -20,14 +20,27 @@ CURVES = {
 every_curve = pytest.mark.parametrize("curve", CURVES.values(), ids=list(CURVES))
 every_shape = pytest.mark.parametrize("shape", ["curved", "straight"])
 every_continuity = pytest.mark.parametrize(
-    ("shape", "continuity"),
-    [("curved", "cartesian"), ("curved", "local"), ("straight", "cartesian")],
+    ("shape", "continuity", "nodes"),
+    [
+        ("curved", "cartesian", 4),
+        ("curved", "local", 4),
+        ("straight", "cartesian", 4),
+        ("curved", "cartesian", 3),
+        ("straight", "cartesian", 2),
+    ],
 )
 every_frame = pytest.mark.parametrize("frame", ["tangent", "chord"])
+every_count = pytest.mark.parametrize("nodes", [2, 3, 4])
 
 
 def beam(
-    curve, elements, shape="curved", frame="tangent", quadrature="reduced", continuity="cartesian"
+    curve,
+    elements,
+    shape="curved",
+    frame="tangent",
+    quadrature="reduced",
+    continuity="cartesian",
+    nodes=4,
 ):
     return bd.Beam(
         "beam",
@@ -38,6 +51,7 @@ def beam(
         continuity=continuity,
         frame=frame,
         quadrature=quadrature,
+        nodes=nodes,
     )
 
 
@@ -59,6 +73,52 @@ def test_mesh_errors_of_curved_elements(curve, quadrature):
     # Lengths are rounded at 1e-14, the last error is 1e-12 or more.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
     assert_allclose(orders[:, 1], 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_curve
+def test_mesh_errors_of_quadratic_elements(curve, quadrature):
+    """Arc length converges with fourth order, curvature with first and on an arc with second.
+
+    Quadratic interpolation is off by h^3 xi (xi^2 - 1) / 48 times the third derivative. That is
+    odd: it leaves the length of an element to the next order. Its second derivative across the
+    axis is h xi / 2 times the rate of the curvature, which an arc does not have. Parabola, 16 to
+    64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9, curvature times length 7.5e-2, 3.7e-2,
+    1.9e-2.
+    """
+    errors = [beam(curve, n, quadrature=quadrature, nodes=3).mesh_errors for n in (16, 32, 64)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    # Lengths are rounded at 1e-14, the last error is 5e-13 or more.
+    assert_allclose(orders[:, 0], 4.0, atol=0.1)
+    assert_allclose(orders[:, 1], 2.0 if isinstance(curve, bd.Arc) else 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_frame
+@every_curve
+def test_two_nodes_make_an_element_straight(curve, frame, quadrature):
+    curved, straight = (
+        beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
+    )
+    section, gravity = np.arange(6.0), np.zeros(2)
+    # The end of a chord, or its start and the way to it: rounding.
+    for got, expected in [
+        (curved.mesh.coordinates.toarray(), straight.mesh.coordinates.toarray()),
+        (
+            curved.mesh.quadrature_data(section, gravity),
+            straight.mesh.quadrature_data(section, gravity),
+        ),
+        (curved.mesh_errors, straight.mesh_errors),
+        (curved.mesh_errors[0], beam(curve, 5, "straight", frame).mesh_errors[0]),
+    ]:
+        assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_elements_of_two_nodes_meet_at_kinks():
+    match = "beam: straight elements meet at kinks, continuity must be 'cartesian'"
+    with pytest.raises(bd.BeamdaeError, match=match):
+        beam(ARC, 2, continuity="local", nodes=2)
+    assert beam(ARC, 2, continuity="local", nodes=3).mesh.continuity == "local"
 
 
 def test_mesh_errors_of_an_arc():
@@ -85,27 +145,30 @@ def test_a_line_has_no_mesh_errors(shape, quadrature):
     assert_allclose(errors, 0.0, atol=1e-13)  # rounding
 
 
+@every_count
 @every_frame
 @every_curve
-def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame):
-    mesh = beam(curve, 3, "curved", frame).mesh
-    nodes = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
-    s = np.linspace(0.0, curve.length, 10)
-    on_curve = curve.point(s)
+def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
+    mesh = beam(curve, 3, "curved", frame, nodes=nodes).mesh
+    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+    step = nodes - 1
+    on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
-        assert_allclose(nodes[e], on_curve[3 * e : 3 * e + 4], atol=1e-14 * 10)  # rounding
+        mine = on_curve[step * e : step * e + nodes]
+        assert_allclose(found[e], mine, atol=1e-14 * 10)  # rounding
 
 
+@every_count
 @every_frame
 @every_curve
-def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame):
-    mesh = beam(curve, 3, "straight", frame).mesh
-    nodes = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
+    mesh = beam(curve, 3, "straight", frame, nodes=nodes).mesh
+    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
     ends = curve.point(np.linspace(0.0, curve.length, 4))
     for e in range(3):
-        for i in range(4):
-            there = ends[e] + i / 3.0 * (ends[e + 1] - ends[e])
-            assert_allclose(nodes[e, i], there, atol=1e-14 * 10)  # rounding
+        for i in range(nodes):
+            there = ends[e] + i / (nodes - 1) * (ends[e + 1] - ends[e])
+            assert_allclose(found[e, i], there, atol=1e-14 * 10)  # rounding
 
 
 @every_curve
@@ -121,28 +184,31 @@ def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
     assert_allclose(ds, 0.5 * curve.length / 40, rtol=1e-4)
 
 
-def test_kinks_between_curved_elements_are_of_third_order():
+@pytest.mark.parametrize("nodes", [3, 4])
+def test_kinks_between_curved_elements_are_of_third_order(nodes):
     kinks = []
     for n in (4, 8, 16):
-        mesh = beam(ARC, n).mesh
+        mesh = beam(ARC, n, nodes=nodes).mesh
         element = np.arange(n)
         left, right = (mesh.axis(element, np.full(n, xi))[1] for xi in (1.0, -1.0))
         kinks.append(np.abs(left[:-1] - right[1:]).max())
-    # 5.6e-4, 7.0e-5, 8.8e-6 rad.
+    # 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 with 3: the slope of
+    # quadratics is off by h^2, the same on both sides of a node.
     assert_allclose(np.log2(np.divide(kinks[:-1], kinks[1:])), 3.0, atol=0.05)
 
 
+@every_count
 @every_frame
 @every_shape
 @every_curve
-def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame):
-    body = beam(curve, 3, shape, frame)
+def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame, nodes):
+    body = beam(curve, 3, shape, frame, nodes=nodes)
     mesh = body.mesh
     assert mesh.coordinates.shape == (3 * mesh.kind.size, len(body.coordinate_names))
     assert len(set(body.coordinate_names)) == len(body.coordinate_names)
     assert len(body.initial_position) == len(body.coordinate_names)
-    # Six coordinates of 30 nodal ones and the frame's three are fixed in a plane of rigid motion.
-    assert len(body.coordinate_names) == 3 + 3 * 10 - 3
+    # Three of the nodal ones are fixed: a rigid motion is that of the frame.
+    assert len(body.coordinate_names) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
     frame_rows = mesh.coordinates.toarray().reshape(3, mesh.kind.size, -1)[:, :FRAME]
     assert_allclose(frame_rows, np.broadcast_to(np.eye(3, frame_rows.shape[2]), frame_rows.shape))
 
@@ -162,8 +228,10 @@ def local_fields(body, q):
 @every_frame
 @every_continuity
 @every_curve
-def test_displacement_and_rotation_are_continuous_at_the_nodes(curve, shape, continuity, frame):
-    body = beam(curve, 4, shape, frame, continuity=continuity)
+def test_displacement_and_rotation_are_continuous_at_the_nodes(
+    curve, shape, continuity, nodes, frame
+):
+    body = beam(curve, 4, shape, frame, continuity=continuity, nodes=nodes)
     rng = np.random.default_rng(0)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
@@ -180,18 +248,19 @@ def test_displacement_and_rotation_are_continuous_at_the_nodes(curve, shape, con
             assert 0.0 < abs(angles[e, -1] - angles[e + 1, 0]) < 0.01
 
 
+@every_count
 @every_shape
-def test_nodal_coordinates_are_components_along_the_curve(shape):
+def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
     """A field given by (u, v) along the curve's tangents becomes the same vectors in an element."""
-    body = beam(ARC, 3, shape)
+    body = beam(ARC, 3, shape, nodes=nodes)
     mesh = body.mesh
     rng = np.random.default_rng(3)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
     tangent = ARC.tangent_angle(mesh.node_arc_lengths) - mesh.frame_angle
     for e in range(3):
-        for i in range(4):
-            node = 3 * e + i
+        for i in range(nodes):
+            node = (nodes - 1) * e + i
             if node == 0:
                 continue
             names = (f"u{node}", f"v{node}")
@@ -212,8 +281,8 @@ def test_tangent_frame_rides_on_the_start_section(curve, shape):
 
 @every_continuity
 @every_curve
-def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity):
-    body = beam(curve, 2, shape, "chord", continuity=continuity)
+def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
+    body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
     mesh = body.mesh
     rng = np.random.default_rng(2)
     q = rng.standard_normal(len(body.initial_position))
