@@ -8,6 +8,7 @@ import beamdae as bd
 @bd.model(t_end=4.5)
 def slider_crank(
     elements=8,
+    bodies=1,
     strain="nonlinear",
     frame="tangent",
     crank="rigid",
@@ -19,7 +20,9 @@ def slider_crank(
     """Crank run up to `speed` [rad/s] in 0.5 s, parabolic rod, slider of 0.5 kg.
 
     `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord". The
-    crank is "rigid" or "flexible", with the rod's section and half its elements.
+    crank is "rigid" or "flexible", with the rod's section and half its elements. The rod is cut
+    into `bodies` beams of `elements` elements each; "mid-point" is seen from the frame of the one
+    it sits on.
     """
     alloy = bd.Material(E=68.952e9, nu=0.3, rho=density)
     square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)
@@ -38,25 +41,28 @@ def slider_crank(
     else:
         raise bd.BeamdaeError(f"slider_crank: crank must be 'rigid' or 'flexible', got {crank!r}.")
     axis = bd.Parabola(span=4.0, rise=1.0, start=(1.0, 0.0))
-    rod = mech.add(
-        bd.Beam(
-            "rod",
-            axis,
-            square,
-            elements=elements,
-            strain=strain,
-            frame=frame,
-            quadrature=quadrature,
-        )
+    rods = bd.welded_beams(
+        mech,
+        "rod",
+        axis,
+        square,
+        bodies,
+        elements=elements,
+        strain=strain,
+        frame=frame,
+        quadrature=quadrature,
     )
-    mech.add(bd.PointMass("slider", 0.5, on=rod.end))
+    middle = rods[bodies // 2]
+    mid_point = middle.length / 2.0 if bodies % 2 else 0.0
+
+    mech.add(bd.PointMass("slider", 0.5, on=rods[-1].end))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), shaft))
     motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), shaft, law=bd.run_up(speed, 0.5)))
-    mech.add(bd.Revolute("crank pin", pin, rod.start))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(5.0, 0.0), rod.end, direction=(1.0, 0.0)))
+    mech.add(bd.Revolute("crank pin", pin, rods[0].start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(5.0, 0.0), rods[-1].end, direction=(1.0, 0.0)))
 
-    mech.observe("slider", rod.end)
-    mech.observe("rod frame", rod.floating_frame)
-    mech.observe("mid-point", rod.deformation(rod.length / 2.0, axes="local"))
+    mech.observe("slider", rods[-1].end)
+    mech.observe("rod frame", rods[0].floating_frame)
+    mech.observe("mid-point", middle.deformation(mid_point, axes="local"))
     mech.observe("motor", motor.reaction)
     return mech

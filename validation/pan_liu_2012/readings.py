@@ -1,0 +1,80 @@
+"""Numbers the print has lost or left open: every reading with the ranges it leads to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from hub_beam import hub_beam
+
+from pan_liu_2012.figures_9_10 import END, MIDDLE, RATE, ROWS, mechanism
+from pan_liu_2012.runs import PAPER_SCHEME, fills, observed, observed_until_failure, span
+
+TIP = ["deformation.u [m]", "deformation.v [m]"]
+HUB = {
+    "as used": {},
+    "density 27 667 kg/m^3, as printed": {"density": 27667.0},
+    "length 5/3 m, as extracted": {"length": 5.0 / 3.0},
+    "torque 10 sin(2 t), as extracted": {"frequency": 1.0 / np.pi},
+}
+FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10 = (-0.10, 0.10), (-0.10, 0.12), (-0.20, 0.20), (-1.5, 1.5)
+
+
+def hub(reading: str) -> dict[str, pd.DataFrame]:
+    """Ranges of Figs. 6 and 7 under one reading."""
+    found = observed(hub_beam(**HUB[reading]), 2.0, 4e-3, PAPER_SCHEME)
+    lines = [
+        _line("hub beam", reading, f"{c[12]} of the tip [m]", figure, found[c], axis)
+        for c, figure, axis in zip(TIP, ("6", "7"), (FIGURE_6, FIGURE_7), strict=True)
+    ]
+    return {"readings": pd.DataFrame(lines)}
+
+
+CRANK = {
+    "as used": {},
+    "speed 2 pi rad/s": {"speed": 2.0 * np.pi},
+    "density 27 667 kg/m^3, as printed for the hub beam": {"density": 27667.0},
+    "chord frame": {"frame": "chord"},
+    "flexible crank": {"crank": "flexible"},
+    "flexible crank, chord frame": {"crank": "flexible", "frame": "chord"},
+}
+
+
+def crank(reading: str) -> dict[str, pd.DataFrame]:
+    """Ranges of Figs. 9 and 10, nonlinear and linear together, under one reading.
+
+    Where the rod snaps through, the run ends early; what it reached tells enough.
+    """
+    lines = []
+    both = pd.concat(
+        [
+            observed_until_failure(mechanism(strain=strain, **CRANK[reading]), END, ROWS)
+            for strain in ("nonlinear", "linear")
+        ]
+    )
+    for column, name in MIDDLE.items():
+        quantity = f"{name}, of the middle [m]"
+        lines.append(_line("slider-crank", reading, quantity, "9", both[column], FIGURE_9))
+    rate = both[RATE]
+    lines.append(_line("slider-crank", reading, "rod frame [rad/s]", "10", rate, FIGURE_10))
+    return {"readings": pd.DataFrame(lines)}
+
+
+def _line(
+    system: str,
+    reading: str,
+    quantity: str,
+    figure: str,
+    values: pd.Series,
+    axis: tuple[float, float],
+) -> dict[str, object]:
+    low, high = float(values.min()), float(values.max())
+    return {
+        "system": system,
+        "reading": reading,
+        "quantity": quantity,
+        "range": span(values),
+        "figure": figure,
+        "its axis": f"{axis[0]:g} .. {axis[1]:g}",
+        "share of the axis [-]": (high - low) / (axis[1] - axis[0]),
+        "fills it": bool(fills(low, high, axis)),
+    }
