@@ -37,7 +37,8 @@ class Beam:
     elements
         Number of elements, of equal arc length.
     strain
-        "nonlinear" (eq. 5, the paper's) or "linear" (without the quadratic terms).
+        "nonlinear" (eq. 5, the paper's), with the quadratic terms (u'^2 + v'^2)/2; "green", with
+        Green's ((u' - v/R)^2 + (v' + u/R)^2)/2 instead; or "linear", with none.
     elements_shape
         "curved" (the paper's) or "straight": the polygon through the curve.
     continuity
@@ -83,7 +84,7 @@ class Beam:
         self.section = section
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
-        one_of(name, "strain", strain, ("nonlinear", "linear"))
+        one_of(name, "strain", strain, ("nonlinear", "green", "linear"))
         nodes = one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4))
         one_of(name, "quadrature", quadrature, ("reduced", "full"))
         if (elements_shape == "straight" or nodes == 2) and continuity == "local":

@@ -35,7 +35,8 @@ class ElementType:
     quadrature
         Gauss points of the stiffness terms.
     strain
-        "nonlinear" (eq. 5) or "linear" (without the quadratic terms).
+        "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well) or
+        "linear" (without them).
     damped
         Whether the section has Kelvin-Voigt damping; without it a third of the tangent's
         operations falls away.
@@ -91,10 +92,13 @@ def strains(kind: ElementType, row: np.ndarray, slope: np.ndarray, point: SX, no
     curvature, dxi_ds = point[1], point[2]
     u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
     du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
-    axial = du - v * curvature
-    if kind.strain == "nonlinear":
-        axial = axial + 0.5 * (du**2 + dv**2)
-    return Strains(axial, dv + u * curvature - phi, -dphi)
+    along, across = du - v * curvature, dv + u * curvature
+    quadratic = {
+        "linear": 0.0,
+        "nonlinear": 0.5 * (du**2 + dv**2),
+        "green": 0.5 * (along**2 + across**2),
+    }
+    return Strains(along + quadratic[kind.strain], across - phi, -dphi)
 
 
 def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:

@@ -24,9 +24,9 @@ def hub_beam(
 ):
     """Hub and beam: `torque` [N m] times sin(2 pi `frequency` t) on the hub, no gravity.
 
-    `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same length and
-    ends at the same distance from the hub. The beam is cut into `bodies` beams of `elements`
-    elements each, welded together, every one in a floating frame of its own.
+    `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same chord and
+    rise. The beam is cut into `bodies` beams of `elements` elements each, welded together, every
+    one in a floating frame of its own.
     """
     angle = np.radians(subtended)
     radius = length / angle

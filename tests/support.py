@@ -64,6 +64,9 @@ VARIANTS = [
 VARIANTS += [
     Variant("nonlinear", "curved", "reduced", f, 0.03, "local") for f in ("tangent", "chord")
 ]
+VARIANTS += [
+    Variant("green", "curved", "reduced", f, d) for f, d in (("tangent", 0.0), ("chord", 0.03))
+]
 # Fewer nodes are shorter sums of the same terms: a choice of the other settings shows them.
 VARIANTS += [
     Variant("nonlinear", "curved", "reduced", "tangent", 0.03, nodes=3),

@@ -34,7 +34,7 @@ every_kind = pytest.mark.parametrize(
     [
         ElementType(nodes, quadrature, strain, damped)
         for nodes, quadrature in POINTS
-        for strain in ("nonlinear", "linear")
+        for strain in ("nonlinear", "green", "linear")
         for damped in (False, True)
     ],
     ids=lambda k: f"{k.nodes}-{k.quadrature}-{k.strain}-{'damped' if k.damped else 'undamped'}",
@@ -511,7 +511,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     numeric = _cantilever(variant, line)
     e, g = 0.03, 0.02
     q = _set_nodes(numeric, lambda s: (e * s, g * s, 0.0))
-    axial = e + (0.5 * (e**2 + g**2) if variant.strain == "nonlinear" else 0.0)
+    axial = e + (0.5 * (e**2 + g**2) if variant.strain != "linear" else 0.0)
     for share in (0.0, 0.35, 1.0):
         # Linear fields: rounding.
         assert_allclose(
@@ -520,7 +520,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     v = np.zeros(numeric.n)
     rate = 0.5
     v[3:] = rate * (q - numeric.equations.q0)[3:]
-    stretched = rate * (e + (e**2 + g**2 if variant.strain == "nonlinear" else 0.0))
+    stretched = rate * (e + (e**2 + g**2 if variant.strain != "linear" else 0.0))
     expected = (x.EA * (axial + variant.damping * stretched), x.GA * g * (1 + rate * x.damping), 0)
     assert_allclose(numeric.observed("forces 0.35", q=q, v=v), expected, atol=1e-12)
 
@@ -531,11 +531,13 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     ids=str,
 )
 def test_blown_up_arc_shrinks_along_its_axis(variant):
-    """v = w (towards the center) all along an arc: eps11 = -w/R, no shear, no bending."""
+    """v = w (towards the center) all along an arc: eps11 = -w/R (Green's: + (w/R)^2/2) alone."""
     numeric = _cantilever(variant, ARC, elements=6)
     w = 0.04
     q = _set_nodes(numeric, lambda s: (0.0, w, 0.0))
-    expected = (-variant.section.EA * w / ARC.radius, 0.0, 0.0)
+    axial = -w / ARC.radius
+    axial += 0.5 * axial**2 if variant.strain == "green" else 0.0
+    expected = (variant.section.EA * axial, 0.0, 0.0)
     # The curvature of the interpolated axis is off by 0.1 (h/R)^2 = 4e-3 of itself.
     assert_allclose(numeric.observed("forces 1.0", q=q), expected, atol=6e-3 * abs(expected[0]))
 
@@ -557,6 +559,29 @@ def test_deformation_axes_differ_by_the_rotation_of_the_frame(variant):
         assert_allclose(numeric.observed(f"at {share}", q=q)[:2], rigid + inertial[:2], atol=1e-13)
 
 
+def test_greens_strain_of_a_rigid_rotation_is_zero_and_that_of_eq_5_is_not():
+    """Of a parabola: on an arc turned about its start what eq. (5) leaves out cancels."""
+    turn, curve = 0.3, bd.Parabola(span=2.0, rise=0.5, start=ARC.start)
+    stretch = {}
+    for strain in ("nonlinear", "green", "linear"):
+        mech = bd.Mechanism()
+        beam = mech.add(Variant(strain, "curved", "reduced", "tangent", 0.0).beam(curve, 16))
+        mech.observe("axial", beam.strain(1.8, 0.0))
+        numeric = Numeric(mech)
+        s = np.linspace(0.0, curve.length, beam.mesh.node_count)[1:]
+        moved = (curve.point(s) - ARC.start) @ (_rotation(turn) - np.eye(2)).T
+        angle = curve.tangent_angle(s)
+        along = np.cos(angle) * moved[:, 0] + np.sin(angle) * moved[:, 1]
+        across = -np.sin(angle) * moved[:, 0] + np.cos(angle) * moved[:, 1]
+        q = numeric.equations.q0.copy()
+        q[3:] = np.stack([along, across, 0.0 * s + turn], axis=-1).ravel()
+        stretch[strain] = numeric.observed("axial", q=q)[0]
+    # Interpolation leaves 2e-6; without the quadratic part cos - 1.
+    assert abs(stretch["green"]) < 1e-5
+    assert_allclose(stretch["linear"], np.cos(turn) - 1.0, atol=1e-5)
+    assert abs(stretch["nonlinear"]) > 1e-3
+
+
 def test_beam_refuses_what_it_cannot_use():
     section = VARIANTS[0].section
     with pytest.raises(bd.BeamdaeError, match=r"rod: curve must be a Line, Arc.*got 'circle'"):
@@ -564,7 +589,7 @@ def test_beam_refuses_what_it_cannot_use():
     with pytest.raises(bd.BeamdaeError, match=r"rod: section must be a Section, got 3"):
         bd.Beam("rod", ARC, 3)
     for words, match in [
-        ({"strain": "cubic"}, "strain must be one of 'nonlinear', 'linear', got 'cubic'"),
+        ({"strain": "cubic"}, "strain must be one of 'nonlinear', 'green', 'linear', got 'cubic'"),
         ({"elements_shape": "curve"}, r"got 'curve' \(did you mean 'curved'\?\)"),
         ({"quadrature": 5}, "quadrature must be one of 'reduced', 'full', got 5"),
         ({"nodes": 5}, "nodes must be one of 2, 3, 4, got 5"),

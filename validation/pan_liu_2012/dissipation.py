@@ -1,4 +1,4 @@
-"""What generalized-alpha is for: axial vibrations that no step resolves, without damping."""
+"""What generalized-alpha is for: axial vibrations that its step does not resolve."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import scipy.signal
 from pendulum import pendulum
 
 import beamdae as bd
-from pan_liu_2012.claims import Judgement, Tables, agrees, claim
+from pan_liu_2012.claims import OPEN, Judgement, Tables, claim
 from pan_liu_2012.runs import deviation
 
 END, ROWS = 2.0, 1e-3
-# The strip bends at 14 and 45 Hz; axially it vibrates at 1 kHz and more, beyond what a step of
-# 1 ms can follow: above 200 Hz nothing of the bending is left.
+# The strip bends at 8.8, 36, 80, 142 and 219 Hz, and vibrates along its axis at 1.5 kHz: beyond
+# what a step of 1 ms can follow. The filter leaves the axial vibration and the highest bending
+# modes.
 CUT_OFF = 200.0
 GAUGE, FORCE, ANGLE = "gauge 1 [-]", "hinge.Fx [N]", "frame.angle [rad]"
 RADII = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.3, 0.0)
@@ -72,12 +73,15 @@ def tables() -> dict[str, pd.DataFrame]:
             curves[f"{name} [N]"] = found[FORCE].set_axis(solution.t)
         lines.append(line)
     lines.append({"integrator": "resolved, step 2e-5 s", "status": "ok", **_noise(exact.observed)})
+    curves["resolved, step 2e-5 s [N]"] = exact.observed[FORCE].set_axis(exact.t)
     history = pd.DataFrame(curves).iloc[:301].rename_axis("t [s]")
     fixed = [c for c in history if any(x in c for x in ("rho_inf 1 ", "rho_inf 0.8 "))]
     return {
         "generalized_alpha": pd.DataFrame(lines),
         "generalized_alpha_start": history[fixed],
-        "generalized_alpha_start_ida": history[["IDA, order 2, rtol 1e-04 [N]"]],
+        "generalized_alpha_start_others": history[
+            ["resolved, step 2e-5 s [N]", "IDA, order 2, rtol 1e-04 [N]"]
+        ],
     }
 
 
@@ -86,7 +90,7 @@ def _noise(found: pd.DataFrame) -> dict[str, float]:
     noise = {}
     for name, column in (("gauge 1", GAUGE), ("hinge force", FORCE)):
         values = found[column].to_numpy()
-        # The filter rings at both ends; the last tenth tells what has not died away.
+        # The filter rings at both ends; 1.7 to 1.9 s tell what has not died away.
         content = high_frequency(values) / np.ptp(values)
         noise[f"{name}, above 200 Hz, rms [-]"] = float(np.std(content))
         late = content[int(0.85 * len(content)) : int(0.95 * len(content))]
@@ -102,16 +106,18 @@ def _noise(found: pd.DataFrame) -> dict[str, float]:
 def numerical_damping(tables: Tables) -> Judgement:
     table = tables["generalized_alpha"].set_index("integrator")
     plain = "generalized-alpha, plain start, rho_inf {}"
-    noise = table["hinge force, above 200 Hz, late rms [-]"]
-    lost = table["energy lost over largest kinetic [-]"].abs()
-    stuck = table.index[table["status"] != "ok"]
-    none, some = noise[plain.format("1")], noise[plain.format("0.8")]
+    kept = table["hinge force, above 200 Hz, late rms [-]"]
+    lost = table["energy lost over largest kinetic [-]"]
+    stuck = int((table["status"] != "ok").sum())
     return Judgement(
-        f"hinge force above 200 Hz after 1.7 s: {none:.1%} of its range with rho_inf 1, {some:.1e} "
-        f"with 0.8, at an energy loss of {lost[plain.format('0.8')]:.1e}; "
-        f"IDA of order 5 gives up at tight tolerances ({len(stuck)} runs)",
-        agrees(some < 0.01 * none and lost[plain.format("0.8")] < 1e-4),
-        "without physical damping; the paper shows no numbers",
+        f"axial vibration left in the hinge force after 1.7 s, of its range: "
+        f"{kept['resolved, step 2e-5 s']:.1%} in truth, {kept[plain.format('1')]:.1%} with rho_inf "
+        f"1, {kept[plain.format('0.8')]:.1e} with 0.8 at an energy loss of "
+        f"{lost[plain.format('0.8')]:.1e}; IDA of order 2 does as well, of order 5 it takes more "
+        f"than {MAX_STEPS} steps ({stuck} runs)",
+        OPEN,
+        "the paper shows nothing of it; what it is good for here: it filters what the step cannot "
+        "follow and leaves the motion alone",
     )
 
 

@@ -16,7 +16,7 @@ COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
 
 
 def tip(factor: float, bodies: int, strain: str = "nonlinear") -> pd.DataFrame:
-    """Tip deformation in `bodies` floating frames, 32 elements or so in all."""
+    """Tip deformation in `bodies` floating frames, at least eight elements in all."""
     mechanism = hub_beam(
         torque=10.0 * factor, bodies=bodies, elements=max(8 // bodies, 2), strain=strain
     )
@@ -40,6 +40,8 @@ def hub(factor: float) -> dict[str, pd.DataFrame]:
             found[COLUMNS], exact[COLUMNS]
         )
         history[f"v, torque x {factor}, {bodies} frame{'s' * (bodies > 1)} [m]"] = found[COLUMNS[1]]
+    green = tip(factor, 1, "green")
+    line["error, Green's strain, 1 frame [-]"] = deviation(green[COLUMNS], exact[COLUMNS])
     linear = tip(factor, 1, "linear")
     line["error, linear, 1 frame [-]"] = deviation(linear[COLUMNS], exact[COLUMNS])
     history[f"v, torque x {factor}, linear [m]"] = linear[COLUMNS[1]]

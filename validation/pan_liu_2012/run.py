@@ -32,13 +32,14 @@ from pan_liu_2012 import (
     readings,
     table_1,
     table_2,
+    table_2_claims,
 )
 from pan_liu_2012.claims import summary
 from pan_liu_2012.pictures import draw_all
 
 Tables = dict[str, pd.DataFrame]
 Job = tuple[str, Callable[..., Tables], tuple[Any, ...]]
-STUDIES = (table_2, figures_6_7, figure_5, figures_9_10, dissipation, manoeuvre)
+STUDIES = (table_2_claims, figures_6_7, figure_5, figures_9_10, dissipation, manoeuvre)
 CLAIMS = [claim for study in STUDIES for claim in study.CLAIMS]
 
 

@@ -61,13 +61,3 @@ def span(values: Any, digits: int = 3) -> str:
     """Smallest and largest value as text."""
     low, high = np.min(values), np.max(values)
     return f"{low:.{digits}g} .. {high:.{digits}g}"
-
-
-def fills(low: Any, high: Any, axis: tuple[float, float]) -> Any:
-    """Whether curves from `low` to `high` are what a figure's axis was chosen for.
-
-    Within it, by two percent of its length, and over at least 0.65 of it.
-    """
-    length = axis[1] - axis[0]
-    within = (low >= axis[0] - 0.02 * length) & (high <= axis[1] + 0.02 * length)
-    return within & (high - low >= 0.65 * length)
