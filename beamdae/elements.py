@@ -94,7 +94,7 @@ def strains(kind: ElementType, row: np.ndarray, slope: np.ndarray, point: SX, no
     du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
     along, across = du - v * curvature, dv + u * curvature
     quadratic = {
-        "linear": 0.0,
+        "linear": SX(0),
         "nonlinear": 0.5 * (du**2 + dv**2),
         "green": 0.5 * (along**2 + across**2),
     }
