@@ -16,17 +16,18 @@ if TYPE_CHECKING:
     from beamdae.damping import AirDrag, RayleighDamping
     from beamdae.equations import EquationsOfMotion
     from beamdae.geometry import Arc, Line, Segment
-    from beamdae.integrators import GeneralizedAlpha, Ida
+    from beamdae.integrators import GeneralizedAlpha, Ida, Radau
     from beamdae.joints import Driver, PointOnLine, Revolute, Weld
     from beamdae.laws import Law, piecewise, run_up, sine, table
     from beamdae.loads import Force, Moment
     from beamdae.mechanism import Mechanism
+    from beamdae.model_file import load_model
     from beamdae.observables import relative_displacement
     from beamdae.sections import Material, Section
     from beamdae.simulation import simulate
     from beamdae.solution import Solution
     from beamdae.spline_curves import Curve, Parabola
-    from beamdae.study import Case, compare, grid
+    from beamdae.studies import Case, Study, compare, grid, study
     from beamdae.welded import welded_beams
 
 __version__ = "0.1.0"
@@ -54,22 +55,26 @@ __all__ = [
     "Parabola",
     "PointMass",
     "PointOnLine",
+    "Radau",
     "RayleighDamping",
     "Revolute",
     "RigidBody",
     "Section",
     "Segment",
     "Solution",
+    "Study",
     "Weld",
     "compare",
     "equations_of_motion",
     "grid",
+    "load_model",
     "model",
     "piecewise",
     "relative_displacement",
     "run_up",
     "simulate",
     "sine",
+    "study",
     "table",
     "welded_beams",
 ]
@@ -82,17 +87,18 @@ _MODULES = {
     "damping": ("AirDrag", "RayleighDamping"),
     "equations": ("EquationsOfMotion",),
     "geometry": ("Arc", "Line", "Segment"),
-    "integrators": ("GeneralizedAlpha", "Ida"),
+    "integrators": ("GeneralizedAlpha", "Ida", "Radau"),
     "joints": ("Driver", "PointOnLine", "Revolute", "Weld"),
     "laws": ("Law", "piecewise", "run_up", "sine", "table"),
     "loads": ("Force", "Moment"),
     "mechanism": ("Mechanism",),
+    "model_file": ("load_model",),
     "observables": ("relative_displacement",),
     "sections": ("Material", "Section"),
     "simulation": ("simulate",),
     "solution": ("Solution",),
     "spline_curves": ("Curve", "Parabola"),
-    "study": ("Case", "compare", "grid"),
+    "studies": ("Case", "Study", "compare", "grid", "study"),
     "welded": ("welded_beams",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

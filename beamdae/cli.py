@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
@@ -15,13 +13,24 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
+from beamdae.cli_compare import compare
+from beamdae.cli_options import (
+    EndTime,
+    ModelFile,
+    ModelName,
+    Out,
+    OutputStep,
+    Settings,
+    assignments,
+    console,
+    require_writable,
+    say_written,
+)
 from beamdae.errors import BeamdaeError, one_of
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.model import Model
-
-_WIDTH = 140
 
 
 class _Commands(TyperGroup):
@@ -39,19 +48,7 @@ app = typer.Typer(
     cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
-ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which model, where the file holds several.")
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Value of a model parameter; repeat."),
-]
-Out = Annotated[Path, typer.Option(help="Folder to write to.")]
-EndTime = Annotated[float | None, typer.Option(help="End time [s]; default the model's.")]
-OutputStep = Annotated[
-    float | None, typer.Option(help="Time between rows [s]; default a thousandth of the run.")
-]
+app.command()(compare)
 
 
 def main() -> None:
@@ -82,8 +79,11 @@ def run(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[str, typer.Option(help="ida or generalized-alpha.")] = "ida",
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance (ida).")] = None,
+    integrator: Annotated[str, typer.Option(help="ida, radau or generalized-alpha.")] = "ida",
+    rtol: Annotated[
+        float | None,
+        typer.Option(help="Relative tolerance (ida, radau; generalized-alpha: adaptive steps)."),
+    ] = None,
     step: Annotated[float | None, typer.Option(help="Step [s] (generalized-alpha).")] = None,
     rho_inf: Annotated[
         float | None, typer.Option(help="Spectral radius at infinity (generalized-alpha).")
@@ -112,7 +112,7 @@ def run(
             "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
         },
     )
-    _require_writable(out)
+    require_writable(out)
     from beamdae import report
     from beamdae.simulation import simulate
 
@@ -120,57 +120,17 @@ def run(
         reached = partial(progress, method.label) if progress else None
         solution = simulate(model, method, t_end, output_step, reached)
     written = solution.to_csv(out / f"{model.name}.csv")
-    console = _console()
+    screen = console()
     rows = report.run_facts(solution.summary(), solution.integrator)
-    console.print(report.facts(model.name, rows))
+    screen.print(report.facts(model.name, rows))
     if len(solution.observed.columns):
-        console.print(report.ranges(solution.observed))
+        screen.print(report.ranges(solution.observed))
     picture = report.picture_of_run(
         out / f"{model.name}.png", solution.table(), f"{model.name}, {method.label}"
     )
-    _say_written(console, [written, written.with_suffix(".json"), picture])
+    say_written(screen, [written, written.with_suffix(".json"), picture])
     if not solution.status.success:
         typer.echo(f"failed: {solution.status.message}", err=True)
-        raise typer.Exit(1)
-
-
-@app.command()
-def compare(
-    path: ModelFile,
-    settings: Settings = None,
-    model_name: ModelName = None,
-    t_end: EndTime = None,
-    output_step: OutputStep = None,
-    out: Out = Path("results"),
-) -> None:
-    """Run one model with several integrators against a reference."""
-    model = _model(path, model_name, settings)
-    _require_writable(out)
-    from beamdae import report, study
-
-    cases = [study.Case(model, {}, integrator) for integrator in study.default_integrators()]
-    with _progress(t_end or model.t_end) as progress:
-        span = (t_end, output_step, progress)
-        reference = study.agreed_reference(model, {}, (), *span)
-        result = study.comparison(cases, reference, (), *span)
-    name = f"{model.name}_compare"
-    written = result.to_csv(out, name)
-    picture = report.picture_of_comparison(
-        out / f"{name}.png",
-        study.trajectory(reference.solution),
-        {label: (study.trajectory(solution), d) for label, solution, d in result.finished},
-        reference.uncertainty,
-        model.name,
-    )
-    console = _console()
-    console.print(model.name, style="bold")
-    console.print(report.comparison_table(result.table, reference.uncertainty))
-    console.print(report.comparison_caption(reference.uncertainty), style="dim")
-    _say_written(console, [*written, picture])
-    reasons = report.failures(result.table)
-    for reason in reasons:
-        typer.echo(f"failed: {reason}", err=True)
-    if reasons:
         raise typer.Exit(1)
 
 
@@ -186,12 +146,12 @@ def check(path: ModelFile, settings: Settings = None, model_name: ModelName = No
     facts = _start_facts(mechanism, model.t_end)
     for name, errors in beams.items():
         facts |= report.mesh_facts(name, *errors)
-    console = _console()
-    console.print(model.name, style="bold")
+    screen = console()
+    screen.print(model.name, style="bold")
     if parts:
         kinds = [(name, type(part).__name__) for name, part in parts.items()]
-        console.print(report.listing(("part", "kind"), kinds))
-    console.print(report.facts("", facts))
+        screen.print(report.listing(("part", "kind"), kinds))
+    screen.print(report.facts("", facts))
 
 
 @app.command("list")
@@ -221,7 +181,7 @@ def list_models(
             rows.append((name, f"{model.t_end:g}", model.summary, values))
     if not rows:
         raise BeamdaeError(f"{path}: it holds no model.")
-    _console().print(report.listing(("model", "t_end [s]", "about", "parameters"), rows))
+    console().print(report.listing(("model", "t_end [s]", "about", "parameters"), rows))
 
 
 def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
@@ -247,22 +207,16 @@ def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
 
 def _model(path: Path, name: str | None, settings: list[str] | None) -> Model:
     """The model of a file with the values of --set as its defaults."""
-    from beamdae.model_file import load
+    from beamdae.model_file import load_model
 
-    values = {}
-    for setting in settings or []:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise BeamdaeError(f"--set {setting}: it must have the form name=value.")
-        values[key.strip()] = value.strip()
-    model = load(path, name)
-    return replace(model, parameters=model.complete(values))
+    model = load_model(path, name)
+    return replace(model, parameters=model.complete(assignments(settings)))
 
 
 def _integrator(name: str, options: dict[str, Any]) -> Any:
-    from beamdae.integrators import GeneralizedAlpha, Ida
+    from beamdae.integrators import GeneralizedAlpha, Ida, Radau
 
-    kinds = {"ida": Ida, "generalized-alpha": GeneralizedAlpha}
+    kinds = {"ida": Ida, "radau": Radau, "generalized-alpha": GeneralizedAlpha}
     kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:
@@ -272,34 +226,12 @@ def _integrator(name: str, options: dict[str, Any]) -> Any:
     return kind(**given)
 
 
-def _require_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be made or written, before the work is done."""
-    there = folder.absolute()
-    while not there.exists():
-        there = there.parent
-    if not there.is_dir():
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} is not a folder.")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} allows no files.")
-
-
-def _console() -> Console:
-    """Standard output as it is: units in brackets are no markup."""
-    width = None if sys.stdout.isatty() else _WIDTH
-    return Console(width=width, markup=False, highlight=False, emoji=False)
-
-
-def _say_written(console: Console, paths: list[Path]) -> None:
-    for path in paths:
-        console.print(f"written: {path}", style="dim", soft_wrap=True)
-
-
 @contextmanager
 def _progress(t_end: float) -> Iterator[Callable[[str, float], None] | None]:
     """A bar of the time reached, on stderr, if that is a terminal."""
     # Integrators redirect stdout while they run.
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    screen = Console(stderr=True)
+    if not screen.is_terminal:
         yield None
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -311,7 +243,7 @@ def _progress(t_end: float) -> Iterator[Callable[[str, float], None] | None]:
         TimeElapsedColumn(),
     )
     with Progress(
-        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+        *columns, console=screen, transient=True, redirect_stdout=False, redirect_stderr=False
     ) as bar:
         task = bar.add_task("", total=t_end)
         yield lambda label, t: bar.update(task, description=label, completed=t)

@@ -7,7 +7,7 @@ import numpy as np
 
 Array = np.ndarray
 
-_ROWS_AT_ONCE = 2048
+_ROWS_AT_ONCE = 128
 
 
 class Compiled:
@@ -55,13 +55,12 @@ def evaluate_rows(function: ca.Function, *arguments: Array) -> Array:
     shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
     rows = max(len(a) for a in arguments if np.ndim(a) == 2)
     result = np.empty((rows, function.nnz_out(0)))
-    mapped: dict[int, Compiled] = {}
-    for first in range(0, rows, _ROWS_AT_ONCE):
-        part = slice(first, min(first + _ROWS_AT_ONCE, rows))
-        count = part.stop - first
-        if count not in mapped:
-            many = function.map(function.name(), "serial", count, shared, [])
-            mapped[count] = Compiled(many if count > 1 else function)
+    count = min(rows, _ROWS_AT_ONCE)
+    mapped = function.map(function.name(), "serial", count, shared, []) if count > 1 else function
+    compiled = Compiled(mapped)
+    # The last rows come with some of those before them: another map would cost more.
+    for first in [*range(0, rows - count, count), rows - count]:
+        part = slice(first, first + count)
         values = (a if np.ndim(a) == 1 else np.ravel(a[part]) for a in arguments)
-        result[part] = mapped[count](*values)[0].reshape(count, -1)
+        result[part] = compiled(*values)[0].reshape(count, -1)
     return result

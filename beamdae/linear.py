@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg import get_lapack_funcs
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
@@ -39,11 +39,12 @@ class Factorization(Protocol):
 class DenseFactorization:
     """LAPACK factors of the dense matrix: fastest for small systems."""
 
-    def __init__(self, pattern: sp.csc_array) -> None:
+    def __init__(self, pattern: sp.csc_array, dtype: type = float) -> None:
         self.factorizations = 0
         self.solves = 0
         rows, columns = pattern.shape
-        self._matrix = np.zeros((rows, columns), order="F")
+        self._matrix = np.zeros((rows, columns), dtype, order="F")
+        self._getrf, self._getrs = get_lapack_funcs(("getrf", "getrs"), (self._matrix,))
         self._flat = self._matrix.reshape(-1, order="F")
         column = np.repeat(np.arange(columns), np.diff(pattern.indptr))
         self._where = column * rows + pattern.indices
@@ -53,23 +54,23 @@ class DenseFactorization:
         self._flat[:] = 0.0
         self._flat[self._where] = nonzeros
         self.factorizations += 1
-        self._lu, self._pivots, info = dgetrf(self._matrix, overwrite_a=True)
+        self._lu, self._pivots, info = self._getrf(self._matrix, overwrite_a=True)
         if info != 0 or not np.isfinite(self._flat).all():
             raise SingularMatrixError("the matrix is singular or not finite")
 
     def solve(self, right: Array) -> Array:
         """Solution of matrix @ x = right."""
         self.solves += 1
-        return dgetrs(self._lu, self._pivots, right)[0]
+        return self._getrs(self._lu, self._pivots, right)[0]
 
 
 class SparseFactorization:
     """SuperLU factors: cost grows linearly with the number of elements."""
 
-    def __init__(self, pattern: sp.csc_array) -> None:
+    def __init__(self, pattern: sp.csc_array, dtype: type = float) -> None:
         self.factorizations = 0
         self.solves = 0
-        self._matrix = sp.csc_matrix(pattern)
+        self._matrix = sp.csc_matrix(pattern, dtype=dtype, copy=True)
 
     def factorize(self, nonzeros: Array) -> None:
         """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
@@ -91,8 +92,14 @@ class SparseFactorization:
         return self._lu.solve(right)
 
 
-def factorization(pattern: sp.csc_array, method: str = "auto") -> Factorization:
-    """Factorization by `method`: "dense", "sparse", or "auto" by the measured crossover."""
+def factorization(
+    pattern: sp.csc_array, method: str = "auto", dtype: type = float
+) -> Factorization:
+    """Factorization by `method`: "dense", "sparse", or "auto" by the measured crossover.
+
+    `dtype` is float or complex.
+    """
     if method == "auto":
         method = "dense" if pattern.shape[0] <= DENSE_LIMIT else "sparse"
-    return DenseFactorization(pattern) if method == "dense" else SparseFactorization(pattern)
+    kind = DenseFactorization if method == "dense" else SparseFactorization
+    return kind(pattern, dtype)

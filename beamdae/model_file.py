@@ -10,20 +10,27 @@ from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdae.errors import BeamdaeError, nearest
 from beamdae.model import Model
 
+if TYPE_CHECKING:
+    from beamdae.studies import Study
 
-def load(path: Path, name: str | None = None) -> Model:
+
+def load_model(path: str | Path, name: str | None = None) -> Model:
     """The model of a file, by `name` if it holds several.
+
+    A study file names the model it is about with it:
+    `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`.
 
     Raises
     ------
     BeamdaeError
         If the file does not import, or does not hold that one model.
     """
+    path = Path(path)
     models = models_in(path)
     if not models:
         raise BeamdaeError(
@@ -48,7 +55,27 @@ def models_in(path: Path) -> dict[str, Model]:
     BeamdaeError
         If the file is missing or does not import.
     """
-    found = [value for value in vars(_imported(path)).values() if isinstance(value, Model)]
+    return _models(_imported(path), path)
+
+
+def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
+    """The models and the studies of a file, by name.
+
+    Raises
+    ------
+    BeamdaeError
+        If the file is missing or does not import.
+    """
+    # Here, for a model is loaded faster without what studies need.
+    from beamdae.studies import Study
+
+    module = _imported(path)
+    studies = [value for value in vars(module).values() if isinstance(value, Study)]
+    return _models(module, path), {study.name: study for study in studies}
+
+
+def _models(module: ModuleType, path: Path) -> dict[str, Model]:
+    found = [value for value in vars(module).values() if isinstance(value, Model)]
     return {model.name: replace(model, build=_located(model, path)) for model in found}
 
 

@@ -111,33 +111,25 @@ def ranges(observed: pd.DataFrame) -> Table:
     return table
 
 
-def comparison_table(table: pd.DataFrame, uncertainty: float = math.nan) -> Table:
+def comparison_table(table: pd.DataFrame) -> Table:
     """The table of a study, with a mark on errors that the reference cannot resolve."""
     shown = [name for name in _COMPARED if name in table]
     result = _table("integrator", *(_COMPARED[name] for name in shown))
     for _, row in table.iterrows():
         cells = {name: number(row[name]) for name in shown}
-        if row.get("below uncertainty", False):
-            cells["error [-]"] = f"< {number(uncertainty)}"
+        if row.get("below resolution", False):
+            cells["error [-]"] = f"< {number(10.0 * row['reference uncertainty [-]'])}"
         # The sentence of a failure is too long for a cell, it follows below the table.
         cells["status"] = "ok" if row["status"] == "ok" else "failed"
-        result.add_row(row["integrator"], *cells.values())
+        result.add_row(row["label"], *cells.values())
     return result
-
-
-def comparison_caption(uncertainty: float) -> str:
-    """What the errors of a comparison mean, and how well the reference is known."""
-    return (
-        "error: largest difference to the reference over the run, relative to half the range of "
-        f"each position, angle and deformation; reference uncertainty {number(uncertainty)}, "
-        "errors below it are shown as <."
-    )
 
 
 def failures(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
-    return [f"{i}: {s}" for i, s in zip(failed["integrator"], failed["status"], strict=True)]
+    where = failed["group"] + ", " + failed["label"]
+    return [f"{i}: {s}" for i, s in zip(where, failed["status"], strict=True)]
 
 
 def listing(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

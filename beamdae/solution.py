@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +198,17 @@ class Solution:
         return table.rename(columns=lambda name: f"energy.{name.replace(' ', '_')} [J]")
 
     @cached_property
+    def drift(self) -> pd.DataFrame:
+        """Largest |g| and |g_dot| over the joints at the output times."""
+        e = self.equations
+        times, state = self._output
+        symbols = _symbols(e)
+        levels = [_largest(e.level(k, *symbols[:5])) for k in (0, 1)]
+        function = ca.Function("drift", list(symbols), [ca.densify(ca.vertcat(*levels))])
+        rows = evaluate_rows(function, times, *state[:3], e.p, state.lam)
+        return pd.DataFrame(rows, columns=["drift.position", "drift.velocity"])
+
+    @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over all steps."""
         rows, works = self._diagnosis
@@ -267,6 +278,7 @@ class Solution:
         return path
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of beamdae and of what its numbers depend on."""
     from importlib.metadata import version

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-INTEGRATORS = [bd.Ida(1e-7), bd.GeneralizedAlpha(1e-3)]
-every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=["ida", "alpha"])
+INTEGRATORS = [bd.Ida(1e-7), bd.GeneralizedAlpha(1e-3), bd.Radau(1e-7)]
+every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=["ida", "alpha", "radau"])
 
 
 def turned(law):

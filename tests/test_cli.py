@@ -230,20 +230,51 @@ def test_failed_run_keeps_what_it_reached(command):
     assert Path("results/arm.png").exists()
 
 
-def test_compare_writes_table_trajectories_and_picture(command):
-    result = command("compare", ARM)
+def test_compare_writes_tables_pictures_and_a_page(command):
+    result = command("compare", ARM, "--parquet")
     assert result.exit_code == 0, result.stderr
-    table = pd.read_csv("results/arm_compare.csv")
-    assert list(table["status"]) == ["ok"] * 4
+    folder = Path("results/arm_compare")
+    table = pd.read_csv(folder / "cases.csv")
+    assert list(table["status"]) == ["ok"] * 5
     assert table["error [-]"].between(0.0, 0.1).all()
     written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
-    assert len(written) == 7
+    names = {Path(path).name for path in written}
+    assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
+    assert {"work_precision.png", "work_precision.svg"} <= names
+    assert sum(name.endswith(".parquet") for name in names) == len(
+        list((folder / "trajectories").glob("*.csv"))
+    )
     assert all(Path(path).stat().st_size > 0 for path in written)
-    assert "reference uncertainty" in " ".join(result.stdout.split())
+    assert "differs from it by" in " ".join(result.stdout.split())
+    assert "failed" in result.stderr.splitlines()[-1]
 
 
 def test_compare_of_a_model_whose_reference_fails(command):
-    assert_mistake(command("compare", more(ROOT)), "arm", "reference failed", "stopped at t")
+    result = command("compare", more(ROOT))
+    assert result.exit_code == 1
+    assert "arm: reference no reference" not in result.stdout
+    assert "no reference, " in result.stdout
+    assert result.stderr.count("failed: arm, ") == 5
+    assert len(pd.read_csv("results/arm_compare/cases.csv")) == 5
+
+
+def test_compare_of_a_study_file(command):
+    study = (
+        ARM.replace("# more", "# more\n")
+        + """
+
+@bd.study(references=(bd.Ida(1e-6), bd.GeneralizedAlpha(1e-3)))
+def widths():
+    return [bd.Case(arm, {"width": w}, bd.Ida(1e-4)) for w in (0.01, 0.02)]
+"""
+    )
+    result = command("compare", study)
+    assert result.exit_code == 0, result.stderr
+    table = pd.read_csv("results/widths/cases.csv")
+    assert list(table["width"]) == [0.01, 0.02]
+    assert_mistake(command("compare", study, "--set", "width=1"), "a study sets its own parameters")
+    assert_mistake(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
+    assert_mistake(command("compare", study, "--workers", "0"), "--workers", "at least 1")
 
 
 def test_check_tells_size_and_start(command):

@@ -482,9 +482,13 @@ def test_energy_that_drag_takes_from_a_stiff_pendulum():
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 @pytest.mark.parametrize(
     ("integrator", "bound"),
-    # 2e-7 to 3e-7 and 1.1e-6 measured.
-    [(bd.Ida(rtol=1e-6), 1e-6), (bd.GeneralizedAlpha(step=1e-3), 3e-6)],
-    ids=["Ida", "GeneralizedAlpha"],
+    # 2e-7 to 3e-7, 1.1e-6 and RADAU measured.
+    [
+        (bd.Ida(rtol=1e-6), 1e-6),
+        (bd.GeneralizedAlpha(step=1e-3), 3e-6),
+        (bd.Radau(rtol=1e-6), 1e-6),
+    ],
+    ids=["Ida", "GeneralizedAlpha", "Radau"],
 )
 def test_books_of_a_flexible_pendulum_under_all_dampings_close(integrator, bound, frame):
     mech, bar = pendulum(6e3, drag=0.2, frame=frame, retardation=0.01)

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from published_cases import AREVALO, pendulum, pendulum_motion
 
 import beamdae as bd
+from beamdae.integrators import radau_steps
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 
@@ -77,6 +78,26 @@ def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
         energy = 0.5 * np.sum(solution.v**2, axis=1) + GRAVITY * solution.q[:, 1]
         drift.append(np.max(np.abs(energy - energy[0])))
     assert_allclose(np.log2(drift[0] / drift[1]), 2.0, rtol=0.0, atol=0.1)
+
+
+@pytest.mark.parametrize(("case", "steps"), [("Arevalo", 40), ("pendulum", 80)])
+def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers(
+    case, steps, monkeypatch
+):
+    # Hairer, Lubich & Roche 1989 for index 2. At the loosest tolerance max_step is every step,
+    # and Newton's iteration is taken to rounding: its error would cover that of the method.
+    monkeypatch.setattr(radau_steps, "_FRACTION", 1e-12)
+    equations, answer, t_end = CASES[case]
+    errors = []
+    for count in (steps, 2 * steps):
+        step = t_end / count
+        solution = bd.simulate(equations, bd.Radau(0.1, max_step=step), t_end, output_step=step)
+        (segment,) = solution.trajectory.segments
+        assert_allclose(np.diff(segment.t), step, rtol=1e-9)
+        known = answer(solution.t)
+        found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+        errors.append([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+    assert_allclose(np.log2(np.divide(*errors)), [5.0, 5.0, 3.0], rtol=0.0, atol=0.1)
 
 
 @pytest.mark.parametrize(("max_order", "tightest"), [(1, 1e-5), (2, 1e-6)])

@@ -14,14 +14,18 @@ from beamdae.formulations import FIRST_ORDER
 # Limits turn what would run for ever into a failure.
 IDA = bd.Ida(rtol=1e-6, max_steps=20_000)
 ALPHA = bd.GeneralizedAlpha(step=1e-3)
+RADAU = bd.Radau(rtol=1e-6, max_steps=20_000)
 INTEGRATORS = [
     *(replace(IDA, formulation=form, error_control="positions") for form in FIRST_ORDER),
     ALPHA,
     replace(ALPHA, formulation="stabilized-index2"),
+    RADAU,
 ]
 
 every_integrator = pytest.mark.parametrize(
-    "integrator", INTEGRATORS, ids=lambda i: f"{type(i).__name__}-{i.formulation}"
+    "integrator",
+    INTEGRATORS,
+    ids=lambda i: f"{type(i).__name__}-{getattr(i, 'formulation', 'stabilized-index1')}",
 )
 
 
@@ -44,7 +48,7 @@ def guided(law):
 # Settings -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integrator", [bd.Ida, bd.GeneralizedAlpha])
+@pytest.mark.parametrize("integrator", [bd.Ida, bd.GeneralizedAlpha, bd.Radau])
 @pytest.mark.parametrize(
     ("setting", "value", "words"),
     [
@@ -52,8 +56,6 @@ def guided(law):
         ("time_limit", -2.0, ["positive", "-2"]),
         ("time_limit", np.nan, ["finite", "nan"]),
         ("linear_solver", "dens", ["'dens'", "did you mean 'dense'"]),
-        ("formulation", "index-3", ["'index-3'", "did you mean 'index3'"]),
-        ("formulation", None, ["None"]),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_value(integrator, setting, value, words):
@@ -63,6 +65,22 @@ def test_a_wrong_setting_is_named_with_its_value(integrator, setting, value, wor
         assert word in str(problem.value)
 
 
+@pytest.mark.parametrize("integrator", [bd.Ida, bd.GeneralizedAlpha])
+@pytest.mark.parametrize(
+    ("setting", "value", "words"),
+    [
+        ("formulation", "index-3", ["'index-3'", "did you mean 'index3'"]),
+        ("formulation", None, ["None"]),
+    ],
+)
+def test_a_wrong_formulation_is_named(integrator, setting, value, words):
+    with pytest.raises(bd.BeamdaeError) as problem:
+        integrator(**{setting: value})
+    for word in (integrator.__name__, setting, *words):
+        assert word in str(problem.value)
+
+
+@pytest.mark.parametrize("integrator", [bd.Ida, bd.Radau])
 @pytest.mark.parametrize(
     ("setting", "value", "words"),
     [
@@ -73,21 +91,36 @@ def test_a_wrong_setting_is_named_with_its_value(integrator, setting, value, wor
         ("rtol", np.inf, ["finite", "inf"]),
         ("rtol", "tight", ["number", "'tight'"]),
         ("rtol", True, ["number", "True"]),
-        ("formulation", "stabilised-index1", ["did you mean 'stabilized-index1'"]),
         ("error_control", "position", ["'position'", "did you mean 'positions'"]),
-        ("max_order", 6, ["6"]),
-        ("max_order", 0, ["0"]),
-        ("max_order", 2.5, ["2.5"]),
         ("max_step", 0.0, ["positive", "0"]),
         ("max_step", -1.0, ["positive", "-1"]),
         ("max_steps", 0, ["at least 1", "0"]),
         ("max_steps", 1.5, ["whole number", "1.5"]),
     ],
 )
-def test_a_wrong_setting_of_ida_is_named_with_its_value(setting, value, words):
+def test_a_wrong_setting_of_an_adaptive_one_is_named_with_its_value(
+    integrator, setting, value, words
+):
     with pytest.raises(bd.BeamdaeError) as problem:
-        bd.Ida(**{setting: value})
-    for word in ("Ida", setting, *words):
+        integrator(**{setting: value})
+    for word in (integrator.__name__, setting, *words):
+        assert word in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "setting", "value", "words"),
+    [
+        (bd.Ida, "formulation", "stabilised-index1", ["did you mean 'stabilized-index1'"]),
+        (bd.Ida, "max_order", 6, ["6"]),
+        (bd.Ida, "max_order", 0, ["0"]),
+        (bd.Ida, "max_order", 2.5, ["2.5"]),
+        (bd.Radau, "error_control", "all", ["'all'", "'positions'", "'velocities'"]),
+    ],
+)
+def test_a_wrong_setting_of_its_own_is_named_with_its_value(integrator, setting, value, words):
+    with pytest.raises(bd.BeamdaeError) as problem:
+        integrator(**{setting: value})
+    for word in (integrator.__name__, setting, *words):
         assert word in str(problem.value)
 
 
@@ -154,25 +187,33 @@ def test_a_law_that_breaks_down_ends_the_run_there_and_keeps_what_came_before(in
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
 
 
-def test_too_many_steps_of_ida_are_a_status():
-    solution = bd.simulate(SLIDER_CRANK.equations, replace(IDA, max_steps=100), 10.0)
+@pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
+def test_too_many_steps_are_a_status(integrator):
+    solution = bd.simulate(SLIDER_CRANK.equations, replace(integrator, max_steps=50), 10.0)
     assert not solution.status.success
-    assert "max_steps = 100" in solution.status.message
-    assert 100 <= solution.statistics.steps < 200
+    assert "max_steps = 50" in solution.status.message
+    assert 50 <= solution.statistics.steps < 100
     assert 0.0 < solution.t[-1] < 10.0
     assert f"t = {solution.trajectory.end:.6g} s" in solution.status.message
 
 
-def test_the_limit_of_steps_is_one_of_the_run_not_of_its_segments():
+@pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
+def test_the_limit_of_steps_is_one_of_the_run_not_of_its_segments(integrator):
     law = bd.piecewise(*((0.1 * k, float(k)) for k in range(1, 10)), 0.0)
-    whole = bd.simulate(guided(law), IDA, 1.0)
+    whole = bd.simulate(guided(law), integrator, 1.0)
     assert whole.status.success
-    limited = bd.simulate(guided(law), replace(IDA, max_steps=whole.statistics.steps // 2), 1.0)
-    assert not limited.status.success
+    half = replace(integrator, max_steps=whole.statistics.steps // 2)
+    assert not bd.simulate(guided(law), half, 1.0).status.success
 
 
 @pytest.mark.parametrize(
-    "integrator", [replace(IDA, rtol=1e-9, max_steps=None), replace(ALPHA, step=1e-4)]
+    "integrator",
+    [
+        replace(IDA, rtol=1e-9, max_steps=None),
+        replace(ALPHA, step=1e-4),
+        replace(RADAU, rtol=1e-10, max_steps=None),
+    ],
+    ids=["ida", "alpha", "radau"],
 )
 def test_too_much_time_is_a_status(integrator):
     limited = replace(integrator, time_limit=0.05)
@@ -216,7 +257,9 @@ def test_an_interrupted_run_keeps_what_it_has(integrator):
         if t > 0.3:
             raise KeyboardInterrupt
 
-    integrator = replace(integrator, **({"rtol": 1e-7} if isinstance(integrator, bd.Ida) else {}))
+    integrator = replace(
+        integrator, **({} if isinstance(integrator, bd.GeneralizedAlpha) else {"rtol": 1e-7})
+    )
     solution = bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
     assert not solution.status.success
     assert "interrupted at t = " in solution.status.message
@@ -248,7 +291,7 @@ def test_a_force_switched_off_is_met_as_well_as_one_that_stays(integrator):
     x_exact = 1.25 * inside**2 + 0.75 * (t - inside)
     # Both start IDA afresh, twice instead of once; a constant force costs generalized-alpha
     # nothing but rounding.
-    usual = 1e-12 if integrator in INTEGRATORS[-2:] else 3e-6
+    usual = 1e-12 if isinstance(integrator, bd.GeneralizedAlpha) else 3e-6
     assert np.max(np.abs(stays.q[:, 0] - 1.25 * t**2)) < usual
     assert_allclose(jumps.q[:, 0], x_exact, rtol=0.0, atol=2.0 * usual)
     assert_allclose(jumps.v[:, 0], v_exact, rtol=0.0, atol=20.0 * usual)
@@ -288,7 +331,7 @@ def test_a_driver_whose_acceleration_jumps_is_followed(integrator):
     angle = np.where(solution.t < 0.4, solution.t**2, 0.16 + 0.8 * (solution.t - 0.4))
     # On index 1 nothing but the accuracy of the integration holds the angle.
     assert_allclose(solution.q[:, 2], angle, rtol=0.0, atol=1e-5)
-    if integrator.formulation == "index3" and isinstance(integrator, bd.Ida):
+    if isinstance(integrator, bd.Ida) and integrator.formulation == "index3":
         # Its multipliers are known to the tolerance divided by the square of a step.
         return
     torque = solution.observed["motor.M [N m]"]
@@ -345,15 +388,17 @@ def test_no_step_passes_over_a_sine(integrator):
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=0.02 * 50.0 / omega)
 
 
-def test_a_law_without_a_time_scale_is_seen_by_the_default_step():
+@pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
+def test_a_law_without_a_time_scale_is_seen_by_the_default_step(integrator):
     # A twentieth of the run is the longest step that is taken without being told.
-    solution = bd.simulate(guided(lambda t: 2.0 * np.sin(2.0 * np.pi * t)), IDA, 2.0, 0.05)
+    solution = bd.simulate(guided(lambda t: 2.0 * np.sin(2.0 * np.pi * t)), integrator, 2.0, 0.05)
     exact = (1.0 - np.cos(2.0 * np.pi * solution.t)) / (2.0 * np.pi)
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
 
 
-def test_max_step_is_kept():
-    solution = bd.simulate(guided(1.0), replace(IDA, max_step=0.01), 1.0)
+@pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
+def test_max_step_is_kept(integrator):
+    solution = bd.simulate(guided(1.0), replace(integrator, max_step=0.01), 1.0)
     assert np.max(np.diff(solution.trajectory.segments[0].t)) <= 0.01 * (1.0 + 1e-9)
 
 
@@ -391,6 +436,12 @@ def test_settings_are_told_as_resolved():
     assert told["rtol"] == 1e-4
     assert told["error_control"] in ("positions", "velocities", "all")
     assert told["max_order"] in range(1, 6)
+    told = bd.simulate(guided(1.0), bd.Radau(rtol=1e-4), 0.1).integrator
+    assert told["integrator"] == "Radau"
+    assert told["rtol"] == 1e-4
+    assert told["error_control"] == "velocities"
+    assert "no mode is much faster" in told["auto"]
+    assert 0.0 < told["local_tolerance"] < 1e-4
     told = bd.simulate(guided(1.0), ALPHA, 0.1).integrator
     assert told["integrator"] == "GeneralizedAlpha"
     assert (told["step"], told["rho_inf"], told["formulation"]) == (1e-3, 0.8, "index3")

@@ -19,25 +19,32 @@ from beamdae.integrators import ida
 from beamdae.linear import DENSE_LIMIT, DenseFactorization, SingularMatrixError, factorization
 
 
-def arrow(size, rng):
+def numbers(size, rng, dtype):
+    imaginary = 1j * rng.normal(size=size) if dtype is complex else 0.0
+    return rng.normal(size=size) + imaginary
+
+
+def arrow(size, rng, dtype=float):
     """Pattern and non-zeros of a banded matrix with full first rows, as a floating frame has."""
     row, column = np.indices((size, size))
     full = (np.minimum(row, column) < 3) | (np.abs(row - column) <= 2)
     pattern = sp.csc_array(full.astype(float))
-    nonzeros = rng.normal(size=pattern.nnz)
+    nonzeros = numbers(pattern.nnz, rng, dtype)
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     return pattern, nonzeros, matrix.toarray()
 
 
+@pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 @pytest.mark.parametrize("size", [1, 4, 60])
-def test_a_factorization_solves_every_matrix_of_its_pattern(method, size):
+def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
     rng = np.random.default_rng(size)
     pattern, _, _ = arrow(size, rng)
-    solver = factorization(pattern, method)
+    ones = pattern.data.copy()
+    solver = factorization(pattern, method, dtype)
     for _ in range(2):
-        _, nonzeros, matrix = arrow(size, rng)
-        right = rng.normal(size=size)
+        _, nonzeros, matrix = arrow(size, rng, dtype)
+        right = numbers(size, rng, dtype)
         solver.factorize(nonzeros)
         # Backward stability: the residual, not the solution, is at rounding.
         for _ in range(2):
@@ -45,6 +52,8 @@ def test_a_factorization_solves_every_matrix_of_its_pattern(method, size):
             scale = np.abs(matrix).sum() * np.abs(x).max()
             assert_allclose(matrix @ x, right, rtol=0.0, atol=1e-14 * scale)
     assert (solver.factorizations, solver.solves) == (2, 4)
+    # The pattern is shared by several of them.
+    assert_allclose(pattern.data, ones, rtol=0.0, atol=0.0)
 
 
 def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
@@ -53,11 +62,12 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
         assert isinstance(solver, DenseFactorization) == dense
 
 
+@pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad):
+def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
-    solver = factorization(pattern, method)
+    solver = factorization(pattern, method, dtype)
     with pytest.raises(SingularMatrixError):
         solver.factorize(np.array([1.0, bad, 1.0]))
     # The next matrix must find nothing of the bad one.
@@ -166,8 +176,9 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
         bd.Ida(rtol=1e-5, formulation="ggl", error_control="velocities", linear_solver="dense"),
         bd.GeneralizedAlpha(step=5e-3, linear_solver="dense"),
         bd.GeneralizedAlpha(step=5e-3, formulation="stabilized-index2", linear_solver="dense"),
+        bd.Radau(rtol=1e-5, linear_solver="dense"),
     ],
-    ids=lambda i: f"{i.label} {i.formulation}",
+    ids=["ida", "ida ggl", "alpha", "alpha stabilized", "radau"],
 )
 def test_dense_and_sparse_factors_give_the_same_run(integrator):
     runs = [

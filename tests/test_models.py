@@ -68,8 +68,9 @@ def test_every_model_file_has_stored_numbers():
         bd.Ida(1e-5),
         bd.GeneralizedAlpha(1e-3),
         bd.GeneralizedAlpha(1e-3, formulation="stabilized-index2"),
+        bd.Radau(1e-5),
     ],
-    ids=["ida", "generalized-alpha", "generalized-alpha stabilized"],
+    ids=["ida", "generalized-alpha", "generalized-alpha stabilized", "radau"],
 )
 @pytest.mark.parametrize("name", MODELS)
 def test_default_run_gives_the_stored_extremes(name, integrator):

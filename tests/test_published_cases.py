@@ -102,6 +102,27 @@ def test_ida_as_it_comes_meets_the_case_to_its_tolerance(case, rtol):
     assert max(errors["q"], errors.get("v", 0.0)) < 100.0 * rtol
 
 
+@pytest.mark.parametrize("error_control", ["auto", "positions"])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@every_case
+def test_radau_meets_the_case_to_its_tolerance(case, rtol, error_control):
+    integrator = bd.Radau(rtol=rtol, error_control=error_control, max_steps=10_000)
+    errors = relative_errors(case, integrator)
+    assert max(errors["q"], errors.get("v", 0.0)) < 100.0 * rtol
+    # Multipliers are of order 3 instead of 5, and not tested.
+    assert errors.get("lam", 0.0) < 1000.0 * rtol
+
+
+@every_case
+def test_the_error_of_radau_falls_with_its_tolerance(case):
+    first, second, third = (
+        relative_errors(case, bd.Radau(rtol=rtol, max_steps=10_000))["q"]
+        for rtol in (1e-4, 1e-6, 1e-8)
+    )
+    assert second < first / 30.0
+    assert third < second / 30.0
+
+
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
 @pytest.mark.parametrize("step", [2e-3, 1e-3])
 @every_case
@@ -128,9 +149,13 @@ def test_every_setting_of_generalized_alpha_finds_the_motion(rho_inf, formulatio
     assert errors["v"] < bound * PENDULUM.rate
 
 
-@pytest.mark.parametrize("formulation", ["ggl", "stabilized-index1"])
-def test_stabilized_forms_keep_positions_and_velocities_on_the_constraints(formulation):
-    solution = PENDULUM.run(ida(1e-6, formulation))
+@pytest.mark.parametrize(
+    "integrator",
+    [ida(1e-6, "ggl"), ida(1e-6, "stabilized-index1"), bd.Radau(1e-6)],
+    ids=["ida ggl", "ida stabilized-index1", "radau"],
+)
+def test_stabilized_forms_keep_positions_and_velocities_on_the_constraints(integrator):
+    solution = PENDULUM.run(integrator)
     # Newton's iteration leaves them at a fraction of the local tolerance.
     assert solution.quality.max_position_drift < 1e-6
     assert solution.quality.max_velocity_drift < 1e-5

@@ -65,20 +65,21 @@ def test_ranges_show_units_and_no_rounding():
 def test_comparison_marks_what_the_reference_cannot_tell():
     table = pd.DataFrame(
         {
-            "integrator": ["A(step=1)", "B(step=2)", "C(step=3)"],
+            "group": ["arm"] * 3,
+            "label": ["A(step=1)", "B(step=2)", "C(step=3)"],
             "status": ["ok", "ok", "stopped at t = 1 s"],
             "steps": pd.array([10, 20, None], dtype="Int64"),
             "error [-]": [1e-2, 1e-6, math.nan],
-            "below uncertainty": [False, True, False],
+            "below resolution": [False, True, False],
+            "reference uncertainty [-]": [1e-5] * 3,
         }
     )
-    shown = text(report.comparison_table(table, 1e-4)).splitlines()
+    shown = text(report.comparison_table(table)).splitlines()
     rows = {line.split()[0]: line for line in shown if "(step=" in line}
     assert rows["A(step=1)"].split()[1:] == ["ok", "10", "0.01"]
     assert rows["B(step=2)"].split()[1:] == ["ok", "20", "<", "0.0001"]
     assert rows["C(step=3)"].split()[1:] == ["failed", "-", "-"]
-    assert report.failures(table) == ["C(step=3): stopped at t = 1 s"]
-    assert "uncertainty 0.0001" in report.comparison_caption(1e-4)
+    assert report.failures(table) == ["arm, C(step=3): stopped at t = 1 s"]
 
 
 def test_deformation_characterizes_a_comparison():

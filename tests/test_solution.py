@@ -49,14 +49,11 @@ INTEGRATORS = [
     bd.Ida(rtol=1e-8, max_steps=50_000),
     bd.GeneralizedAlpha(step=1e-3),
     bd.GeneralizedAlpha(step=1e-3, formulation="stabilized-index2"),
+    bd.Radau(rtol=1e-8),
 ]
-
-
-def by_label(integrator):
-    return f"{type(integrator).__name__}-{integrator.formulation}"
-
-
-every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=by_label)
+every_integrator = pytest.mark.parametrize(
+    "integrator", INTEGRATORS, ids=["ida", "alpha", "alpha stabilized", "radau"]
+)
 
 
 @every_integrator

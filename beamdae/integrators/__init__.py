@@ -2,5 +2,6 @@
 
 from beamdae.integrators.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.ida import Ida
+from beamdae.integrators.radau import Radau
 
-__all__ = ["GeneralizedAlpha", "Ida"]
+__all__ = ["GeneralizedAlpha", "Ida", "Radau"]

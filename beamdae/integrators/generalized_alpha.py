@@ -1,16 +1,18 @@
-"""The generalized-alpha integrator of the paper: Arnold & Bruls on index 3 and index 2."""
+"""The generalized-alpha integrator of the paper and its family: Arnold & Bruls on index 3 and 2."""
 
 from __future__ import annotations
 
 import time as clock
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from beamdae.equations import EquationsOfMotion
-from beamdae.errors import BeamdaeError, finite, one_of, positive
+from beamdae.errors import BeamdaeError, count, finite, one_of, positive
 from beamdae.formulations import State, step_equations
-from beamdae.initial import Starter
+from beamdae.integrators.alpha_adaptive import AdaptiveRun, local_tolerance
+from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
 from beamdae.integrators.marching import Progress, Watch, plan, reached
 from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
 from beamdae.linear import single_threaded
@@ -32,7 +34,8 @@ class GeneralizedAlpha:
     Parameters
     ----------
     step
-        Step [s]; shortened to end on breakpoints and on the end time.
+        Step [s]; shortened to end on breakpoints and on the end time. With `rtol`, the first step
+        after the start and after every breakpoint.
     rho_inf
         Spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
     formulation
@@ -41,7 +44,8 @@ class GeneralizedAlpha:
     start
         "cured": starting values that keep the multipliers second order from the first step,
         a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
-        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without.
+        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without. For "newmark"
+        1/2 - gamma stands for alpha_m - alpha_f.
     newton_tolerance
         Bound on the error of Newton's iteration relative to the largest acceleration. Errors of
         the iteration add up in the multipliers of the index-3 form when rho_inf is near 1: for
@@ -50,6 +54,17 @@ class GeneralizedAlpha:
         "dense", "sparse", or "auto" by size.
     time_limit
         The run is given up after so many seconds; None: no limit.
+    family
+        "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (of first order unless
+        rho_inf = 1): what damps how much, see `alpha_step.parameters`.
+    rtol
+        None: every step is `step`. Otherwise steps adapt to an estimate of the local error of
+        positions (`alpha_step.Stepper.error`) that keeps their error over a run within 100 rtol,
+        up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are of
+        second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
+        passes over: what is left of them keeps steps short.
+    max_steps
+        With `rtol`: the run is given up after so many steps; None: no limit.
     """
 
     step: float = 1e-3
@@ -59,12 +74,19 @@ class GeneralizedAlpha:
     newton_tolerance: float = 1e-7
     linear_solver: str = "auto"
     time_limit: float | None = None
+    family: str = "generalized-alpha"
+    rtol: float | None = None
+    max_steps: int | None = None
 
     def __post_init__(self) -> None:
         positive("GeneralizedAlpha", "step", self.step)
-        if not 0.0 <= finite("GeneralizedAlpha", "rho_inf", self.rho_inf) <= 1.0:
+        one_of("GeneralizedAlpha", "family", self.family, FAMILIES)
+        least = 0.5 if self.family == "hht" else 0.0
+        if not least <= finite("GeneralizedAlpha", "rho_inf", self.rho_inf) <= 1.0:
+            where = " for family 'hht'" if self.family == "hht" else ""
             raise BeamdaeError(
-                f"GeneralizedAlpha: rho_inf must lie in [0, 1], got {self.rho_inf:g}."
+                f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
+                f"got {self.rho_inf:g}."
             )
         one_of("GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2"))
         one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
@@ -72,31 +94,56 @@ class GeneralizedAlpha:
         one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
         if self.time_limit is not None:
             positive("GeneralizedAlpha", "time_limit", self.time_limit)
+        self._check_adaptivity()
+
+    def _check_adaptivity(self) -> None:
+        if self.max_steps is not None:
+            count("GeneralizedAlpha", "max_steps", self.max_steps)
+        if self.rtol is None:
+            if self.max_steps is not None:
+                raise BeamdaeError(
+                    f"GeneralizedAlpha: max_steps needs rtol, with a fixed step the end time tells "
+                    f"how many steps there are, got {self.max_steps}."
+                )
+            return
+        if positive("GeneralizedAlpha", "rtol", self.rtol) > 0.1:
+            raise BeamdaeError(f"GeneralizedAlpha: rtol must be at most 0.1, got {self.rtol:g}.")
+        if self.family == "newmark" and self.rho_inf < 1.0:
+            raise BeamdaeError(
+                "GeneralizedAlpha: rtol needs a method of second order, family 'newmark' is one "
+                f"with rho_inf = 1 only, got {self.rho_inf:g}."
+            )
+
+    @property
+    def _member(self) -> Parameters:
+        return parameters(self.family, self.rho_inf)
 
     @property
     def alpha_m(self) -> float:
-        """Parameter (2 rho_inf - 1) / (rho_inf + 1)."""
-        return (2.0 * self.rho_inf - 1.0) / (self.rho_inf + 1.0)
+        """Weight of a_n in the average of algorithmic accelerations."""
+        return self._member.alpha_m
 
     @property
     def alpha_f(self) -> float:
-        """Parameter rho_inf / (rho_inf + 1)."""
-        return self.rho_inf / (self.rho_inf + 1.0)
+        """Weight of q''_n in the average of accelerations."""
+        return self._member.alpha_f
 
     @property
     def gamma(self) -> float:
-        """Newmark parameter 1/2 + alpha_f - alpha_m."""
-        return 0.5 + self.alpha_f - self.alpha_m
+        """Newmark parameter of the velocities."""
+        return self._member.gamma
 
     @property
     def beta(self) -> float:
-        """Newmark parameter (gamma + 1/2)^2 / 4."""
-        return 0.25 * (self.gamma + 0.5) ** 2
+        """Newmark parameter (gamma + 1/2)^2 / 4 of the positions."""
+        return self._member.beta
 
     @property
     def label(self) -> str:
         """Short name for tables."""
-        return f"GeneralizedAlpha(step={self.step:g})"
+        family = "" if self.family == "generalized-alpha" else f"family={self.family}, "
+        size = f"step={self.step:g}" if self.rtol is None else f"rtol={self.rtol:g}"
+        return f"GeneralizedAlpha({family}{size})"
 
     @single_threaded
     def integrate(
@@ -112,38 +159,67 @@ class GeneralizedAlpha:
             If the model has no consistent start.
         """
         begin = clock.perf_counter()
-        form = step_equations(equations, self.formulation != "index3")
+        index3 = self.formulation == "index3"
+        form = step_equations(equations, not index3)
         newton = ModifiedNewton(form, self.newton_tolerance, self.linear_solver)
         route = plan(equations, times)
+        stepper = Stepper(self._member, newton, route.starter, index3)
         setup_time = clock.perf_counter() - begin
 
         begin = clock.perf_counter()
         watch = Watch(progress, self.time_limit, begin)
-        trajectory, status = route.march(_Run(self, route.starter, newton, watch))
+        settings: dict[str, Any] = {"integrator": "GeneralizedAlpha", **asdict(self)}
+        run: _FixedRun | AdaptiveRun
+        if self.rtol is None:
+            run = _FixedRun(stepper, self.start == "cured", self.step, watch)
+        else:
+            run = self._adaptive(stepper, equations, float(times[-1] - times[0]), watch)
+            settings["local_tolerance"] = run.tolerance
+        trajectory, status = route.march(run)
         wall_time = clock.perf_counter() - begin
+        statistics = newton.statistics(trajectory.steps, setup_time, wall_time)
         return Solution(
             equations,
             trajectory,
             reached(times, trajectory),
             status,
-            newton.statistics(trajectory.steps, setup_time, wall_time),
-            {"integrator": "GeneralizedAlpha", **asdict(self)},
+            replace(statistics, rejected_steps=run.rejected),
+            settings,
+        )
+
+    def _adaptive(
+        self, stepper: Stepper, equations: EquationsOfMotion, duration: float, watch: Watch
+    ) -> AdaptiveRun:
+        assert self.rtol is not None
+        largest = duration / 20.0
+        if equations.time_scale is not None:
+            largest = min(largest, equations.time_scale / 4.0)
+        return AdaptiveRun(
+            stepper,
+            self.start == "cured",
+            self.step,
+            largest,
+            duration,
+            local_tolerance(self.rtol),
+            self.max_steps,
+            watch,
         )
 
 
 @dataclass
-class _Run:
-    """One segment with a constant step."""
+class _FixedRun:
+    """Segments with a constant step."""
 
-    settings: GeneralizedAlpha
-    starter: Starter
-    newton: ModifiedNewton
+    stepper: Stepper
+    cured: bool
+    step: float
     watch: Watch
+    rejected: ClassVar[int] = 0
 
     def __call__(
         self, start: float, end: float, phase: float, state: State
     ) -> tuple[Segment, Status]:
-        wanted = np.ceil((end - start) / self.settings.step - 1e-6)
+        wanted = np.ceil((end - start) / self.step - 1e-6)
         steps = int(max(min(wanted, _MOST_STEPS), 1))
         try:
             if wanted > _MOST_STEPS:
@@ -163,58 +239,20 @@ class _Run:
 
     def _march(self, t: Array, phase: float, rows: State) -> tuple[int, str | None]:
         """Fill the rows; returns how many steps were taken, and why no more."""
-        s, newton = self.settings, self.newton
-        n, m = rows.q.shape[1], rows.lam.shape[1]
         h = (t[-1] - t[0]) / (len(t) - 1)
-        share = (1.0 - s.alpha_f) / (1.0 - s.alpha_m)
-        c_q = h**2 * s.beta
-        coefficients = np.array([s.gamma / (h * s.beta), 1.0 / (c_q * share), c_q])
-        time, x = np.array([t[0], phase]), np.zeros(newton.size)
-        q = rows.q[0]
-        v, ddq, a = self._started(time, h, State(*(x[0] for x in rows)))
-        x[n : n + m] = c_q * rows.lam[0]
-        newton.restart()
+        time = np.array([t[0], phase])
+        motion = self.stepper.start(time, State(*(x[0] for x in rows)), h, self.cured)
         for k in range(1, len(t)):
             time[0] = t[k]
-            # Prediction: q'' as before; d is measured from there.
-            a_p = (ddq - s.alpha_m * a) / (1.0 - s.alpha_m)
-            q_p = q + h * v + h**2 * ((0.5 - s.beta) * a + s.beta * a_p)
-            v_p = v + h * ((1.0 - s.gamma) * a + s.gamma * a_p)
-            x[:n] = 0.0
-            x[n + m :] = 0.0
             try:
-                newton.aim(c_q, ddq)
-                arguments = (time, q_p, v_p, ddq, q, coefficients)
-                # Under a violent load the accelerations of light, stiff coordinates are huge for
-                # an instant: then uniform motion is the better guess.
-                newton.solve(x, *arguments, second_guess=q + h * v - q_p)
+                motion = self.stepper.advance(time, motion)
                 stop = self.watch(t[k]) if k % self.watch.interval == 0 else None
             except NewtonError as problem:
                 return k - 1, f"stopped at t = {t[k - 1]:.6g} s: {problem}"
             except KeyboardInterrupt:
                 return k - 1, f"interrupted at t = {t[k - 1]:.6g} s"
-            ddq = ddq + coefficients[1] * x[:n]
-            a = a_p + x[:n] / c_q
-            v = v_p + coefficients[0] * x[:n]
-            q = newton.position(x, time, q_p, q)
-            rows.q[k], rows.v[k], rows.a[k], rows.lam[k] = q, v, ddq, x[n : n + m] / c_q
+            for row, x in zip(rows, motion.state, strict=True):
+                row[k] = x
             if stop is not None:
                 return k, stop
         return len(t) - 1, None
-
-    def _started(self, time: Array, h: float, state: State) -> tuple[Array, Array, Array]:
-        """Velocities, accelerations and algorithmic accelerations to start from.
-
-        Of the jerk only what the joints prescribe enters, and modes too stiff for the step respond
-        to a load that is there at once as they would after the step: both would ring otherwise.
-        """
-        s = self.settings
-        if s.start == "plain":
-            return state.v, state.a, state.a
-        jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
-        ddq, _ = self.starter.acceleration(time, state.q, state.v, stiff_time=0.5 * h)
-        a = ddq + (s.alpha_m - s.alpha_f) * h * jerk
-        if s.formulation != "index3":
-            return state.v, ddq, a
-        factor = 1.0 / 6.0 - 0.5 * (s.alpha_m - s.alpha_f) - s.beta
-        return state.v + h**2 * factor * jerk, ddq, a

@@ -19,7 +19,8 @@ from beamdae.trajectory import Segment, Trajectory
 Array = np.ndarray
 Interval = tuple[float, float]
 
-Progress = Callable[[float], None]
+# Told the time reached; what it answers, if anything, is the reason to stop there.
+Progress = Callable[[float], str | None]
 Run = Callable[[float, float, float, State], tuple[Segment, Status]]
 
 
@@ -34,8 +35,8 @@ class Watch:
 
     def __call__(self, t: float) -> str | None:
         """Why the run has to stop at time `t` [s], or None."""
-        if self.progress is not None:
-            self.progress(float(t))
+        if self.progress is not None and (reason := self.progress(float(t))):
+            return f"{reason}, stopped at t = {t:.6g} s"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"time limit of {self.time_limit:g} s, stopped at t = {t:.6g} s"
         return None

@@ -23,7 +23,14 @@ _SLOW_RATE = 0.2
 
 
 class NewtonError(ArithmeticError):
-    """The iteration did not converge, even with a new factorization."""
+    """The iteration did not converge, even with a new factorization.
+
+    `reason` is the message without the advice.
+    """
+
+    def __init__(self, reason: str, advice: str) -> None:
+        super().__init__(f"{reason}; {advice}")
+        self.reason = reason
 
 
 class ModifiedNewton:
@@ -35,8 +42,8 @@ class ModifiedNewton:
         self._jacobian = Compiled(form.jacobian, p)
         self._position = Compiled(form.position, p)
         self._linear = factorization(form.pattern, linear_solver)
-        self._weights = 1.0 / form.equations.position_scales
-        self._n = form.equations.n
+        self.weights = 1.0 / form.equations.position_scales
+        self.coordinates = form.equations.n
         self._tolerance = tolerance
         self.bound = _ROUNDING
         self._rate = np.inf
@@ -53,7 +60,7 @@ class ModifiedNewton:
 
     def aim(self, c_q: float, acceleration: Array) -> None:
         """Set the bound on the error of increments, c_q times that of accelerations."""
-        largest = float(np.abs(acceleration * self._weights).max())
+        largest = float(np.abs(acceleration * self.weights).max())
         self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
 
     def solve(self, x: Array, *arguments: Array, second_guess: Array) -> None:
@@ -71,18 +78,18 @@ class ModifiedNewton:
             if self._iterate(x, arguments, renew=False):
                 return
             self.failures += 1
-        for guess in (start[: self._n], second_guess):
+        for guess in (start[: self.coordinates], second_guess):
             x[:] = start
-            x[: self._n] = guess
+            x[: self.coordinates] = guess
             try:
                 self._factorize(x, arguments)
                 if self._iterate(x, arguments, renew=True):
                     return
-                reason = "Newton's iteration did not converge; take a smaller step"
+                reason = "Newton's iteration did not converge"
             except SingularMatrixError as problem:
                 reason = str(problem)
             self.failures += 1
-        raise NewtonError(reason)
+        raise NewtonError(reason, "take a smaller step")
 
     def _factorize(self, x: Array, arguments: tuple[Array, ...]) -> None:
         self._linear.factorize(self._jacobian(x, *arguments)[0])
@@ -96,10 +103,10 @@ class ModifiedNewton:
                 self._residual(x)
             change = self._linear.solve(raw)
             x -= change
-            scaled = change[: self._n] * self._weights
+            scaled = change[: self.coordinates] * self.weights
             size = math.sqrt(scaled @ scaled)
             if k == 0 and not math.isfinite(size):
-                raise NewtonError("the residual is not finite; check laws and start values")
+                raise NewtonError("the residual is not finite", "check laws and start values")
             if not size <= 2.0 * previous:
                 return False
             if k > 0:

@@ -1,13 +1,12 @@
-"""Studies: what a row says, what errors are measured by, and what a reference has to prove."""
-
-from dataclasses import replace
+"""Comparing here and now: what a row says, what errors are measured by."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae import study
+from beamdae.studies import errors, work
+from beamdae.studies.case import default_integrators
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 
@@ -68,7 +67,8 @@ def test_one_row_a_case_with_its_parameters():
     assert list(table["model"]) == ["swing", "swing"]
     assert list(table["mass"]) == [1.0, 3.0]
     assert list(table["tilt"]) == [0.5, 0.5]
-    assert list(table["integrator"]) == ["GeneralizedAlpha(step=0.002)"] * 2
+    assert list(table["label"]) == ["GeneralizedAlpha(step=0.002)"] * 2
+    assert list(table["integrator"]) == ["GeneralizedAlpha"] * 2
     assert list(table["status"]) == ["ok", "ok"]
     assert list(table["reached [s]"]) == [0.1, 0.1]
     assert list(table["steps"]) == [50, 50]
@@ -77,13 +77,13 @@ def test_one_row_a_case_with_its_parameters():
 
 
 def test_row_repeats_the_summary_of_the_solution():
-    result = study.comparison([bd.Case(swing, {}, ALPHA)])
-    (row,) = result.table.to_dict("records")
-    (solution,) = result.solutions
-    summary = solution.summary()
-    for column, name in (study._COUNTS | study._MEASURES).items():
-        assert row[column] == summary[name]
+    case = bd.Case(swing, {}, ALPHA)
+    (row,) = bd.compare([case]).to_dict("records")
+    summary = case.solve().summary()
+    for column, name in (work.COUNTS | work.MEASURES).items():
         assert pd.notna(row[column])
+        if "time" not in column:
+            assert row[column] == summary[name]
 
 
 def test_parameters_reach_the_model_and_the_record():
@@ -121,40 +121,45 @@ def test_error_is_the_largest_deviation_relative_to_the_amplitude(fine):
 
 
 def test_columns_that_rest_and_rates_and_forces_are_left_out(fine):
-    assert study.compared_columns(fine) == [
+    assert errors.compared(fine.observed) == [
         "end.x [m]",
         "end.y [m]",
         "end.angle [rad]",
         "pin.angle [rad]",
     ]
-    assert study.compared_columns(fine, ["hinge.Fx [N]"]) == ["hinge.Fx [N]"]
+    assert errors.compared(fine.observed, ["hinge.Fx [N]"]) == ["hinge.Fx [N]"]
 
 
-def test_columns_without_positions_are_all_compared(fine):
+def test_columns_without_positions_are_all_compared():
     frame = pd.DataFrame({"q0 [-]": [0.0, 1.0], "q1 [-]": [0.0, 2.0], "q2 [-]": [0.0, 0.0]})
-    bare = replace(fine)
-    bare.__dict__["observed"] = frame
-    assert study.compared_columns(bare) == ["q0 [-]", "q1 [-]"]
+    assert errors.compared(frame) == ["q0 [-]", "q1 [-]"]
 
 
 def test_named_columns_must_exist_and_move(fine):
     with pytest.raises(bd.BeamdaeError, match=r"'end.z \[m\]'.*did you mean 'end.y \[m\]'"):
-        study.compared_columns(fine, ["end.z [m]"])
-    still = replace(fine)
-    still.__dict__["observed"] = pd.DataFrame({"end.x [m]": [1.0, 1.0]})
+        errors.compared(fine.observed, ["end.z [m]"])
+    still = pd.DataFrame({"end.x [m]": [1.0, 1.0]})
     with pytest.raises(bd.BeamdaeError, match=r"end.x \[m\] must move"):
-        study.compared_columns(still)
-    still.__dict__["observed"] = pd.DataFrame(index=[0, 1])
+        errors.compared(still)
     with pytest.raises(bd.BeamdaeError, match="must observe something"):
-        study.compared_columns(still)
+        errors.compared(pd.DataFrame(index=[0, 1]))
 
 
-def test_deviation_of_other_output_times_takes_the_reference_there(fine):
-    same = bd.simulate(swing, bd.GeneralizedAlpha(step=2.5e-4), output_step=0.013)
-    found = study.deviation(same, fine)
-    assert list(found.index) == list(same.t)
+def test_errors_by_column_are_at_the_end_largest_and_root_mean_square(fine):
+    coarse = bd.Case(swing, {}, bd.GeneralizedAlpha(step=0.02))
+    known = fine.observed["end.x [m]"].to_numpy()
+    error = np.abs(coarse.solve().observed["end.x [m]"].to_numpy() - known) / (0.5 * np.ptp(known))
+    (row,) = bd.compare([coarse], fine).to_dict("records")
+    assert row["error of end.x [m], end"] == pytest.approx(error[-1])
+    assert row["error of end.x [m], max"] == pytest.approx(error.max())
+    assert row["error of end.x [m], rms"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert row["reaction error [-]"] > 0.0
+
+
+def test_reference_with_other_output_times_is_taken_there(fine):
+    case = bd.Case(swing, {}, bd.GeneralizedAlpha(step=2.5e-4))
     # The interpolation of the same steps, at times the reference has no row for.
-    assert found.to_numpy().max() < 1e-12
+    assert bd.compare([case], fine, output_step=0.013)["error [-]"][0] < 1e-12
 
 
 def test_errors_fall_with_the_step(fine):
@@ -175,12 +180,11 @@ def test_model_without_start_is_a_row():
 
 def test_failed_run_is_a_row_and_compares_where_it_got_to():
     reference = bd.Case(torn, {"limit": 1.0}, ALPHA)
-    result = study.comparison([bd.Case(torn, {}, ALPHA)], reference)
-    (row,) = result.table.to_dict("records")
+    (row,) = bd.compare([bd.Case(torn, {}, ALPHA)], reference).to_dict("records")
     assert row["status"].startswith("stopped at t = 0.2 s")
     assert row["reached [s]"] == pytest.approx(0.2)
     assert 0.0 < row["error [-]"] < 1.0
-    assert result.deviations[0].index[-1] == pytest.approx(0.2)
+    assert np.isnan(row["error of bob.angle [rad], end"])
 
 
 def test_reference_that_fails_raises():
@@ -200,16 +204,14 @@ def test_reference_must_observe_what_the_cases_do(fine):
         bd.compare([bd.Case(torn, {}, ALPHA)], fine)
 
 
-def test_interrupted_study_keeps_what_it_has():
+def test_interrupted_comparison_keeps_what_it_has():
     def interrupt(label, t):
         raise KeyboardInterrupt
 
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))] * 2
-    result = study.comparison(cases, progress=interrupt)
-    first, second = result.table["status"]
+    first, second = bd.compare(cases, progress=interrupt)["status"]
     assert first.startswith("interrupted at t = ")
     assert second == "not run, the study was interrupted"
-    assert len(result.finished) == 1
 
 
 def test_progress_names_the_case():
@@ -220,40 +222,6 @@ def test_progress_names_the_case():
     assert 0.0 < seen[0][1] <= 0.4
 
 
-def test_agreed_reference_knows_its_uncertainty():
-    reference = study.agreed_reference(swing)
-    assert 0.0 < reference.uncertainty < 1e-5
-    cases = [bd.Case(swing, {}, replace(study._REFERENCE, step=h)) for h in (0.02, 2.5e-4)]
-    table = bd.compare(cases, reference)
-    assert table["below uncertainty"].tolist() == [False, True]
-
-
-def test_reference_needs_two_methods_that_agree(monkeypatch):
-    monkeypatch.setattr(study, "_DISAGREEMENT", 1e-12)
-    with pytest.raises(bd.BeamdaeError, match=r"swing: the reference failed, .* differ by"):
-        study.agreed_reference(swing)
-
-
-def test_reference_without_a_number_is_refused(monkeypatch):
-    nothing = pd.DataFrame({"end.x [m]": [np.nan]})
-    monkeypatch.setattr(study, "deviation", lambda *_: nothing)
-    with pytest.raises(bd.BeamdaeError, match="differ by nan"):
-        study.agreed_reference(swing)
-
-
-def test_files_of_a_comparison(tmp_path, fine):
-    cases = [bd.Case(swing, {}, ALPHA), bd.Case(doubled, {}, ALPHA)]
-    result = study.comparison(cases, fine)
-    table, reference, trajectory = result.to_csv(tmp_path / "new", "swings")
-    assert list(pd.read_csv(table)["status"]) == list(result.table["status"])
-    assert list(pd.read_csv(reference)["t [s]"]) == pytest.approx(list(fine.t))
-    assert trajectory.name == "swings_1_GeneralizedAlpha_step_0.002.csv"
-    assert trajectory.with_suffix(".json").exists()
-    (tmp_path / "file").touch()
-    with pytest.raises(bd.BeamdaeError, match="cannot be written"):
-        result.to_csv(tmp_path / "file", "swings")
-
-
-def test_default_integrators_are_two_of_each():
-    kinds = [type(i) for i in study.default_integrators()]
-    assert kinds == [bd.Ida, bd.Ida, bd.GeneralizedAlpha, bd.GeneralizedAlpha]
+def test_default_integrators_are_of_every_kind():
+    kinds = [type(i) for i in default_integrators()]
+    assert set(kinds) == {bd.Ida, bd.Radau, bd.GeneralizedAlpha}

@@ -1,0 +1,7 @@
+"""Studies: many runs in parallel, kept on disk, and measured against what two methods agree on."""
+
+from beamdae.studies.case import Case, default_integrators, grid
+from beamdae.studies.comparison import compare
+from beamdae.studies.definition import Study, study
+
+__all__ = ["Case", "Study", "compare", "default_integrators", "grid", "study"]

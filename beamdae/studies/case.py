@@ -1,0 +1,144 @@
+"""A case of a study: a model, its parameters, an integrator."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha, Ida, Radau
+from beamdae.model import Model
+from beamdae.simulation import simulate
+from beamdae.solution import Solution, versions
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of a study.
+
+    Parameters
+    ----------
+    model
+        A model function.
+    parameters
+        Values in place of its defaults.
+    integrator
+        Ida(...), GeneralizedAlpha(...) or Radau(...).
+    """
+
+    model: Model
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    integrator: Any = field(default_factory=Ida)
+
+    @property
+    def family(self) -> str:
+        """Name of the integrator."""
+        return type(self.integrator).__name__
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """Settings of the integrator that differ from their defaults."""
+        settings = {f.name: (getattr(self.integrator, f.name), f.default) for f in _settings(self)}
+        return {name: value for name, (value, default) in settings.items() if value != default}
+
+    @property
+    def label(self) -> str:
+        """The integrator's label with whatever else differs from its defaults."""
+        label = self.integrator.label
+        more = [f"{k}={v}" for k, v in self.changed.items() if f"{k}=" not in label]
+        return ", ".join([label.removesuffix(")"), *more]) + ")" if more else label
+
+    @property
+    def series(self) -> str:
+        """The label without step and tolerance: runs that differ in nothing else make a curve."""
+        kept = [f"{k}={v}" for k, v in self.changed.items() if k not in ("step", "rtol")]
+        adaptive = ", adaptive" if self.family == "GeneralizedAlpha" and self.tolerance else ""
+        return f"{self.family}({', '.join(kept)}){adaptive}" if kept else f"{self.family}{adaptive}"
+
+    @property
+    def tolerance(self) -> float | None:
+        """Relative tolerance of an adaptive integrator."""
+        return getattr(self.integrator, "rtol", None)
+
+    @property
+    def group(self) -> str:
+        """Model and parameters: cases that differ in their integrator alone share a reference."""
+        values = ", ".join(f"{k}={v}" for k, v in self.parameters.items())
+        return f"{self.model.name}({values})" if values else self.model.name
+
+    def configured(self) -> Model:
+        """The model with the parameters of the case as its defaults."""
+        return replace(self.model, parameters=self.model.complete(dict(self.parameters)))
+
+    def solve(
+        self, t_end: float | None = None, output_step: float | None = None, progress: Any = None
+    ) -> Solution:
+        """Run it; see `simulate`."""
+        return simulate(self.configured(), self.integrator, t_end, output_step, progress)
+
+    def mechanism(self) -> str:
+        """Hash of what the equations of motion depend on: source, model, parameters, versions."""
+        parameters = self.model.complete(dict(self.parameters))
+        return _digest([_source(self.model), self.model.name, parameters, versions()])
+
+    def fingerprint(self, t_end: float, output_step: float) -> str:
+        """Hash of all the result depends on."""
+        settings = asdict(self.integrator)
+        return _digest([self.mechanism(), self.family, settings, t_end, output_step])
+
+
+def _digest(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, default=repr)
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def _settings(case: Case) -> list[Any]:
+    return [f for f in fields(case.integrator) if f.name != "time_limit"]
+
+
+def _source(model: Model) -> str:
+    """Text of the file a model stands in, or whatever else identifies its function."""
+    function = inspect.unwrap(model.build)
+    path = Path(function.__code__.co_filename)
+    if path.is_file():
+        return _text(path, path.stat().st_mtime_ns)
+    return hashlib.sha256(cloudpickle.dumps(function)).hexdigest()
+
+
+@cache
+def _text(path: Path, changed: int) -> str:
+    return path.read_text()
+
+
+def default_integrators() -> tuple[Any, ...]:
+    """The integrators a model is compared with unless others are named."""
+    return (
+        Ida(rtol=1e-4),
+        Ida(rtol=1e-6),
+        Radau(rtol=1e-4),
+        GeneralizedAlpha(step=1e-3),
+        GeneralizedAlpha(step=5e-4),
+    )
+
+
+def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
+    """All combinations of parameter values, the last name varying fastest.
+
+    Examples
+    --------
+    >>> grid(elements=[4, 8], strain=["linear"])
+    [{'elements': 4, 'strain': 'linear'}, {'elements': 8, 'strain': 'linear'}]
+    """
+    for name, values in lists.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise BeamdaeError(f"grid: {name} must be a list of values, got {values!r}.")
+    return [dict(zip(lists, values, strict=True)) for values in product(*lists.values())]

@@ -1,0 +1,128 @@
+"""Compare a few cases here and now: no files, no other processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import BeamdaeError
+from beamdae.solution import Solution
+from beamdae.studies.case import Case
+from beamdae.studies.errors import compared
+from beamdae.studies.references import Reference
+from beamdae.studies.tables import case_table, row
+from beamdae.studies.work import Outcome, by_time, values
+
+Progress = Callable[[str, float], None]
+
+
+def compare(
+    cases: Iterable[Case],
+    reference: Case | Solution | None = None,
+    columns: Sequence[str] = (),
+    t_end: float | None = None,
+    output_step: float | None = None,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Run cases one after the other and tabulate cost and quality, a failed run is a row as well.
+
+    For more than a few cases write a study (`bd.study`) and run it with `beamdae compare`: in
+    parallel, resumable, and with references that two methods agree on.
+
+    Parameters
+    ----------
+    cases
+        What to run.
+    reference
+        What errors are measured against: a case to run, or a solution.
+    columns
+        Observed columns the error is taken over; default: all positions and angles that move.
+    t_end, output_step
+        As in `simulate`, for all cases.
+    progress
+        Called now and then with the label of a case and the time it has reached.
+
+    Returns
+    -------
+    DataFrame
+        "error [-]" is the largest difference to the reference over the run (as far as it got) and
+        the columns, relative to half the range of each; further columns tell it by column, at the
+        end and as root mean square.
+
+    Raises
+    ------
+    BeamdaeError
+        If the reference fails or a column is unknown.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=0.1)
+    ... def swing(mass=2.0):
+    ...     mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ...     bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    ...     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    ...     return mech
+    >>> cases = [bd.Case(swing, p, bd.Ida(rtol=1e-4)) for p in bd.grid(mass=[1.0, 2.0])]
+    >>> list(bd.compare(cases)["mass"])
+    [1.0, 2.0]
+    """
+    cases = tuple(cases) if isinstance(cases, Iterable) else (cases,)
+    if not cases or not all(isinstance(case, Case) for case in cases):
+        raise BeamdaeError(f"compare: give a list of at least one Case, got {cases!r:.120}.")
+    if isinstance(reference, Case):
+        reference = _solved(reference, t_end, output_step, progress)
+    if reference is not None and not isinstance(reference, Solution):
+        raise BeamdaeError(f"compare: reference must be a Case or a Solution, got {reference!r}.")
+    rows, interrupted = [], False
+    for case in cases:
+        outcome = Outcome("not run, the study was interrupted")
+        if not interrupted:
+            outcome = _outcome(case, t_end, output_step, progress)
+            interrupted = outcome.status.startswith("interrupted")
+        known = None if reference is None else _reference(reference, outcome, columns)
+        rows.append(row(case, case.group, outcome, known))
+    return case_table(rows)
+
+
+def _outcome(
+    case: Case, t_end: float | None, output_step: float | None, progress: Progress | None
+) -> Outcome:
+    try:
+        solution = case.solve(t_end, output_step, _named(progress, case.label))
+    except BeamdaeError as problem:
+        return Outcome(str(problem))
+    status = "ok" if solution.status.success else solution.status.message
+    return Outcome(status, values(solution), by_time(solution))
+
+
+def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> Reference:
+    """The reference at the times of an outcome, and at its own where the outcome ends early."""
+    chosen = tuple(compared(solution.observed, columns))
+    if outcome.table is not None:
+        times = outcome.table.index.to_numpy()
+        later = solution.t[solution.t > times[-1] * (1.0 + 1e-12)]
+        known = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
+        solution = replace(solution, t=np.concatenate([known, later]))
+    method = str(solution.integrator.get("integrator", ""))
+    return Reference((method, ""), by_time(solution), chosen, np.nan, "as given")
+
+
+def _solved(
+    case: Case, t_end: float | None, output_step: float | None, progress: Progress | None
+) -> Solution:
+    label = case.integrator.label
+    solution = case.solve(t_end, output_step, _named(progress, f"reference {label}"))
+    if not solution.status.success:
+        raise BeamdaeError(
+            f"{case.model.name}: the reference failed, {label}: {solution.status.message}."
+        )
+    return solution
+
+
+def _named(progress: Progress | None, label: str) -> Callable[[float], None] | None:
+    return None if progress is None else partial(progress, label)

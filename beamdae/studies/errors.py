@@ -1,0 +1,87 @@
+"""Errors of observed columns against a reference, relative to their amplitude."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import BeamdaeError, nearest
+
+# Columns that move less than this share of the largest motion in their unit are held by a joint.
+_AT_REST = 1e-6
+_POSITIONS, _REACTIONS = ("[m]", "[rad]"), ("[N]", "[N m]")
+
+
+def observed(table: pd.DataFrame) -> list[str]:
+    """The observed columns of a table that has energies and drift as well."""
+    return [str(c) for c in table if not str(c).startswith(("energy.", "drift."))]
+
+
+def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
+    """The observed columns errors are taken over.
+
+    `columns` if given; otherwise all in m and rad, or all there are if none has such a unit, that
+    move by more than 1e-6 of the largest motion in the same unit.
+
+    Raises
+    ------
+    BeamdaeError
+        If a column does not exist or does not move.
+    """
+    present = observed(reference)
+    for name in columns:
+        if name not in present:
+            raise BeamdaeError(
+                f"compare: no observed column {name!r}{nearest(name, present)}, "
+                f"the columns are {', '.join(present) or 'none'}."
+            )
+    candidates = list(columns) or [c for c in present if c.endswith(_POSITIONS)] or present
+    if not candidates:
+        raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
+    moving = _moving(reference, candidates, 0.0 if columns else _AT_REST)
+    still = [c for c in candidates if c not in moving]
+    if not moving or (columns and still):
+        raise BeamdaeError(
+            f"compare: {', '.join(still)} must move in the reference to measure errors by."
+        )
+    return moving
+
+
+def reactions(reference: pd.DataFrame) -> list[str]:
+    """The forces and moments that are not zero throughout."""
+    return _moving(reference, [c for c in observed(reference) if c.endswith(_REACTIONS)], _AT_REST)
+
+
+def _moving(table: pd.DataFrame, columns: Sequence[str], least: float) -> list[str]:
+    amplitude = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
+    largest = amplitude.groupby(lambda name: name.rsplit("[", 1)[-1]).transform("max")
+    return [str(c) for c in amplitude.index[amplitude > least * largest]]
+
+
+def amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
+    """Half the range of each column."""
+    return 0.5 * np.ptp(reference[list(columns)].to_numpy(), axis=0)
+
+
+def deviations(
+    table: pd.DataFrame, reference: pd.DataFrame, columns: Sequence[str]
+) -> pd.DataFrame:
+    """|x - x_ref| over half the range of x_ref by time, as far as both have got.
+
+    Both have the rows of the same output times, from the start on.
+
+    Raises
+    ------
+    BeamdaeError
+        If a column is not observed in `table`.
+    """
+    missing = [name for name in columns if name not in table]
+    if missing:
+        raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
+    rows = min(len(table), len(reference))
+    found = table[list(columns)].to_numpy()[:rows]
+    known = reference[list(columns)].to_numpy()[:rows]
+    error = np.abs(found - known) / amplitudes(reference, columns)
+    return pd.DataFrame(error, columns=list(columns), index=table.index[:rows])

@@ -1,0 +1,167 @@
+"""What the page of a study shows, as plain data."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.solution import versions
+from beamdae.studies.case import Case
+from beamdae.studies.engine import Results
+from beamdae.studies.errors import deviations, observed
+from beamdae.studies.references import Reference, group_key
+from beamdae.studies.tables import COST, ERROR
+from beamdae.studies.work import Outcome
+
+_ROWS = 200
+# Columns of the case table on the page: key, label, unit, kind.
+_COLUMNS = (
+    ("label", "integrator", "", "text"),
+    ("status", "status", "", "status"),
+    (ERROR, "error", "-", "number"),
+    ("reaction error [-]", "reaction error", "-", "number"),
+    (COST, "wall time", "s", "number"),
+    ("steps", "steps", "", "number"),
+    ("rejected steps", "rejected", "", "number"),
+    ("residual calls", "residuals", "", "number"),
+    ("Jacobian calls", "Jacobians", "", "number"),
+    ("max position drift", "position drift", "", "number"),
+    ("max velocity drift", "velocity drift", "", "number"),
+    ("energy imbalance [-]", "energy imbalance", "-", "number"),
+    ("reached [s]", "reached", "s", "number"),
+    ("peak memory [GB]", "memory", "GB", "number"),
+)
+_ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
+_ENERGIES |= {"imbalance": "energy.imbalance [J]"}
+
+
+def page(results: Results) -> dict[str, Any]:
+    """The page of a study; see `beamdae.page.write_page`."""
+    table = results.table
+    parameters = list(table)[1 : list(table).index("group")]
+    known = [c for c in _COLUMNS if c[0] in table]
+    columns = [known[0], *((str(p), str(p), "", "text") for p in parameters), *known[1:]]
+    failed = int((table["status"] != "ok").sum())
+    return {
+        "title": results.study.name,
+        "subtitle": f"{len(table)} cases, {failed} failed",
+        "made": versions(),
+        "notes": _notes(results),
+        "groups": [_group(results, str(g)) for g in table["group"].unique()],
+        "columns": [
+            {"key": k, "label": label, "unit": unit, "kind": kind}
+            for k, label, unit, kind in columns
+        ],
+        "cases": [
+            _case(results, case, row, [c[0] for c in columns], number)
+            for number, (case, (_, row)) in enumerate(
+                zip(results.study.cases, table.iterrows(), strict=True)
+            )
+        ],
+    }
+
+
+def _notes(results: Results) -> list[str]:
+    notes = [
+        "Error: largest difference to the reference over the run and its columns, relative to half "
+        "the range of each. An error less than ten times the uncertainty of the reference is "
+        "drawn hollow: it is at most that.",
+    ]
+    if results.interrupted:
+        notes.append("The study was interrupted; start it again and it goes on.")
+    return notes
+
+
+def _group(results: Results, group: str) -> dict[str, Any]:
+    reference = results.references.get(group)
+    sentence = "its reference was not run" if reference is None else reference.sentence
+    accepted = reference is not None and reference.table is not None
+    frames = None
+    for case in results.study.cases:
+        if group_key(results.study, case) == group:
+            frames = frames or _frames(results, case)
+    return {
+        "id": group,
+        "label": group,
+        "reference": {
+            "methods": list(reference.methods) if reference is not None else [],
+            "uncertainty": reference.resolves if reference is not None and accepted else None,
+            "accepted": accepted,
+            "sentence": sentence,
+        },
+        "frames": frames,
+    }
+
+
+def _frames(results: Results, case: Case) -> dict[str, Any] | None:
+    """Of whatever run of the same mechanism has them: its reference."""
+    return results.frames.get(case.mechanism())
+
+
+def _case(
+    results: Results, case: Case, row: pd.Series, keys: list[str], number: int
+) -> dict[str, Any]:
+    outcome = results.outcome(case)
+    reference = results.references.get(str(row["group"]))
+    return {
+        "id": str(number),
+        "group": str(row["group"]),
+        "label": _label(results, case),
+        "series": case.series,
+        "family": case.family,
+        "status": str(row["status"]),
+        "values": {key: _plain(row[key]) for key in keys} | _told(row, reference),
+        "error": _plain(row.get(ERROR)),
+        "cost": _plain(row.get(COST)),
+        "below": bool(row.get("below resolution", False)),
+        "limited": "limit" in str(row["status"]) or "no progress" in str(row["status"]),
+        "curves": _curves(outcome, reference),
+    }
+
+
+def _label(results: Results, case: Case) -> str:
+    """What tells a case from the others of its group."""
+    over = results.study.over
+    return case.label if over is None else f"{over}={case.parameters[over]}"
+
+
+def _told(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
+    """The error in the table, where the reference cannot resolve it."""
+    if reference is None or not row.get("below resolution", False):
+        return {}
+    return {ERROR: f"< {reference.resolves:.2g}"}
+
+
+def _plain(value: Any) -> Any:
+    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
+        return None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | None:
+    """Every so many rows of a run, with its error over time."""
+    table = outcome.table
+    if table is None or len(table) < 2:
+        return None
+    chosen = np.linspace(0, len(table) - 1, min(len(table), _ROWS)).round().astype(int)
+    rows = table.iloc[chosen]
+    curves = {
+        "t": _rounded(rows.index.to_numpy()),
+        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed(table)},
+        "energy": {k: _rounded(rows[c].to_numpy()) for k, c in _ENERGIES.items() if c in rows},
+        "position drift": _rounded(rows["drift.position"].to_numpy()),
+        "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),
+        "error": [],
+    }
+    if reference is not None and reference.table is not None:
+        error = deviations(table, reference.table, reference.columns).max(axis=1)
+        curves["error"] = _rounded(error.reindex(rows.index).to_numpy())
+    return curves
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Five digits are more than a curve shows."""
+    return [float(f"{v:.5g}") for v in values]

@@ -1,0 +1,117 @@
+"""Where the work is done: a pool of local processes, or the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError, TimeoutError, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any, Protocol
+
+from beamdae.errors import BeamdaeError
+from beamdae.studies.work import Outcome, Task, perform
+
+# A run that has not ended by its own time limit after so many seconds more is killed.
+_GRACE = 30.0
+_TRIES = 2
+# How long a scheduler may take to answer [s].
+_PATIENCE = 10.0
+
+
+class Executor(Protocol):
+    """Something that takes tasks and gives outcomes, in the order in which they end."""
+
+    workers: int
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+        """(task, outcome, whether it is to be kept) of each task."""
+
+
+class LocalPool:
+    """One process a core; one that dies takes its own case with it and no other."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        self.workers = workers or _cores()
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+        """(task, outcome, whether it is to be kept) of each task."""
+        from pebble import ProcessExpired, ProcessPool
+
+        with _stopped(ProcessPool(self.workers, context=get_context("spawn"))) as pool:
+
+            def submit(task: Task) -> Any:
+                limit = task.limits.time
+                seconds = None if limit is None else task.repetitions * limit + _GRACE
+                return pool.schedule(perform, (task.packed(),), timeout=seconds)
+
+            waiting = {submit(task): (task, 1) for task in tasks}
+            while waiting:
+                future = next(as_completed(waiting))
+                task, tries = waiting.pop(future)
+                try:
+                    yield task, future.result(), True
+                except ProcessExpired as problem:
+                    if tries < _TRIES:
+                        waiting[submit(task)] = (task, tries + 1)
+                    else:
+                        yield task, Outcome(f"its process died {tries} times ({problem})"), False
+                except TimeoutError:
+                    yield task, Outcome("killed, it did not end at its time limit"), True
+
+
+@contextmanager
+def _stopped(pool: Any) -> Iterator[Any]:
+    """The pool, without anything left running behind it."""
+    try:
+        yield pool
+    finally:
+        pool.stop()
+        pool.join()
+
+
+class DaskPool:
+    """The workers of a Dask scheduler; a task whose worker dies goes to another one."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise BeamdaeError(
+                f"--scheduler {address}: it needs Dask, pip install 'beamdae[cluster]'."
+            ) from None
+        try:
+            self._client = Client(address, timeout=_PATIENCE)
+        except (OSError, ValueError) as problem:
+            raise BeamdaeError(
+                f"--scheduler {address}: no Dask scheduler answers there ({problem})."
+            ) from problem
+        self.workers = sum(self._client.nthreads().values())
+        if not self.workers:
+            raise BeamdaeError(f"--scheduler {address}: the scheduler has no workers.")
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+        """(task, outcome, whether it is to be kept) of each task."""
+        from distributed import KilledWorker
+        from distributed import as_completed as completed
+
+        futures = {
+            self._client.submit(perform, task.packed(), key=f"beamdae-{task.key}", pure=False): task
+            for task in tasks
+        }
+        try:
+            for future in completed(list(futures)):
+                task = futures[future]
+                try:
+                    yield task, future.result(), True
+                except (KilledWorker, CancelledError) as problem:
+                    yield task, Outcome(f"its workers died ({problem})"), False
+        finally:
+            self._client.cancel(list(futures))
+            self._client.close()
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

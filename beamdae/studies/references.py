@@ -1,0 +1,132 @@
+"""What errors are measured against: two methods that agree, and how well they do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha
+from beamdae.studies.case import Case
+from beamdae.studies.definition import Study
+from beamdae.studies.errors import compared, deviations
+from beamdae.studies.work import Outcome, Task
+
+# Errors within this factor of the reference's uncertainty say more about it than about the case.
+RESOLUTION = 10.0
+# Two methods that differ by more than this share of a column's amplitude make no reference.
+_DISAGREEMENT = 1e-2
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Rows to measure others against, and how well they are known.
+
+    Attributes
+    ----------
+    methods
+        The two methods, in words.
+    table
+        Observed columns by time; None where there is no reference.
+    columns
+        The columns errors are taken over.
+    uncertainty
+        Largest difference between the two methods, relative to the amplitude of each column.
+    sentence
+        What there is to say about it.
+    """
+
+    methods: tuple[str, str]
+    table: pd.DataFrame | None
+    columns: tuple[str, ...]
+    uncertainty: float
+    sentence: str
+
+    @property
+    def resolves(self) -> float:
+        """Smallest error that can be told from the reference's own."""
+        return RESOLUTION * self.uncertainty
+
+
+def group_key(study: Study, case: Case) -> str:
+    """Cases of the same key are measured against the same reference."""
+    if study.over is None:
+        return case.group
+    rest = {k: v for k, v in case.parameters.items() if k != study.over}
+    return f"{replace(case, parameters=rest).group}, {case.label}"
+
+
+def groups(study: Study) -> dict[str, list[Case]]:
+    """The cases by group, in order."""
+    found: dict[str, list[Case]] = {}
+    for case in study.cases:
+        found.setdefault(group_key(study, case), []).append(case)
+    return found
+
+
+def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
+    """The runs of the two methods of a group: one, or two to be extrapolated, each."""
+    over = study.over
+    if over is not None:
+        # The finest mesh, and the next to it.
+        finest = sorted(cases, key=lambda case: case.parameters[over], reverse=True)
+        return [[study.task(case)] for case in finest[:2]]
+    methods = []
+    for integrator in study.references:
+        steps = [integrator]
+        if isinstance(integrator, GeneralizedAlpha) and getattr(integrator, "rtol", None) is None:
+            steps.append(replace(integrator, step=0.5 * integrator.step))
+        methods.append(
+            [study.task(replace(cases[0], integrator=one), reference=True) for one in steps]
+        )
+    return methods
+
+
+def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outcome]) -> Reference:
+    """The reference of a group from the outcomes of its methods."""
+    names = tuple(_named(tasks, study) for tasks in methods)
+    if len(names) == 1:
+        return _none((names[0], ""), "there is one mesh only, errors need a finer one")
+    labels = (names[0], names[1])
+    for tasks in methods:
+        for task in tasks:
+            outcome = outcomes[task.key]
+            if outcome.status != "ok":
+                return _none(labels, f"no reference, {task.case.label}: {outcome.status}")
+    truth, witness = (_rows([outcomes[task.key] for task in tasks]) for tasks in methods)
+    try:
+        columns = compared(truth, study.columns)
+    except BeamdaeError as problem:
+        return _none(labels, str(problem))
+    uncertainty = float(deviations(witness, truth, columns).to_numpy().max())
+    if not uncertainty <= _DISAGREEMENT:
+        return _none(
+            labels, f"no reference, {labels[0]} and {labels[1]} differ by {uncertainty:.2g}"
+        )
+    sentence = (
+        f"reference {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
+    )
+    return Reference(labels, truth, tuple(columns), uncertainty, sentence)
+
+
+def _none(methods: tuple[str, str], sentence: str) -> Reference:
+    return Reference(methods, None, (), np.nan, sentence)
+
+
+def _named(tasks: list[Task], study: Study) -> str:
+    if study.over is not None:
+        return f"{study.over}={tasks[0].case.parameters[study.over]}"
+    label = tasks[-1].case.label
+    return label if len(tasks) == 1 else f"{label}, extrapolated"
+
+
+def _rows(outcomes: list[Outcome]) -> pd.DataFrame:
+    """Rows of one run, or of two with steps h and h/2 extrapolated (Richardson, order 2)."""
+    tables = [outcome.table for outcome in outcomes if outcome.table is not None]
+    if len(tables) == 1:
+        return tables[0]
+    coarse, fine = tables
+    return fine + (fine - coarse) / 3.0

@@ -1,0 +1,170 @@
+"""The tables of a study: a row a case, and what they come to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.studies.case import Case
+from beamdae.studies.errors import deviations, reactions
+from beamdae.studies.references import Reference
+from beamdae.studies.work import COUNTS, MEASURES, Outcome
+
+LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
+ERROR, COST = "error [-]", "wall time [s]"
+
+
+def row(case: Case, group: str, outcome: Outcome, reference: Reference | None) -> dict[str, Any]:
+    """The row of a case: what it was, what it cost, how well it did."""
+    values: dict[str, Any] = {
+        "model": case.model.name,
+        **case.parameters,
+        "group": group,
+        "integrator": case.family,
+        "label": case.label,
+        "series": case.series,
+        "settings": ", ".join(f"{k}={v}" for k, v in case.changed.items()),
+        "status": outcome.status,
+        "reached [s]": np.nan,
+        **dict.fromkeys(COUNTS),
+        **dict.fromkeys(MEASURES, np.nan),
+        **outcome.values,
+    }
+    return values if reference is None else values | _errors(outcome, reference)
+
+
+def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
+    """Largest error of all columns, of each and of the reactions, relative to amplitudes."""
+    columns = {ERROR: np.nan, "below resolution": False, "reaction error [-]": np.nan}
+    columns["reference uncertainty [-]"] = reference.uncertainty
+    # A run that took no step has its start to show, which is no error.
+    if reference.table is None or outcome.table is None or not outcome.values.get("steps"):
+        return columns
+    error = deviations(outcome.table, reference.table, reference.columns)
+    columns[ERROR] = float(error.to_numpy().max())
+    complete = outcome.status == "ok"
+    columns["below resolution"] = bool(complete and columns[ERROR] < reference.resolves)
+    forces = reactions(reference.table)
+    if forces:
+        of_forces = deviations(outcome.table, reference.table, forces)
+        columns["reaction error [-]"] = float(of_forces.to_numpy().max())
+    for name in reference.columns:
+        columns[f"error of {name}, end"] = float(error[name].iloc[-1]) if complete else np.nan
+        columns[f"error of {name}, max"] = float(error[name].max())
+        columns[f"error of {name}, rms"] = float(np.sqrt(np.mean(error[name] ** 2)))
+    return columns
+
+
+def case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    """One row a case; counts are whole numbers, or missing."""
+    table = pd.DataFrame(rows)
+    return table.astype({c: "Int64" for c in COUNTS if c in table})
+
+
+def summary(cases: pd.DataFrame) -> pd.DataFrame:
+    """By group: the fastest integrator for each accuracy, observed orders, crossovers.
+
+    Rows whose error the reference cannot resolve count for accuracies it can resolve: their error
+    is at most that.
+    """
+    lines: list[dict[str, Any]] = []
+    if ERROR not in cases:
+        return pd.DataFrame(lines)
+    for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
+        known = rows.dropna(subset=[ERROR])
+        lines += _best(str(group), known)
+        lines += _orders(str(group), known[~known["below resolution"]])
+        lines += _crossovers(str(group), known[~known["below resolution"]])
+    return pd.DataFrame(lines, columns=["group", "what", "at", "answer", "value", "unit"])
+
+
+def _line(group: str, what: str, at: str, answer: str, value: float, unit: str) -> dict[str, Any]:
+    return {
+        "group": group,
+        "what": what,
+        "at": at,
+        "answer": answer,
+        "value": value,
+        "unit": unit,
+    }
+
+
+def _best(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+    lines = []
+    for level in LEVELS:
+        enough = rows[rows[ERROR] <= level]
+        if len(enough):
+            best = enough.sort_values(COST).iloc[0]
+            at = f"error <= {level:.0e}"
+            lines.append(_line(group, "fastest", at, best["label"], best[COST], "s"))
+    return lines
+
+
+def parameter(label: str) -> float:
+    """Step or tolerance in a label, whichever the integrator goes by."""
+    for name in ("rtol=", "step="):
+        if name in label:
+            return float(label.split(name)[1].split(",")[0].rstrip(")"))
+    return np.nan
+
+
+def _orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Slope of the error over step or tolerance: between the first and the last of a series."""
+    lines = []
+    for series, runs in rows.groupby("series", sort=False):
+        size = np.array([parameter(label) for label in runs["label"]])
+        error = runs[ERROR].to_numpy()
+        if len(np.unique(size)) < 2 or np.isnan(size).any() or np.min(error) <= 0.0:
+            continue
+        order = float(np.polyfit(np.log(size), np.log(error), 1)[0])
+        what = "order in rtol" if "rtol=" in runs["label"].iloc[0] else "order in step"
+        at = f"{size.max():g} to {size.min():g}"
+        lines.append(_line(group, what, at, str(series), order, "-"))
+    return lines
+
+
+def _crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Errors at which another series becomes the fastest, by interpolation of each series."""
+    curves = {}
+    for series, runs in rows.groupby("series", sort=False):
+        ordered = runs.sort_values(ERROR)
+        if len(ordered) > 1 and ordered[ERROR].min() > 0.0:
+            curves[str(series)] = np.log(ordered[[ERROR, COST]].to_numpy(float).T)
+    if not curves:
+        return []
+    ends = np.concatenate([c[0] for c in curves.values()])
+    levels = np.linspace(ends.max(), ends.min(), 200)
+    costs = np.array([_cost_at(levels, error, cost) for error, cost in curves.values()])
+    names = list(curves)
+    winners = np.argmin(costs, axis=0)
+    lines = []
+    for k in np.flatnonzero(np.diff(winners)):
+        if not np.isfinite(costs[:, k + 1]).any():
+            break
+        at, to = names[winners[k]], names[winners[k + 1]]
+        lines.append(
+            _line(group, "crossover", f"{at} to {to}", to, float(np.exp(levels[k + 1])), "error")
+        )
+    return lines
+
+
+def _cost_at(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Cost of errors between those of a series; none for smaller, the cheapest for larger ones."""
+    inside = np.interp(levels, error, cost)
+    return np.where(levels < error[0], np.inf, inside)
+
+
+def mesh_summary(cases: pd.DataFrame, over: str) -> pd.DataFrame:
+    """By group of a mesh study: observed order of the error over the refined parameter."""
+    lines = []
+    for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
+        known = rows.dropna(subset=[ERROR]).sort_values(over)
+        known = known[~known["below resolution"] & (known[ERROR] > 0.0)]
+        size, error = known[over].to_numpy(float), known[ERROR].to_numpy()
+        for k in range(1, len(known)):
+            order = float(np.log(error[k - 1] / error[k]) / np.log(size[k] / size[k - 1]))
+            at = f"{over} {size[k - 1]:g} to {size[k]:g}"
+            lines.append(_line(str(group), "order in space", at, f"{error[k]:.2e}", order, "-"))
+    return pd.DataFrame(lines, columns=["group", "what", "at", "answer", "value", "unit"])

@@ -1,0 +1,224 @@
+"""One case in one process: run it within its limits and bring back what a table needs."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+import numpy as np
+import pandas as pd
+
+from beamdae.drawing import frame_times, shapes
+from beamdae.equations import EquationsOfMotion
+from beamdae.errors import BeamdaeError
+from beamdae.mechanism import Mechanism
+from beamdae.simulation import as_equations, simulate
+from beamdae.solution import Solution
+from beamdae.studies.case import Case
+
+_GIGABYTE = 1e9
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a case may take; None: as much as it likes.
+
+    Attributes
+    ----------
+    time
+        Wall time of the integration [s].
+    memory
+        Memory of its process [GB].
+    patience
+        Wall time without the simulated time advancing by a hundred-thousandth of the run [s].
+    """
+
+    time: float | None = None
+    memory: float | None = None
+    patience: float | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """A case to be done, and the name it is kept by."""
+
+    key: str
+    case: Case
+    t_end: float
+    output_step: float
+    limits: Limits = Limits()
+    repetitions: int = 1
+    animated: bool = False
+
+    def packed(self) -> bytes:
+        """The task for another process, the source of its model included."""
+        return cloudpickle.dumps(self)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a case.
+
+    Attributes
+    ----------
+    status
+        "ok", or the sentence that says why not.
+    values
+        Cost and quality by column of the case table.
+    table
+        Observed columns, energies and drift by time; None if there was no consistent start.
+    frames
+        Shapes of the bodies over time, for an animation; None if none was asked for.
+    """
+
+    status: str
+    values: dict[str, Any] = field(default_factory=dict)
+    table: pd.DataFrame | None = None
+    frames: dict[str, Any] | None = None
+
+
+def perform(packed: bytes) -> Outcome:
+    """Do a packed task; a mistake in the model is a sentence, not an exception."""
+    task: Task = cloudpickle.loads(packed)
+    try:
+        return _performed(task)
+    except BeamdaeError as problem:
+        return Outcome(str(problem))
+    except MemoryError:
+        return Outcome("it needs more memory than there is")
+    except Exception as problem:  # Whatever a model raises is the end of its case alone.
+        return Outcome(f"{type(problem).__name__}: {problem}")
+
+
+def _performed(task: Task) -> Outcome:
+    begin = clock.perf_counter()
+    _forget_peak()
+    # Neighboring cases differ in the integrator alone: their equations are built once.
+    equations = _equations(_Recipe(task.case.mechanism(), task.case))
+    integrator = task.case.integrator
+    limits = [x for x in (integrator.time_limit, task.limits.time) if x is not None]
+    if limits:
+        integrator = replace(integrator, time_limit=min(limits))
+    solutions = []
+    for _ in range(task.repetitions):
+        watch = _Watchman(task.limits, task.t_end)
+        solutions.append(simulate(equations, integrator, task.t_end, task.output_step, watch))
+        if not solutions[-1].status.success:
+            break
+    solution = solutions[-1]
+    status = "ok" if solution.status.success else solution.status.message
+    times = [s.statistics.wall_time for s in solutions]
+    found = values(solution) | {"wall time [s]": float(np.median(times))}
+    table = by_time(solution)
+    frames = _frames(task, solution) if task.animated else None
+    spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
+    found["measuring time [s]"] = clock.perf_counter() - begin - spent
+    found["peak memory [GB]"] = peak_memory()
+    return Outcome(status, found, table, frames)
+
+
+def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
+    mechanism = task.case.model(**task.case.parameters)
+    if not isinstance(mechanism, Mechanism):
+        return None
+    times = [float(t) for t in frame_times(solution)]
+    return {"t": times, "bodies": shapes(mechanism, solution)}
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """What equations of motion are built from, known by its hash."""
+
+    key: str
+    case: Case = field(compare=False)
+
+
+@lru_cache(maxsize=1)
+def _equations(recipe: _Recipe) -> EquationsOfMotion:
+    return as_equations(recipe.case.model(**recipe.case.parameters))
+
+
+def by_time(solution: Solution) -> pd.DataFrame:
+    """Observed columns, energies and drift at the output times."""
+    table = pd.concat([solution.observed, solution.ledger, solution.drift], axis=1)
+    return table.set_index(pd.Index(solution.t, name="t [s]"))
+
+
+# Column of the case table by name in the summary of a solution.
+COUNTS = {
+    "steps": "steps",
+    "rejected steps": "rejected_steps",
+    "residual calls": "residual_calls",
+    "Jacobian calls": "jacobian_calls",
+    "factorizations": "factorizations",
+    "solves": "solves",
+    "Newton failures": "newton_failures",
+}
+MEASURES = {
+    "setup time [s]": "setup_time",
+    "wall time [s]": "wall_time",
+    "max position drift": "max_position_drift",
+    "max velocity drift": "max_velocity_drift",
+    "max residual [-]": "max_residual",
+    "energy imbalance [-]": "energy_imbalance",
+}
+
+
+def values(solution: Solution) -> dict[str, Any]:
+    """Cost and quality of a solution by column of the case table."""
+    summary = solution.summary()
+    chosen = solution.integrator
+    return {
+        "reached [s]": summary["last_time"],
+        "formulation": chosen.get("formulation", "stabilized-index1"),
+        "error control": chosen.get("error_control", ""),
+        "max order": chosen.get("max_order"),
+        **{column: summary[name] for column, name in (COUNTS | MEASURES).items()},
+    }
+
+
+class _Watchman:
+    """Ends a run that takes more memory or makes less progress than it may."""
+
+    def __init__(self, limits: Limits, t_end: float) -> None:
+        self._limits = limits
+        self._least = 1e-5 * t_end
+        self._reached = 0.0
+        self._since = clock.perf_counter()
+
+    def __call__(self, t: float) -> str | None:
+        """The reason to stop at time t, if there is one."""
+        now = clock.perf_counter()
+        if t - self._reached >= self._least:
+            self._reached, self._since = t, now
+        patience, memory = self._limits.patience, self._limits.memory
+        if patience is not None and now - self._since > patience:
+            return f"no progress for {patience:g} s"
+        if memory is not None and peak_memory() > memory:
+            return f"memory limit of {memory:g} GB"
+        return None
+
+
+_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+def _forget_peak() -> None:
+    """Begin a new peak of memory, where the system can."""
+    try:
+        _CLEAR.write_text("5")
+    except OSError:
+        return
+
+
+def peak_memory() -> float:
+    """Largest memory of this process since `_forget_peak` [GB]; NaN where it is not told."""
+    try:
+        lines = _STATUS.read_text().splitlines()
+    except OSError:
+        return float("nan")
+    (line,) = [line for line in lines if line.startswith("VmHWM")]
+    return float(line.split()[1]) * 1024.0 / _GIGABYTE

@@ -1,0 +1,376 @@
+"""The study engine: parallel, resumable, and honest about what fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.studies import engine
+from beamdae.studies.pool import LocalPool
+from beamdae.studies.store import Store
+from beamdae.studies.tables import case_table, mesh_summary, row, summary
+from beamdae.studies.work import Limits, Outcome
+
+ALPHA = bd.GeneralizedAlpha(step=2e-3)
+REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-10))
+
+
+@bd.model(t_end=0.4)
+def swing(mass=2.0, torque=0.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.add(bd.Moment("torque", on=bob.at(1.0, 0.0), law=torque))
+    mech.observe("end", bob.at(2.0, 0.0))
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+@bd.model(t_end=0.4)
+def torn(limit=0.2):
+    """The moment leaves the real numbers at t = limit."""
+    mech = bd.Mechanism()
+    bob = mech.add(bd.RigidBody("bob", 2.0, inertia=0.1))
+    mech.add(bd.Moment("torque", on=bob.at(0.0, 0.0), law=lambda t: (limit - t) ** 1.5))
+    mech.observe("bob", bob.at(0.0, 0.0))
+    return mech
+
+
+@bd.model(t_end=0.1)
+def broken(mass=0.0):
+    return 1.0 / mass
+
+
+@bd.model(t_end=0.1)
+def deadly(marker="", tries=1):
+    """Kills its process until it has left so many marks in a file."""
+    with open(marker, "a+") as file:
+        file.seek(0)
+        if len(file.read()) < tries:
+            file.write("x")
+            file.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return swing()
+
+
+def made(cases, **settings):
+    return bd.Study("made", tuple(cases), references=REFERENCES, **settings)
+
+
+def done(study, folder, workers=2, progress=None):
+    return engine.run(study, folder, LocalPool(workers), progress)
+
+
+STEPS = (0.02, 0.01, 0.005)
+SWINGS = [
+    bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(step=h))
+    for mass in (1.0, 3.0)
+    for h in STEPS
+]
+
+
+@pytest.fixture(scope="module")
+def swings(tmp_path_factory):
+    return done(made(SWINGS), tmp_path_factory.mktemp("swings"))
+
+
+# Tables ---------------------------------------------------------------------------------------
+
+
+def test_each_case_is_a_row_in_order(swings):
+    table = pd.read_csv(swings.folder / "cases.csv")
+    assert list(table["label"]) == [case.label for case in SWINGS]
+    assert list(table["mass"]) == [1.0, 1.0, 1.0, 3.0, 3.0, 3.0]
+    assert set(table["status"]) == {"ok"}
+    assert list(table["group"].unique()) == ["swing(mass=1.0)", "swing(mass=3.0)"]
+    for column in ("wall time [s]", "setup time [s]", "steps", "residual calls", "solves"):
+        assert (table[column] > 0).all()
+    assert (table["peak memory [GB]"] > 0.01).all()
+    # A pendulum of one body: what is left of g is rounding, and the books close to h^2.
+    assert (table["max position drift"] < 1e-9).all()
+
+
+def test_errors_are_measured_against_what_two_methods_agree_on(swings):
+    for group, reference in swings.references.items():
+        assert reference.methods == (
+            "Ida(rtol=1e-07)",
+            "GeneralizedAlpha(step=0.00025, newton_tolerance=1e-10), extrapolated",
+        )
+        rows = swings.table[swings.table["group"] == group]
+        errors = rows["error [-]"].to_numpy()
+        # Order 2, and well above what the reference resolves.
+        assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
+        assert errors.min() > reference.resolves
+        assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
+
+
+def test_errors_the_reference_cannot_resolve_are_marked(tmp_path):
+    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=h)) for h in (0.02, 2e-4)]
+    table = done(made(cases), tmp_path).table
+    assert list(table["below resolution"]) == [False, True]
+
+
+def test_summary_has_orders_the_fastest_and_crossovers(swings):
+    found = pd.read_csv(swings.folder / "summary.csv")
+    orders = found[found["what"] == "order in step"]
+    assert_allclose(orders["value"], 2.0, atol=0.1)
+    best = found[(found["what"] == "fastest") & (found["at"] == "error <= 1e-02")]
+    assert set(best["answer"]) <= {case.label for case in SWINGS}
+
+
+def test_crossover_is_where_another_series_becomes_the_fastest():
+    def rows(series, step, order, cost):
+        # error = step^order, cost proportional to 1 / step
+        return [
+            {
+                "group": "g",
+                "status": "ok",
+                "label": f"{series}(step={h:g})",
+                "series": series,
+                "error [-]": h**order,
+                "wall time [s]": cost / h,
+                "below resolution": False,
+            }
+            for h in step
+        ]
+
+    table = pd.DataFrame(
+        rows("coarse", (0.1, 0.01, 0.001), 1, 1e-4) + rows("fine", (0.5, 0.1, 0.03), 3, 1e-3)
+    )
+    found = summary(table).set_index("what")
+    # 1e-4 / e = 1e-3 / e^(1/3): e = 10^-1.5.
+    assert_allclose(found.loc["crossover", "value"], 10.0**-1.5, rtol=0.05)
+    assert found.loc["crossover", "answer"] == "fine"
+    assert_allclose(found.loc["order in step", "value"].astype(float), [1.0, 3.0], atol=1e-6)
+
+
+def test_a_study_of_meshes_has_errors_in_space_alone(tmp_path):
+    from hub_beam import hub_beam
+
+    cases = [
+        bd.Case(hub_beam, {"elements": n}, bd.GeneralizedAlpha(step=0.005, newton_tolerance=1e-9))
+        for n in (1, 2, 4, 8, 12)
+    ]
+    columns = ("deformation.u [m]", "deformation.v [m]")
+    results = done(bd.Study("mesh", tuple(cases), columns=columns, over="elements"), tmp_path)
+    assert len(results.references) == 1
+    (reference,) = results.references.values()
+    assert reference.methods == ("elements=12", "elements=8")
+    orders = results.summary["value"].to_numpy(float)
+    # Elements of order five and more (validation/mesh_convergence).
+    assert orders[-1] > 4.0
+    assert (results.folder / "summary.csv").is_file()
+
+
+def test_a_mesh_study_needs_its_parameter_in_every_case():
+    with pytest.raises(bd.BeamdaeError, match=r"made: .*over 'elements' has to give it a value"):
+        made([bd.Case(swing, {}, ALPHA)], over="elements")
+
+
+# Failures -------------------------------------------------------------------------------------
+
+
+def test_failures_are_rows_with_a_sentence(tmp_path):
+    cases = [
+        bd.Case(swing, {}, ALPHA),
+        bd.Case(torn, {"limit": 0.2}, ALPHA),
+        bd.Case(swing, {}, bd.Ida(1e-9, formulation="index3", error_control="all", max_steps=300)),
+        bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-6, time_limit=0.01)),
+    ]
+    results = done(made(cases), tmp_path)
+    assert results.table["status"][0] == "ok"
+    sentences = list(results.table["status"][1:])
+    assert sentences[0].startswith("stopped at t = 0.2 s: the residual is not finite")
+    assert "stopped at" in sentences[1]
+    assert sentences[2].startswith("time limit of 0.01 s, stopped at")
+    assert results.table["reached [s]"][1] == pytest.approx(0.2)
+    # The torn one has no reference either, and says so.
+    assert "no reference" in results.references["torn(limit=0.2)"].sentence
+    assert np.isnan(results.table["error [-]"][1])
+    assert results.failed
+
+
+def test_whatever_a_model_raises_ends_its_case_alone(tmp_path):
+    cases = [bd.Case(swing, {}, ALPHA), bd.Case(broken, {}, ALPHA)]
+    table = done(made(cases), tmp_path, workers=1).table
+    assert table["status"][0] == "ok"
+    assert table["status"][1] == "ZeroDivisionError: float division by zero"
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (Limits(memory=1e-3), "memory limit of 0.001 GB, stopped at"),
+        (Limits(patience=1e-9), "no progress for 1e-09 s, stopped at"),
+        (Limits(time=1e-3), "time limit of 0.001 s, stopped at"),
+    ],
+)
+def test_a_case_that_hits_a_limit_is_a_row_saying_so(tmp_path, limits, words):
+    # So small a step that 64 of them do not move by a hundred-thousandth of the run.
+    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-8))]
+    table = done(made(cases, t_end=0.4, limits=limits), tmp_path, workers=1).table
+    assert table["status"][0].startswith(words)
+
+
+@pytest.mark.slow(reason="processes die and are started again")
+def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
+    marker = tmp_path / "marks"
+    once = bd.Case(deadly, {"marker": str(marker), "tries": 1}, ALPHA)
+    always = bd.Case(deadly, {"marker": str(tmp_path / "more"), "tries": 99}, ALPHA)
+    results = done(made([*SWINGS[:2], once, always], t_end=0.1), tmp_path / "out")
+    assert list(results.table["status"][:2]) == ["ok", "ok"]
+    assert results.table["status"][3].startswith("its process died 2 times")
+    # The reference of `once` met the marker first; one of the runs died, none was lost.
+    assert results.table["status"][2] == "ok"
+    assert marker.read_text() == "x"
+    key = results.study.task(always).key
+    assert key not in Store(results.folder), "tried again at the next start"
+
+
+# Starting again -------------------------------------------------------------------------------
+
+
+def test_finished_cases_are_not_done_again(swings):
+    seen = []
+    again = done(swings.study, swings.folder, progress=seen.append)
+    assert [p.kept for p in seen] == [seen[0].total]
+    pd.testing.assert_frame_equal(again.table, swings.table, check_dtype=False)
+
+
+def test_a_changed_case_is_done_and_the_others_are_kept(swings):
+    seen = []
+    case = replace(SWINGS[0], integrator=bd.GeneralizedAlpha(step=0.004))
+    done(replace(swings.study, cases=(*SWINGS, case)), swings.folder, progress=seen.append)
+    assert seen[-1].total == seen[0].kept + 1
+
+
+def test_fingerprint_depends_on_all_that_matters():
+    case = SWINGS[0]
+    base = case.fingerprint(0.4, 0.001)
+    assert base == bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.02)).fingerprint(
+        0.4, 0.001
+    )
+    others = [
+        replace(case, parameters={"mass": 1.5}).fingerprint(0.4, 0.001),
+        replace(case, integrator=ALPHA).fingerprint(0.4, 0.001),
+        replace(case, model=torn, parameters={}).fingerprint(0.4, 0.001),
+        case.fingerprint(0.3, 0.001),
+        case.fingerprint(0.4, 0.002),
+    ]
+    assert len({base, *others}) == 6
+
+
+def test_a_damaged_result_is_named(tmp_path):
+    store = Store(tmp_path)
+    store.keep("abc", Outcome("ok", {"steps": 3}))
+    assert store.outcome("abc").values == {"steps": 3}
+    (tmp_path / "outcomes" / "abc.json").write_text("{")
+    with pytest.raises(bd.BeamdaeError, match=r"abc.json: this result cannot be read .* remove it"):
+        store.outcome("abc")
+
+
+STUDY = """
+import time
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.2)
+def slow(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    time.sleep(0.2)
+    return mech
+
+
+@bd.study(references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)))
+def masses():
+    return [bd.Case(slow, {"mass": float(m)}, bd.Ida(rtol=1e-4)) for m in range(1, 6)]
+"""
+
+
+def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path):
+    (tmp_path / "file.py").write_text(STUDY)
+    command = [sys.executable, "-m", "beamdae", "compare", "file.py", "--out", "out"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    outcomes = tmp_path / "out" / "masses" / "outcomes"
+    limit = time.monotonic() + 60.0
+    while len(list(outcomes.glob("*.json"))) < 3 and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 130, errors
+    assert "start the same command again" in errors
+    first = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
+    assert "not run, the study was interrupted" in set(first["status"])
+    kept = len(list(outcomes.glob("*.json")))
+    again = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert again.returncode == 0, again.stderr
+    assert f"{kept} kept from before" in again.stderr
+    second = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
+    assert set(second["status"]) == {"ok"}
+
+
+def test_repetitions_give_the_median_wall_time(tmp_path):
+    results = done(made(SWINGS[:1], repetitions=3), tmp_path)
+    assert results.table["wall time [s]"][0] > 0.0
+    with pytest.raises(bd.BeamdaeError, match="made: repetitions must be a whole number"):
+        made(SWINGS[:1], repetitions=0)
+
+
+# Definitions ----------------------------------------------------------------------------------
+
+
+def test_a_study_is_a_decorated_function():
+    @bd.study(t_end=0.1, time_limit=5.0, columns=["end.x [m]"])
+    def two():
+        return SWINGS[:2]
+
+    assert two.name == "two"
+    assert two.cases == tuple(SWINGS[:2])
+    assert two.columns == ("end.x [m]",)
+    assert two.task(SWINGS[0]).limits.time == 5.0
+    assert two.task(SWINGS[0], reference=True).limits.time == 50.0
+    assert two.task(SWINGS[0]).t_end == 0.1
+
+
+def test_wrong_studies_are_refused():
+    with pytest.raises(bd.BeamdaeError, match="made: a study lists at least one Case"):
+        made([])
+    with pytest.raises(bd.BeamdaeError, match=r"two integrators of different kind, got Ida, Ida"):
+        bd.Study("made", tuple(SWINGS), references=(bd.Ida(1e-6), bd.Ida(1e-7)))
+    with pytest.raises(bd.BeamdaeError, match="no parameter 'mas'"):
+        made([bd.Case(swing, {"mas": 1.0}, ALPHA)])
+    with pytest.raises(bd.BeamdaeError, match="study: time_limit must be positive"):
+        bd.study(time_limit=-1.0)
+
+
+def test_outcomes_of_nothing():
+    lines = [row(SWINGS[0], "g", Outcome("it does not build"), None)]
+    table = case_table(lines)
+    assert table["steps"].isna().all()
+    assert len(summary(table)) == 0
+    assert len(mesh_summary(table.assign(**{"error [-]": np.nan}), "mass")) == 0
+
+
+def test_frames_of_the_reference_are_kept_for_the_animation(swings):
+    keys = {case.mechanism() for case in SWINGS}
+    assert set(swings.frames) == keys
+    frames = swings.frames[SWINGS[0].mechanism()]
+    assert json.dumps(frames)
+    assert {body["name"] for body in frames["bodies"]} >= {"bob"}

@@ -1,0 +1,54 @@
+"""What a study costs beside its integrations.
+
+    python validation/engine/overhead.py [--cases 1000]
+
+Runs the pendulum so many times with different parameters and prints wall time by kind, as shares of
+the processor time of all processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import beamdae as bd
+from beamdae.studies import engine
+from beamdae.studies.pool import LocalPool
+
+pendulum = bd.load_model(Path(__file__).parents[2] / "models" / "pendulum.py")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=1000)
+    number = parser.parse_args().cases
+    # Ten models, the rest integrators: what a study is.
+    cases = tuple(
+        bd.Case(pendulum, {"tip_mass": mass}, bd.GeneralizedAlpha(step=step))
+        for mass in np.linspace(0.01, 0.1, max(number // 100, 1)).round(4).tolist()
+        for step in np.geomspace(1e-3, 5e-4, min(number, 100)).tolist()
+    )
+    references = (bd.Ida(rtol=1e-5), bd.GeneralizedAlpha(step=5e-4))
+    study = bd.Study("overhead", cases, references=references, t_end=2.0)
+    pool = LocalPool()
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        results = engine.run(study, Path(folder), pool)
+        total = (time.perf_counter() - begin) * pool.workers
+    outcomes = results.outcomes.values()
+    integration = sum(o.values["wall time [s]"] for o in outcomes)
+    setup = sum(o.values["setup time [s]"] for o in outcomes)
+    print(f"{len(outcomes)} runs on {pool.workers} processes, {total:.0f} s of processor time")
+    print(f"integration          {integration / total:6.1%}")
+    print(f"building, compiling  {setup / total:6.1%}")
+    measuring = sum(o.values["measuring time [s]"] for o in outcomes)
+    print(f"measuring            {measuring / total:6.1%}  residuals, drift, energies of all steps")
+    print(f"the engine           {1.0 - (integration + setup + measuring) / total:6.1%}")
+
+
+if __name__ == "__main__":
+    main()
