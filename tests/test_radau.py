@@ -98,13 +98,10 @@ def test_the_error_estimate_is_that_of_radau5(z, damping):
     expected = np.linalg.solve(matrix, jacobian @ y + GAMMA / h * e @ stages)
     found = newton.error(yp, h)
     assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
-    # The second filter, IV (8.20): f at y + error in place of f at y.
-    again = np.linalg.solve(matrix, jacobian @ (y + expected) + GAMMA / h * e @ stages)
-    assert_allclose(newton.filtered(found, h), again, rtol=1e-8, atol=1e-12 * np.abs(y).max())
 
 
-def test_a_polynomial_of_degree_five_is_exact():
-    # Quadrature of degree 4 twice: v of t^4 is exact, q of t^3. A step of any size.
+def test_a_force_of_degree_three_is_met_exactly():
+    # v by quadrature of degree 4, q by the condition b A c^3 = 1/20 of order 5.
     mech = pushed(lambda t: 2.0 * (1.0 + t**3))
     solution = bd.simulate(mech, bd.Radau(0.1, max_step=1.0), 1.0, 1.0)
     assert_allclose(solution.v[-1, 0], 1.25, rtol=1e-12)
@@ -121,6 +118,14 @@ def test_factors_are_kept_while_the_step_is():
     # A real and a complex one each.
     assert steps.factorizations <= 12
     assert steps.newton_failures == steps.rejected_steps == 0
+    # One iteration on three stages a step, two in the first.
+    assert steps.residual_calls == 3 * (steps.steps + 1)
+
+
+def test_factors_are_kept_while_the_step_would_change_little():
+    steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
+    # Twice as many if each step had its own.
+    assert steps.factorizations < steps.steps
 
 
 @pytest.mark.parametrize("velocities", [True, False])

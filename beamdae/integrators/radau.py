@@ -182,10 +182,7 @@ class _Run:
                     size.diverged(h)
                     reason = newton.reason
                 continue
-            estimate = newton.error(yp, h)
-            error = tolerance.norm(estimate, weights)
-            if error >= 1.0 and size.doubtful:
-                error = tolerance.norm(newton.filtered(estimate, h), weights)
+            error = tolerance.norm(newton.error(yp, h), weights)
             if not error < 1.0:
                 self.rejected += 1
                 size.refused(h, error, newton)

@@ -120,30 +120,23 @@ class Collocation:
     def error(self, yp: Array, h: float) -> Array:
         """Error of an embedded method of order 3, without what is stiff in it.
 
-        y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i), and the error is y^ - y_{n+1}, filtered.
+        y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i), and of e = y^ - y_{n+1} the filter
+        (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes what is slow and damps what is fast. For
+        R = M y' - f(y) this is the estimate of RADAU5. In constraints, without y', it would leave
+        nothing: there the right-hand side is R_y e, the error of what the joints prescribe, which
+        is all there is of a motion that drivers force. Multipliers enter R by their derivatives,
+        in the same columns of both matrices: their errors stay in their own components.
         """
-        return self.filtered((h / GAMMA) * yp + _EMBEDDED @ self._w, h)
-
-    def filtered(self, error: Array, h: float) -> Array:
-        """Solve (R_y + (gamma/h) R_y') x = (gamma/h) R_y' error, or = R_y error in constraints.
-
-        For R = M y' - f(y) that is the filter of RADAU5, which passes what is slow and damps what
-        is fast. It would leave nothing where there is no y', as in the constraints: their rows let
-        pass the error of what the joints prescribe, all there is of a motion that drivers force.
-        Multipliers enter R by their derivatives, and in the same columns of both matrices: their
-        errors stay in their own components.
-        """
+        error = (h / GAMMA) * yp + _EMBEDDED @ self._w
         right = self._inertia @ ((GAMMA / h) * error)
         constraints = slice(2 * self._n, None)
         right[constraints] = (self._stiffness @ error)[constraints]
         return self._real.solve(right)
 
     def _predict(self, yp: Array, h: float) -> None:
-        """Extrapolate the collocation polynomial of the step before, or uniform motion."""
+        """Extrapolate the collocation polynomial of the step before, or y'."""
         if self._before is None:
-            z = (h * C)[:, None] * yp
-            z[:, self._n : 2 * self._n] = 0.0
-            np.matmul(_T_INVERSE, z, out=self._w)
+            np.multiply((_T_INVERSE @ (h * C))[:, None], yp, out=self._w)
         else:
             step, w = self._before
             ahead = (1.0 + C * (h / step))[:, None] ** _EXPONENTS - 1.0

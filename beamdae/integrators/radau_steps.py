@@ -109,24 +109,17 @@ class StepSize:
         Step to try [s].
     longest
         Largest step allowed [s].
-    repeated
-        Whether the last attempt failed.
     """
 
     next: float
     longest: float
-    repeated: bool = False
     _before: tuple[float, float] | None = None
+    _repeated: bool = False
     _manageable: float = field(init=False)
 
     def __post_init__(self) -> None:
         self._manageable = self.longest
         self.next = min(self.next, self.longest)
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the error estimate may hold stiff parts a second filter has to take out."""
-        return self.repeated or self._before is None
 
     def accepted(self, h: float, error: float, newton: Collocation) -> None:
         """Go on after a step h."""
@@ -135,23 +128,23 @@ class StepSize:
         if self._before is not None:
             h_before, error_before = self._before
             factor *= min(1.0, h / h_before * (error_before / error) ** _POWER)
-        factor = min(max(factor, _SHRINK), 1.0 if self.repeated else _GROW)
+        factor = min(max(factor, _SHRINK), 1.0 if self._repeated else _GROW)
         if newton.rate < _SLOW_RATE:
             self._manageable = min(_RETURN * self._manageable, self.longest)
         wanted = min(factor * h, self._manageable)
         keep = h <= wanted <= _HYSTERESIS * h and newton.serves(h, KEEP_RATE)
         self.next = h if keep else wanted
-        self._before, self.repeated = (h, error), False
+        self._before, self._repeated = (h, error), False
 
     def refused(self, h: float, error: float, newton: Collocation) -> None:
         """Try a smaller step, by the error."""
         self.next = h * min(max(self._factor(error, newton), _SHRINK), _MARGIN)
-        self.repeated = True
+        self._repeated = True
 
     def diverged(self, h: float) -> None:
         """Try a smaller step, for the sake of Newton's iteration."""
         self.next = self._manageable = _RETREAT * h
-        self.repeated = True
+        self._repeated = True
 
     @staticmethod
     def _factor(error: float, newton: Collocation) -> float:
