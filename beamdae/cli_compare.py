@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,12 +58,14 @@ def compare(
     Finished cases are kept in the results folder: a second start goes on where the first one
     stopped.
     """
-    require_writable(out)
     study = _study(path, model_name, assignments(settings))
-    if t_end is not None or output_step is not None:
-        study = replace(
-            study, t_end=t_end or study.t_end, output_step=output_step or study.output_step
-        )
+    require_writable(out / study.name / "outcomes")
+    if parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
+        raise BeamdaeError("--parquet: it needs an engine, pip install 'beamdae[parquet]'.")
+    if t_end is not None:
+        study = replace(study, t_end=t_end)
+    if output_step is not None:
+        study = replace(study, output_step=output_step)
     from beamdae.page import write_page
     from beamdae.studies import engine
     from beamdae.studies.page_data import page
@@ -73,11 +77,11 @@ def compare(
     executor = DaskPool(scheduler) if scheduler else LocalPool(workers)
     with _progress() as progress:
         results = engine.run(study, out / study.name, executor, progress)
+    _say(results)
     written = [results.folder / "cases.csv", results.folder / "summary.csv", *draw(results)]
     written.append(write_page(results.folder / "report.html", page(results)))
     if parquet:
         written += results.to_parquet()
-    _say(results)
     say_written(console(), written)
     if results.interrupted:
         typer.echo("interrupted: start the same command again and it goes on", err=True)
@@ -112,18 +116,26 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
 def _say(results: Results) -> None:
     """Tables on the screen, and a sentence for each failure."""
     from beamdae import report
+    from beamdae.studies.engine import NOT_RUN
 
     screen = console()
     screen.print(results.study.name, style="bold")
     for group, reference in results.references.items():
         screen.print(f"{group}: {reference.sentence}", style="dim", soft_wrap=True)
-    if len(results.table) <= _MOST_ROWS:
-        screen.print(report.comparison_table(results.table))
+        rows = results.table[results.table["group"] == group]
+        if len(results.table) <= _MOST_ROWS:
+            screen.print(report.comparison_table(rows))
+        if reference.table is None and not results.interrupted:
+            typer.echo(f"failed: {group}: {reference.sentence}", err=True)
     if len(results.summary):
-        rows = [[report.number(x) for x in row] for row in results.summary.to_numpy()]
-        screen.print(report.listing([str(c) for c in results.summary], rows))
-    for reason in report.failures(results.table):
+        cells = [[report.number(x) for x in row] for row in results.summary.to_numpy()]
+        screen.print(report.listing([str(c) for c in results.summary], cells))
+    tried = results.table[results.table["status"] != NOT_RUN]
+    reasons = report.failures(tried)
+    for reason in reasons[:_MOST_ROWS]:
         typer.echo(f"failed: {reason}", err=True)
+    if len(reasons) > _MOST_ROWS:
+        typer.echo(f"failed: {len(reasons) - _MOST_ROWS} more, see cases.csv", err=True)
 
 
 @contextmanager
@@ -139,18 +151,22 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
     columns: tuple[Any, ...] = (
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed, {task.fields[kept]} kept from before"),
+        TextColumn(
+            "{task.fields[running]} running, {task.fields[failed]} failed, "
+            "{task.fields[kept]} kept from before"
+        ),
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
     with Bar(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task("", total=None, failed=0, kept=0)
+        task = bar.add_task("", total=None, failed=0, kept=0, running=0)
         yield lambda p: bar.update(
             task,
             total=p.total,
             completed=p.done,
             failed=p.failed,
             kept=p.kept,
+            running=p.running,
             description=p.last,
         )
 
@@ -160,12 +176,16 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next = 0.0
+        self._begin = time.perf_counter()
 
     def __call__(self, progress: Progress) -> None:
         if progress.done >= self._next or progress.done == progress.total:
+            fresh, left = progress.done - progress.kept, progress.total - progress.done
+            elapsed = time.perf_counter() - self._begin
+            rest = f", about {elapsed / fresh * left:.0f} s left" if fresh and left else ""
             typer.echo(
-                f"{progress.done} of {progress.total} runs, {progress.failed} failed, "
-                f"{progress.kept} kept from before",
+                f"{progress.done} of {progress.total} runs, {progress.running} running, "
+                f"{progress.failed} failed, {progress.kept} kept from before{rest}",
                 err=True,
             )
             self._next = progress.done + 0.1 * progress.total

@@ -33,7 +33,7 @@ def simulate(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     integrator
-        Ida(...) or GeneralizedAlpha(...); default Ida().
+        Ida(...), Radau(...) or GeneralizedAlpha(...); default Ida().
     t_end
         End time [s]; default the model's own.
     output_step
@@ -71,7 +71,8 @@ def simulate(
     method = Ida() if integrator is None else integrator
     if isinstance(method, type) or not hasattr(method, "integrate"):
         raise BeamdaeError(
-            f"simulate: integrator must be Ida(...) or GeneralizedAlpha(...), got {method!r}."
+            "simulate: integrator must be Ida(...), Radau(...) or GeneralizedAlpha(...), "
+            f"got {method!r}."
         )
     solution = method.integrate(as_equations(model), times, progress=progress)
     return replace(solution, model={**information, "t_end": t_end})

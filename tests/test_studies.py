@@ -18,6 +18,7 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.studies import engine
 from beamdae.studies.pool import LocalPool
+from beamdae.studies.references import NOT_RUN
 from beamdae.studies.store import Store
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
 from beamdae.studies.work import Limits, Outcome
@@ -141,6 +142,7 @@ def test_crossover_is_where_another_series_becomes_the_fastest():
                 "error [-]": h**order,
                 "wall time [s]": cost / h,
                 "below resolution": False,
+                "reference uncertainty [-]": 0.0,
             }
             for h in step
         ]
@@ -234,8 +236,8 @@ def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
     # The reference of `once` met the marker first; one of the runs died, none was lost.
     assert results.table["status"][2] == "ok"
     assert marker.read_text() == "x"
-    key = results.study.task(always).key
-    assert key not in Store(results.folder), "tried again at the next start"
+    again = Store(results.folder).outcome(results.study.task(always))
+    assert again is None, "tried again at the next start"
 
 
 # Starting again -------------------------------------------------------------------------------
@@ -271,13 +273,76 @@ def test_fingerprint_depends_on_all_that_matters():
     assert len({base, *others}) == 6
 
 
-def test_a_damaged_result_is_named(tmp_path):
-    store = Store(tmp_path)
-    store.keep("abc", Outcome("ok", {"steps": 3}))
-    assert store.outcome("abc").values == {"steps": 3}
-    (tmp_path / "outcomes" / "abc.json").write_text("{")
-    with pytest.raises(bd.BeamdaeError, match=r"abc.json: this result cannot be read .* remove it"):
-        store.outcome("abc")
+def test_damaged_results_are_computed_again(tmp_path):
+    study = made(SWINGS[:1])
+    store, task = Store(tmp_path), study.task(SWINGS[0])
+    done(study, tmp_path, workers=1)
+    known = store.outcome(task)
+    assert known.status == "ok"
+    lines = store.trajectory(task.key).read_text().splitlines()
+    store.trajectory(task.key).write_text("\n".join(lines[:50]))
+    assert store.outcome(task) is None
+    for text in ("{", "[]"):
+        (tmp_path / "outcomes" / f"{task.key}.json").write_text(text)
+        assert store.outcome(task) is None
+    again = done(study, tmp_path, workers=1)
+    pd.testing.assert_frame_equal(again.outcome(SWINGS[0]).table, known.table)
+
+
+def test_a_failure_under_other_limits_is_tried_again(tmp_path):
+    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-5))]
+    first = done(made(cases, limits=Limits(time=1e-3)), tmp_path, workers=1)
+    assert first.table["status"][0].startswith("time limit")
+    second = done(made(cases, limits=Limits(time=60.0)), tmp_path, workers=1)
+    assert list(second.table["status"]) == ["ok"]
+
+
+def factory(gravity):
+    @bd.model(t_end=0.1)
+    def falling(mass=1.0):
+        mech = bd.Mechanism(gravity=(0.0, -gravity))
+        mech.add(bd.PointMass("stone", mass, at=(0.0, 0.0)))
+        return mech
+
+    return falling
+
+
+def test_what_a_model_is_closed_over_and_arrays_are_part_of_the_fingerprint():
+    one, other = (bd.Case(factory(g), {}, ALPHA).mechanism() for g in (1.0, 10.0))
+    assert one != other
+    assert one == bd.Case(factory(1.0), {}, ALPHA).mechanism()
+
+    zeros, changed = np.zeros(2000), np.zeros(2000)
+    changed[700] = 1e-12
+
+    @bd.model(t_end=0.1)
+    def tabled(values=zeros):
+        return swing()
+
+    assert bd.Case(tabled).mechanism() != bd.Case(tabled, {"values": changed}).mechanism()
+
+
+def test_two_models_of_one_name_are_refused():
+    with pytest.raises(bd.BeamdaeError, match="two different models are called 'falling'"):
+        made([bd.Case(factory(1.0), {}, ALPHA), bd.Case(factory(10.0), {}, ALPHA)])
+
+
+def test_a_case_that_is_a_reference_as_well_is_run_once_and_animated(tmp_path):
+    results = done(made([bd.Case(swing, {}, REFERENCES[0])]), tmp_path)
+    assert len(results.outcomes) == 3
+    assert list(results.frames)
+
+
+def test_parameters_stand_together_and_give_way_to_columns():
+    cases = [bd.Case(swing, {"mass": 1.0}), bd.Case(swing, {"torque": 2.0})]
+    table = case_table([row(case, "g", Outcome("no"), None) for case in cases])
+    assert list(table)[:4] == ["model", "mass", "torque", "group"]
+    tricky = replace(swing, parameters={"steps": 3, "shape": [1, 2]})
+    (line,) = case_table(
+        [row(bd.Case(tricky, {"steps": 5, "shape": [3, 4]}), "g", Outcome("no"), None)]
+    ).to_dict("records")
+    assert line["parameter steps"] == 5
+    assert line["shape"] == "[3, 4]"
 
 
 STUDY = """
@@ -367,11 +432,11 @@ def test_wrong_studies_are_refused():
 
 
 def test_outcomes_of_nothing():
-    lines = [row(SWINGS[0], "g", Outcome("it does not build"), None)]
+    lines = [row(SWINGS[0], "g", Outcome("it does not build"), NOT_RUN)]
     table = case_table(lines)
     assert table["steps"].isna().all()
     assert len(summary(table)) == 0
-    assert len(mesh_summary(table.assign(**{"error [-]": np.nan}), "mass")) == 0
+    assert len(mesh_summary(table, "mass")) == 0
 
 
 def test_frames_of_the_reference_are_kept_for_the_animation(swings):

@@ -27,7 +27,7 @@ _ORDER = 5
 _SMALLEST_STEP = 1e-12
 # The last step of a segment ends on its end if it comes this near.
 _NEARLY = 1.0 - 1e-9
-# A step costs as much as ten of the other integrators.
+# A step costs as much as ten of Ida's.
 _STEPS_BETWEEN_LOOKS = 8
 
 

@@ -59,9 +59,9 @@ class Tolerance:
     def honest(cls, rtol: float, scales: Scales, velocities: bool) -> Tolerance:
         """The one that keeps the error of a whole run near `rtol`.
 
-        The estimate is of order 4 in the step, the error of a run of order 5 without and 2 to 4
-        with stiff modes: an exponent of 4/5 would do for the former, measurement shows 0.9 for
-        both (validation/tolerances).
+        The estimate falls with the fourth power of the step and the error of a run with the
+        fifth, which asks for an exponent of 4/5, but with a lower one where fast modes are
+        undamped: 0.9 serves both, on the cases of validation/tolerances.
         """
         return cls(_SAFETY * rtol**_EXPONENT, scales, velocities)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import sysconfig
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import cloudpickle
+import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Ida, Radau
@@ -97,21 +99,47 @@ class Case:
 
 
 def _digest(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, default=repr)
+    text = json.dumps(content, sort_keys=True, default=_told)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def _told(value: Any) -> Any:
+    """What JSON cannot say of a value, so that different values are told apart."""
+    if isinstance(value, np.ndarray):
+        return [str(value.dtype), value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    if isinstance(value, np.generic):
+        return value.item()
+    return [type(value).__name__, hashlib.sha256(cloudpickle.dumps(value)).hexdigest()]
 
 
 def _settings(case: Case) -> list[Any]:
     return [f for f in fields(case.integrator) if f.name != "time_limit"]
 
 
-def _source(model: Model) -> str:
-    """Text of the file a model stands in, or whatever else identifies its function."""
+def _source(model: Model) -> list[Any]:
+    """Text of the file a model stands in and of what it imports from the user's own modules.
+
+    With the values its function is closed over; modules of installed packages are known by their
+    versions.
+    """
     function = inspect.unwrap(model.build)
-    path = Path(function.__code__.co_filename)
-    if path.is_file():
-        return _text(path, path.stat().st_mtime_ns)
-    return hashlib.sha256(cloudpickle.dumps(function)).hexdigest()
+    variables = inspect.getclosurevars(function)
+    modules = [inspect.getmodule(value) for value in variables.globals.values()]
+    files = {getattr(module, "__file__", None) for module in modules}
+    files.add(function.__code__.co_filename)
+    own = [Path(f) for f in files if f and Path(f).is_file() and not _is_installed(Path(f))]
+    texts = [_text(path, path.stat().st_mtime_ns) for path in sorted(own)]
+    if not Path(function.__code__.co_filename).is_file():
+        texts.append(hashlib.sha256(cloudpickle.dumps(function)).hexdigest())
+    return [texts, dict(variables.nonlocals)]
+
+
+_INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
+
+
+def _is_installed(path: Path) -> bool:
+    package = Path(__file__).parents[1]
+    return any(path.is_relative_to(folder) for folder in (*_INSTALLED, package))
 
 
 @cache

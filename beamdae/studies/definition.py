@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from beamdae.errors import BeamdaeError, count, positive
@@ -68,12 +68,29 @@ class Study:
             raise BeamdaeError(
                 f"{self.name}: references must be two integrators of different kind, got {names}."
             )
+        self._check_cases()
+
+    def _check_cases(self) -> None:
+        builds: dict[str, Any] = {}
         for case in self.cases:
             case.model.complete(dict(case.parameters))
-            if self.over is not None and self.over not in case.parameters:
+            if self.over is not None:
+                if self.over not in case.parameters:
+                    raise BeamdaeError(
+                        f"{self.name}: every case of a study over {self.over!r} has to give it a "
+                        "value."
+                    )
+                positive(self.name, self.over, case.parameters[self.over])
+            plain = replace(case, parameters={}).mechanism()
+            if builds.setdefault(case.model.name, plain) != plain:
                 raise BeamdaeError(
-                    f"{self.name}: every case of a study over {self.over!r} has to give it a value."
+                    f"{self.name}: two different models are called {case.model.name!r}, "
+                    "give one of them another name."
                 )
+
+    def tag(self, case: Case) -> str:
+        """What tells a case from the others of its group."""
+        return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False) -> Task:
         """A case as a task; references take as long as they need, ten times a case's limit."""

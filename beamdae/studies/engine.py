@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.pool import Executor
+from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed, group_key, groups, reference_tasks
 from beamdae.studies.store import Store
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
@@ -27,8 +28,9 @@ class Progress:
 
     Attributes
     ----------
-    total, done, failed, kept
-        Runs there are (references included), done by now, failed among them, and found on disk.
+    total, done, failed, kept, running
+        Runs there are (references included), done by now, failed among them, found on disk, and
+        under way.
     last
         Label of the run that ended last.
     """
@@ -37,6 +39,7 @@ class Progress:
     done: int
     failed: int
     kept: int
+    running: int
     last: str
 
 
@@ -85,7 +88,7 @@ class Results:
         Raises
         ------
         BeamdaeError
-            If there is no Parquet engine.
+            If a file cannot be written.
         """
         paths = []
         for key, outcome in self.outcomes.items():
@@ -94,10 +97,10 @@ class Results:
             paths.append(Store(self.folder).trajectory(key).with_suffix(".parquet"))
             try:
                 outcome.table.reset_index().to_parquet(paths[-1], index=False)
-            except ImportError:
+            except OSError as problem:
                 raise BeamdaeError(
-                    "--parquet: it needs an engine, pip install 'beamdae[parquet]'."
-                ) from None
+                    f"{paths[-1]}: it cannot be written, {problem.strerror}."
+                ) from problem
         return paths
 
 
@@ -123,21 +126,16 @@ def run(
         [task for group in methods.values() for method in group for task in method]
         + [study.task(case) for case in study.cases]
     )
-    outcomes = {task.key: store.outcome(task.key) for task in tasks if task.key in store}
+    stored = ((task.key, store.outcome(task)) for task in tasks)
+    outcomes = {key: outcome for key, outcome in stored if outcome is not None}
     interrupted = _perform(tasks, outcomes, store, executor, progress)
     references = {
         group: agreed(study, tasks_of, outcomes)
-        for group, tasks_of in methods.items()
         if all(task.key in outcomes for method in tasks_of for task in method)
+        else NO_REFERENCE
+        for group, tasks_of in methods.items()
     }
-    rows = []
-    for case in study.cases:
-        outcome = outcomes.get(study.task(case).key, Outcome(NOT_RUN))
-        group = group_key(study, case)
-        try:
-            rows.append(row(case, group, outcome, references.get(group)))
-        except BeamdaeError as problem:
-            rows.append(row(case, group, Outcome(str(problem), outcome.values), None))
+    rows = [_row(study, case, outcomes, references) for case in study.cases]
     table = case_table(rows)
     found = summary(table) if study.over is None else mesh_summary(table, study.over)
     frames = {
@@ -150,8 +148,30 @@ def run(
     return results
 
 
+def _row(
+    study: Study, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
+) -> dict[str, Any]:
+    task, group = study.task(case), group_key(study, case)
+    outcome = outcomes.get(task.key, Outcome(NOT_RUN))
+    try:
+        found = row(case, group, outcome, references[group])
+    except BeamdaeError as problem:
+        found = row(case, group, Outcome(str(problem), outcome.values), NO_REFERENCE)
+    has_rows = outcome.table is not None
+    return found | {"trajectory": f"trajectories/{task.key}.csv" if has_rows else ""}
+
+
 def _unique(tasks: list[Task]) -> list[Task]:
-    return list({task.key: task for task in tasks}.values())
+    """Each run once, with all that any of those who want it ask for."""
+    found: dict[str, Task] = {}
+    for task in tasks:
+        known = found.setdefault(task.key, task)
+        found[task.key] = replace(
+            known,
+            repetitions=max(known.repetitions, task.repetitions),
+            animated=known.animated or task.animated,
+        )
+    return list(found.values())
 
 
 def _perform(
@@ -166,18 +186,20 @@ def _perform(
     kept = len(outcomes)
     failed = sum(outcome.status != "ok" for outcome in outcomes.values())
     if progress is not None:
-        progress(Progress(len(tasks), kept, failed, kept, ""))
+        busy = min(executor.workers, len(missing))
+        progress(Progress(len(tasks), kept, failed, kept, busy, ""))
     if not missing:
         return False
     try:
         for task, outcome, keep in executor.outcomes(missing):
             outcomes[task.key] = outcome
             if keep and not outcome.status.startswith("interrupted"):
-                store.keep(task.key, outcome)
+                store.keep(task, outcome)
             failed += outcome.status != "ok"
             if progress is not None:
                 label = f"{task.case.group}, {task.case.label}"
-                progress(Progress(len(tasks), len(outcomes), failed, kept, label))
+                busy = min(executor.workers, len(tasks) - len(outcomes))
+                progress(Progress(len(tasks), len(outcomes), failed, kept, busy, label))
     except KeyboardInterrupt:
         return True
     return False

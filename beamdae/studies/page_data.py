@@ -109,7 +109,7 @@ def _case(
     return {
         "id": str(number),
         "group": str(row["group"]),
-        "label": _label(results, case),
+        "label": results.study.tag(case),
         "series": case.series,
         "family": case.family,
         "status": str(row["status"]),
@@ -120,12 +120,6 @@ def _case(
         "limited": "limit" in str(row["status"]) or "no progress" in str(row["status"]),
         "curves": _curves(outcome, reference),
     }
-
-
-def _label(results: Results, case: Case) -> str:
-    """What tells a case from the others of its group."""
-    over = results.study.over
-    return case.label if over is None else f"{over}={case.parameters[over]}"
 
 
 def _told(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
@@ -156,8 +150,9 @@ def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | N
         "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),
         "error": [],
     }
-    if reference is not None and reference.table is not None:
-        error = deviations(table, reference.table, reference.columns).max(axis=1)
+    truth = None if reference is None else reference.table
+    if reference is not None and truth is not None and set(reference.columns) <= set(table):
+        error = deviations(table, truth, reference.columns).max(axis=1)
         curves["error"] = _rounded(error.reindex(rows.index).to_numpy())
     return curves
 

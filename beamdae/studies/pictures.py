@@ -30,7 +30,7 @@ def draw(results: Results) -> list[Path]:
     paths = _of_one_group(results)
     if results.study.over is not None:
         paths += _saved(_mesh(results), results.folder / "mesh_convergence")
-    elif ERROR in table and table[ERROR].notna().any():
+    elif table[ERROR].notna().any():
         paths += _saved(_work_precision(results), results.folder / "work_precision")
     sizes = [c for c in ("elements", "bodies") if c in table and table[c].nunique() > 1]
     if sizes and results.study.over is None:
@@ -48,8 +48,9 @@ def _of_one_group(results: Results) -> list[Path]:
     runs = {}
     for case in results.study.cases:
         table = results.outcome(case).table
-        if table is not None:
-            runs[case.label] = (_columns(table), deviations(table, truth, columns))
+        if table is not None and set(columns) <= set(table):
+            label = results.study.tag(case)
+            runs[label] = (_columns(table), deviations(table, truth, columns))
     path = results.folder / "comparison.png"
     title = results.study.cases[0].group
     return [report.picture_of_comparison(path, _columns(truth), runs, uncertainty, title)]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError, TimeoutError, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, TimeoutError, wait
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any, Protocol
@@ -13,7 +14,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.studies.work import Outcome, Task, perform
 
 # A run that has not ended by its own time limit after so many seconds more is killed.
-_GRACE = 30.0
+_GRACE = 60.0
 _TRIES = 2
 # How long a scheduler may take to answer [s].
 _PATIENCE = 10.0
@@ -38,26 +39,37 @@ class LocalPool:
         """(task, outcome, whether it is to be kept) of each task."""
         from pebble import ProcessExpired, ProcessPool
 
-        with _stopped(ProcessPool(self.workers, context=get_context("spawn"))) as pool:
+        context = get_context("spawn")
+        with _stopped(
+            ProcessPool(self.workers, context=context, initializer=_leave_interrupts)
+        ) as pool:
 
             def submit(task: Task) -> Any:
                 limit = task.limits.time
                 seconds = None if limit is None else task.repetitions * limit + _GRACE
                 return pool.schedule(perform, (task.packed(),), timeout=seconds)
 
-            waiting = {submit(task): (task, 1) for task in tasks}
-            while waiting:
-                future = next(as_completed(waiting))
-                task, tries = waiting.pop(future)
+            waiting: dict[Any, tuple[Task, int]] = {}
+            for task in tasks:
                 try:
-                    yield task, future.result(), True
-                except ProcessExpired as problem:
-                    if tries < _TRIES:
-                        waiting[submit(task)] = (task, tries + 1)
-                    else:
-                        yield task, Outcome(f"its process died {tries} times ({problem})"), False
-                except TimeoutError:
-                    yield task, Outcome("killed, it did not end at its time limit"), True
+                    waiting[submit(task)] = (task, 1)
+                except Exception as problem:  # Whatever a model holds that cannot be sent.
+                    yield task, Outcome(f"it cannot be sent to a process: {problem}"), False
+            while waiting:
+                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                    task, tries = waiting.pop(future)
+                    try:
+                        yield task, future.result(), True
+                    except ProcessExpired as problem:
+                        if tries < _TRIES:
+                            waiting[submit(task)] = (task, tries + 1)
+                        else:
+                            reason = f"its process died {tries} times ({problem})"
+                            yield task, Outcome(reason), False
+                    except TimeoutError:
+                        yield task, Outcome("killed, it did not end at its time limit"), True
+                    except Exception as problem:  # The end of one case is not that of a study.
+                        yield task, Outcome(f"{type(problem).__name__}: {problem}"), False
 
 
 @contextmanager
@@ -106,9 +118,16 @@ class DaskPool:
                     yield task, future.result(), True
                 except (KilledWorker, CancelledError) as problem:
                     yield task, Outcome(f"its workers died ({problem})"), False
+                except Exception as problem:  # The end of one case is not that of a study.
+                    yield task, Outcome(f"{type(problem).__name__}: {problem}"), False
         finally:
             self._client.cancel(list(futures))
             self._client.close()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the process that runs the study."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _cores() -> int:

@@ -72,8 +72,8 @@ def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
     over = study.over
     if over is not None:
         # The finest mesh, and the next to it.
-        finest = sorted(cases, key=lambda case: case.parameters[over], reverse=True)
-        return [[study.task(case)] for case in finest[:2]]
+        meshes = {case.parameters[over]: case for case in cases}
+        return [[study.task(meshes[size])] for size in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references:
         steps = [integrator]
@@ -106,6 +106,8 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
         return _none(
             labels, f"no reference, {labels[0]} and {labels[1]} differ by {uncertainty:.2g}"
         )
+    if study.over is not None and uncertainty == 0.0:
+        return _none(labels, f"{study.over} changes nothing, the two finest meshes are the same")
     sentence = (
         f"reference {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
     )
@@ -114,6 +116,9 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
 
 def _none(methods: tuple[str, str], sentence: str) -> Reference:
     return Reference(methods, None, (), np.nan, sentence)
+
+
+NOT_RUN = _none(("", ""), "its reference was not run")
 
 
 def _named(tasks: list[Task], study: Study) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.studies.work import Outcome
+from beamdae.studies.work import Outcome, Task
 
 
 @dataclass(frozen=True)
@@ -28,40 +28,43 @@ class Store:
         """Where the rows of a case are."""
         return self.folder / "trajectories" / f"{key}.csv"
 
-    def __contains__(self, key: str) -> bool:
-        return self._record(key).is_file()
-
-    def keep(self, key: str, outcome: Outcome) -> None:
+    def keep(self, task: Task, outcome: Outcome) -> None:
         """Write an outcome; the record comes last, so that one that is there is complete."""
         if outcome.table is not None:
-            _write(self.trajectory(key), outcome.table.to_csv())
+            _write(self.trajectory(task.key), outcome.table.to_csv())
         record = {
             "status": outcome.status,
             "values": _plain(outcome.values),
-            "has rows": outcome.table is not None,
+            "rows": None if outcome.table is None else len(outcome.table),
             "frames": outcome.frames,
+            "limits": asdict(task.limits),
+            "repetitions": task.repetitions,
         }
-        _write(self._record(key), json.dumps(record, indent=1) + "\n")
+        _write(self._record(task.key), json.dumps(record, indent=1) + "\n")
 
-    def outcome(self, key: str) -> Outcome:
-        """Read an outcome back.
+    def outcome(self, task: Task) -> Outcome | None:
+        """The outcome of a task, if there is one that serves.
 
-        Raises
-        ------
-        BeamdaeError
-            If its files are damaged.
+        None if it was never kept, if its files are damaged, if it failed under other limits, or
+        lacks repetitions or frames that are asked for now.
         """
         try:
-            record = json.loads(self._record(key).read_text())
+            record = json.loads(self._record(task.key).read_text())
             table = None
-            if record["has rows"]:
-                table = pd.read_csv(self.trajectory(key), index_col=0)
+            if record["rows"] is not None:
+                table = pd.read_csv(self.trajectory(task.key), index_col=0)
+                if len(table) != record["rows"]:
+                    return None
+            failed = record["status"] != "ok"
+            if failed and record["limits"] != asdict(task.limits):
+                return None
+            if not failed and record["repetitions"] < task.repetitions:
+                return None
+            if not failed and task.animated and record["frames"] is None:
+                return None
             return Outcome(record["status"], record["values"], table, record["frames"])
-        except (OSError, ValueError, KeyError) as problem:
-            raise BeamdaeError(
-                f"{self._record(key)}: this result cannot be read ({problem}), remove it to have "
-                "it computed again."
-            ) from problem
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
 
 
 def _write(path: Path, text: str) -> None:

@@ -9,18 +9,19 @@ import pandas as pd
 
 from beamdae.studies.case import Case
 from beamdae.studies.errors import deviations, reactions
-from beamdae.studies.references import Reference
+from beamdae.studies.references import RESOLUTION, Reference
 from beamdae.studies.work import COUNTS, MEASURES, Outcome
 
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
 ERROR, COST = "error [-]", "wall time [s]"
+_PARAMETER = "parameter: "
 
 
 def row(case: Case, group: str, outcome: Outcome, reference: Reference | None) -> dict[str, Any]:
     """The row of a case: what it was, what it cost, how well it did."""
     values: dict[str, Any] = {
         "model": case.model.name,
-        **case.parameters,
+        **{_PARAMETER + name: _plain(value) for name, value in case.parameters.items()},
         "group": group,
         "integrator": case.family,
         "label": case.label,
@@ -57,9 +58,24 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     return columns
 
 
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, (bool, int, float, str)) else str(value)
+
+
 def case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """One row a case; counts are whole numbers, or missing."""
+    """One row a case; counts are whole numbers, or missing.
+
+    Parameters stand between the model and the group, under their own name if no other column has
+    it, else as "parameter NAME".
+    """
     table = pd.DataFrame(rows)
+    columns = [str(c) for c in table]
+    parameters = [c for c in columns if c.startswith(_PARAMETER)]
+    others = [c for c in columns if not c.startswith(_PARAMETER)]
+    table = table[[others[0], *parameters, *others[1:]]]
+    plain = {c: c.removeprefix(_PARAMETER) for c in parameters}
+    names = {c: f"parameter {name}" if name in others else name for c, name in plain.items()}
+    table = table.rename(columns=names)
     return table.astype({c: "Int64" for c in COUNTS if c in table})
 
 
@@ -93,8 +109,11 @@ def _line(group: str, what: str, at: str, answer: str, value: float, unit: str) 
 
 def _best(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     lines = []
+    # Of an error the reference cannot resolve it is known that it is at most that.
+    unresolved = RESOLUTION * rows["reference uncertainty [-]"]
+    known = rows[ERROR].where(~rows["below resolution"].astype(bool), unresolved)
     for level in LEVELS:
-        enough = rows[rows[ERROR] <= level]
+        enough = rows[known <= level]
         if len(enough):
             best = enough.sort_values(COST).iloc[0]
             at = f"error <= {level:.0e}"
@@ -111,7 +130,7 @@ def parameter(label: str) -> float:
 
 
 def _orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Slope of the error over step or tolerance: between the first and the last of a series."""
+    """Slope of the error over step or tolerance, fitted to all runs of a series."""
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         size = np.array([parameter(label) for label in runs["label"]])
@@ -141,8 +160,10 @@ def _crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     winners = np.argmin(costs, axis=0)
     lines = []
     for k in np.flatnonzero(np.diff(winners)):
-        if not np.isfinite(costs[:, k + 1]).any():
-            break
+        # A series that merely ends is not overtaken: the new one has to exist on either side, the
+        # old one as well.
+        if not np.isfinite(costs[[winners[k], winners[k + 1]], k : k + 2]).all():
+            continue
         at, to = names[winners[k]], names[winners[k + 1]]
         lines.append(
             _line(group, "crossover", f"{at} to {to}", to, float(np.exp(levels[k + 1])), "error")
@@ -151,8 +172,8 @@ def _crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _cost_at(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Cost of errors between those of a series; none for smaller, the cheapest for larger ones."""
-    inside = np.interp(levels, error, cost)
+    """Cost of errors between those of a series: none for smaller, the cheapest for larger ones."""
+    inside = np.interp(levels, error, np.minimum.accumulate(cost))
     return np.where(levels < error[0], np.inf, inside)
 
 

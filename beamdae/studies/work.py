@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time as clock
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -83,9 +84,8 @@ class Outcome:
 
 def perform(packed: bytes) -> Outcome:
     """Do a packed task; a mistake in the model is a sentence, not an exception."""
-    task: Task = cloudpickle.loads(packed)
     try:
-        return _performed(task)
+        return _performed(cloudpickle.loads(packed))
     except BeamdaeError as problem:
         return Outcome(str(problem))
     except MemoryError:
@@ -215,10 +215,16 @@ def _forget_peak() -> None:
 
 
 def peak_memory() -> float:
-    """Largest memory of this process since `_forget_peak` [GB]; NaN where it is not told."""
+    """Largest memory of this process since `_forget_peak`, or its beginning [GB]; NaN: unknown."""
     try:
-        lines = _STATUS.read_text().splitlines()
-    except OSError:
+        lines = [x for x in _STATUS.read_text().splitlines() if x.startswith("VmHWM")]
+        return float(lines[0].split()[1]) * 1024.0 / _GIGABYTE
+    except (OSError, IndexError):
+        pass
+    try:
+        from resource import RUSAGE_SELF, getrusage
+    except ImportError:
         return float("nan")
-    (line,) = [line for line in lines if line.startswith("VmHWM")]
-    return float(line.split()[1]) * 1024.0 / _GIGABYTE
+    # Bytes on macOS, kilobytes elsewhere.
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return getrusage(RUSAGE_SELF).ru_maxrss * unit / _GIGABYTE
