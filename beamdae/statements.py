@@ -136,7 +136,7 @@ class ForceKernel:
         """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
         x = self.local
         values = ca.densify(ca.vertcat(self.energies, self.powers))
-        return ca.Function("energy", [x.time, x.q, x.v, x.data], [values])
+        return self._final(ca.Function("energy", [x.time, x.q, x.v, x.data], [values]))
 
 
 @dataclass(frozen=True)
