@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -110,7 +111,9 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     model = load_model(path, name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())
-    return Study(f"{model.name}_compare", cases)
+    # A folder for each choice of parameters.
+    chosen = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{k}={v}") for k, v in values.items()]
+    return Study("_".join([model.name, "compare", *chosen]), cases)
 
 
 def _say(results: Results) -> None:

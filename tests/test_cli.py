@@ -245,6 +245,9 @@ def test_compare_writes_tables_pictures_and_a_page(command):
         list((folder / "trajectories").glob("*.csv"))
     )
     assert all(Path(path).stat().st_size > 0 for path in written)
+    again = command("compare", ARM, "--set", "width=0.01")
+    assert again.exit_code == 0, again.stderr
+    assert Path("results/arm_compare_width=0.01/cases.csv").is_file()
     assert "differs from it by" in " ".join(result.stdout.split())
     assert "failed" in result.stderr.splitlines()[-1]
 
