@@ -21,8 +21,11 @@ _UNTESTED = 1e10
 
 # Modes this much faster than the motion are stiff: the step is meant to pass over them.
 _STIFF_RATIO = 300.0
-# Overdamped fast modes are no danger to BDF of order 3 to 5, undamped ones are.
-_DAMPED_RATIO = 0.5
+# BDF of order 5 is stable for damping ratios above 0.62, cos of its angle of 52 degrees.
+_STABLE_RATIO = 0.62
+# Lightly damped modes up to so many times the rate of the motion cost less than what the order
+# gains (validation/tolerances, --damping).
+_LIGHTLY_DAMPED = 2e4
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
 _SAFETY = 0.08
 _ASYMPTOTIC = 16.0
@@ -121,8 +124,9 @@ def resolve(
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
-    20 to 1000 times as much. If the fastest mode is undamped the order stops at 2, because BDF of
-    order 3 to 5 is unstable next to the imaginary axis, where it sits. On "index3" only positions
+    20 to 1000 times as much. BDF of order 3 to 5 is unstable next to the imaginary axis, where
+    undamped modes sit: the order stops at 2 unless all but the slowest modes are overdamped, as
+    material damping makes them if there is enough of it. On "index3" only positions
     are tested, the error of velocities grows there as the step falls; multipliers never are, they
     stall "ggl" and "index2".
     """
@@ -131,8 +135,11 @@ def resolve(
     frequency, damping = fastest_mode()
     if frequency <= _STIFF_RATIO * rate:
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
-    elif damping >= _DAMPED_RATIO:
-        choice, order, reason = "positions", 5, "the fastest modes are overdamped"
+    elif damping * _LIGHTLY_DAMPED * rate >= _STABLE_RATIO * frequency:
+        # Material damping grows with the frequency: above this share of it all modes are stable.
+        choice, order, reason = "positions", 5, "the fast modes are overdamped"
+    elif damping > _STABLE_RATIO:
+        choice, order, reason = "positions", 2, "modes below the fastest are lightly damped"
     else:
         choice, order, reason = "positions", 2, "fast modes are undamped"
     if form == "index3":

@@ -6,6 +6,8 @@ References: Richardson extrapolation of generalized-alpha, confirmed by IDA at 1
 
 import numpy as np
 import pytest
+from hub_beam import hub_beam
+from slider_crank import slider_crank
 from tolerances.cases import CASES
 
 import beamdae as bd
@@ -45,6 +47,18 @@ def test_auto_order_follows_damping():
     assert damped.integrator["error_control"] == undamped.integrator["error_control"] == "positions"
     assert "overdamped" in damped.integrator["auto"]
     assert "undamped" in undamped.integrator["auto"]
+
+
+@pytest.mark.parametrize(
+    ("damping", "order", "words"),
+    [(0.0, 2, "undamped"), (1e-5, 2, "lightly damped"), (1e-4, 5, "overdamped")],
+)
+def test_auto_order_is_two_where_modes_below_the_fastest_are_lightly_damped(damping, order, words):
+    """Order 5 took 3 to 13 times the steps of order 2 at 1e-5 s, and half of them at 1e-4 s."""
+    for model in (slider_crank, hub_beam):
+        told = bd.simulate(model(damping=damping), bd.Ida(max_steps=1), t_end=2.0).integrator
+        assert told["max_order"] == order
+        assert words in told["auto"]
 
 
 @adaptive

@@ -40,7 +40,7 @@ class Ida:
         Which components the error test sees: "positions", "velocities" (and positions) or "all"
         (and multipliers); "auto" decides by the stiffness of the mechanism.
     max_order
-        1 to 5; "auto" is 2 where fast modes are undamped, 5 otherwise.
+        1 to 5; "auto" is 2 where fast modes are undamped or lightly damped, 5 otherwise.
     max_step
         Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
     linear_solver

@@ -2,6 +2,7 @@
 
 python validation/tolerances/run.py                  error over rtol, default settings
 python validation/tolerances/run.py --alternatives   other error controls and orders
+python validation/tolerances/run.py --damping        steps of orders 2 and 5 over damping (minutes)
 python validation/tolerances/run.py --references     recompute the stored references (minutes)
 """
 
@@ -15,6 +16,9 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).pa
 
 import numpy as np
 import pandas as pd
+from hub_beam import hub_beam
+from pendulum import pendulum
+from slider_crank import slider_crank
 
 import beamdae as bd
 from tolerances.cases import CASES, FOLDER, ToleranceCase
@@ -62,6 +66,23 @@ def alternatives() -> list[dict[str, object]]:
     ]
 
 
+def damping() -> list[dict[str, object]]:
+    """Steps of orders 2 and 5 over the Kelvin-Voigt time, positions tested."""
+    lines = []
+    for model in (slider_crank, pendulum, hub_beam):
+        for rtol in (1e-4, 1e-6):
+            for time in (1e-6, 1e-5, 1e-4, 1e-3):
+                line: dict[str, object] = {"case": model.name, "damping [s]": time, "rtol": rtol}
+                for order in (2, 5):
+                    integrator = bd.Ida(
+                        rtol, error_control="positions", max_order=order, max_steps=60_000
+                    )
+                    solution = bd.simulate(model(damping=time), integrator, t_end=2.0)
+                    line[f"order {order}"] = solution.statistics.steps
+                lines.append(line)
+    return lines
+
+
 def references() -> list[dict[str, object]]:
     """Recompute the references: Richardson on generalized-alpha, checked by IDA at 1e-7."""
     lines = []
@@ -96,12 +117,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--references", action="store_true")
     parser.add_argument("--alternatives", action="store_true")
+    parser.add_argument("--damping", action="store_true")
     options = parser.parse_args()
     lines = (
         references()
         if options.references
         else alternatives()
         if options.alternatives
+        else damping()
+        if options.damping
         else defaults()
     )
     print(pd.DataFrame(lines).to_string(index=False))
