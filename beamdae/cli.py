@@ -84,7 +84,7 @@ def run(
         float | None,
         typer.Option(help="Relative tolerance (ida, radau; generalized-alpha: adaptive steps)."),
     ] = None,
-    step: Annotated[float | None, typer.Option(help="Step [s] (generalized-alpha).")] = None,
+    step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
     rho_inf: Annotated[
         float | None, typer.Option(help="Spectral radius at infinity (generalized-alpha).")
     ] = None,

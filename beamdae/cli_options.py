@@ -16,16 +16,17 @@ _WIDTH = 140
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which model, where the file holds several.")
+    str | None, typer.Option("--model", help="Which model or study, where the file holds several.")
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Value of a model parameter; repeat."),
 ]
 Out = Annotated[Path, typer.Option(help="Folder to write to.")]
-EndTime = Annotated[float | None, typer.Option(help="End time [s]; default the model's.")]
+EndTime = Annotated[float | None, typer.Option(help="End time in seconds; default the model's.")]
 OutputStep = Annotated[
-    float | None, typer.Option(help="Time between rows [s]; default a thousandth of the run.")
+    float | None,
+    typer.Option(help="Seconds between rows; default a thousandth of the run (compare: a 400th)."),
 ]
 
 
