@@ -431,6 +431,12 @@ def test_wrong_studies_are_refused():
         bd.study(time_limit=-1.0)
 
 
+def test_columns_are_checked_before_the_work_is_done(tmp_path):
+    with pytest.raises(bd.BeamdaeError, match=r"made: no observed column 'end.z \[m\]'.*did you"):
+        done(made(SWINGS[:1], columns=("end.z [m]",)), tmp_path)
+    assert not (tmp_path / "outcomes").exists()
+
+
 def test_outcomes_of_nothing():
     lines = [row(SWINGS[0], "g", Outcome("it does not build"), NOT_RUN)]
     table = case_table(lines)

@@ -9,7 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, nearest
+from beamdae.simulation import as_equations
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.pool import Executor
@@ -118,8 +119,9 @@ def run(
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written.
+        If the folder cannot be written, or the first case has no such columns.
     """
+    _check_columns(study)
     store = Store(folder)
     methods = {g: reference_tasks(study, cases) for g, cases in groups(study).items()}
     tasks = _unique(
@@ -146,6 +148,23 @@ def run(
     results = Results(study, folder, table, found, references, outcomes, frames, interrupted)
     _write(results)
     return results
+
+
+def _check_columns(study: Study) -> None:
+    """Refuse a column the first case does not observe, before the work is done."""
+    if not study.columns:
+        return
+    try:
+        observables = as_equations(study.cases[0].configured()).observables
+    except Exception:  # What is wrong with it is for its own row to say.
+        return
+    present = [header for observable in observables for header in observable.headers]
+    for name in study.columns:
+        if name not in present:
+            raise BeamdaeError(
+                f"{study.name}: no observed column {name!r}{nearest(name, present)}, "
+                f"the columns are {', '.join(present) or 'none'}."
+            )
 
 
 def _row(
