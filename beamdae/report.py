@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Okabe & Ito's palette, readable with every kind of color vision.
-_COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _PANELS = 12
 # Values this small beside the largest in their unit are what rounding leaves of zero.
@@ -166,7 +166,7 @@ def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
     groups = _groups(table)
     figure, axes = _figure(len(groups), title)
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=True):
-        for column, color in zip(columns, _repeated(_COLORS), strict=False):
+        for column, color in zip(columns, _repeated(COLORS), strict=False):
             label = column.removesuffix(f" [{unit}]").removeprefix(f"{name}.")
             axis.plot(table["t [s]"], table[column], color=color, lw=1.2, label=label)
         _dress(axis, name, f"[{unit}]")
@@ -174,7 +174,7 @@ def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
             _legend(axis, len(columns))
         else:
             axis.set_ylabel(f"{label} [{unit}]" if label != name else f"[{unit}]")
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 def picture_of_comparison(
@@ -199,7 +199,7 @@ def picture_of_comparison(
     figure, axes = _figure(len(columns) + 1, title)
     styles = [
         {"color": c, "ls": d, "lw": 1.4}
-        for c, d in zip(_repeated(_COLORS), _repeated(_DASHES), strict=False)
+        for c, d in zip(_repeated(COLORS), _repeated(_DASHES), strict=False)
     ]
     for axis, column in zip(axes, columns, strict=False):
         axis.plot(reference["t [s]"], reference[column], color="0.8", lw=5, label="reference")
@@ -219,7 +219,7 @@ def picture_of_comparison(
     _dress(error, "", "error / amplitude [-]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 def characteristic_columns(table: pd.DataFrame) -> list[str]:
@@ -311,7 +311,8 @@ def _as_written(figure: Figure) -> None:
         text.set_parse_math(False)
 
 
-def _saved(figure: Figure, path: Path) -> Path:
+def saved(figure: Figure, path: Path) -> Path:
+    """Save a picture, names in it drawn as they are written; the folder is made if need be."""
     _as_written(figure)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

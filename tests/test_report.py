@@ -120,7 +120,7 @@ def test_picture_of_comparison_has_a_curve_in_each_color(tmp_path):
     runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, None)}
     path = report.picture_of_comparison(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
     image = matplotlib.image.imread(path)[..., :3]
-    for color in report._COLORS[:3]:
+    for color in report.COLORS[:3]:
         distance = np.abs(image - np.array(matplotlib.colors.to_rgb(color))).max(axis=-1)
         assert np.sum(distance < 0.02) > 200
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, nearest
+from beamdae.errors import BeamdaeError
 from beamdae.simulation import as_equations
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
+from beamdae.studies.errors import require_columns
 from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed, group_key, groups, reference_tasks
@@ -159,12 +160,7 @@ def _check_columns(study: Study) -> None:
     except Exception:  # What is wrong with it is for its own row to say.
         return
     present = [header for observable in observables for header in observable.headers]
-    for name in study.columns:
-        if name not in present:
-            raise BeamdaeError(
-                f"{study.name}: no observed column {name!r}{nearest(name, present)}, "
-                f"the columns are {', '.join(present) or 'none'}."
-            )
+    require_columns(study.name, study.columns, present)
 
 
 def _row(

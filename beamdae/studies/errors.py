@@ -19,6 +19,16 @@ def observed(table: pd.DataFrame) -> list[str]:
     return [str(c) for c in table if not str(c).startswith(("energy.", "drift."))]
 
 
+def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -> None:
+    """Refuse a column that is not observed."""
+    for name in columns:
+        if name not in present:
+            raise BeamdaeError(
+                f"{part}: no observed column {name!r}{nearest(name, present)}, "
+                f"the columns are {', '.join(present) or 'none'}."
+            )
+
+
 def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     """The observed columns errors are taken over.
 
@@ -31,12 +41,7 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
         If a column does not exist or does not move.
     """
     present = observed(reference)
-    for name in columns:
-        if name not in present:
-            raise BeamdaeError(
-                f"compare: no observed column {name!r}{nearest(name, present)}, "
-                f"the columns are {', '.join(present) or 'none'}."
-            )
+    require_columns("compare", columns, present)
     candidates = list(columns) or [c for c in present if c.endswith(_POSITIONS)] or present
     if not candidates:
         raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")

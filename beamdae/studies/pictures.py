@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from beamdae import report
-from beamdae.errors import BeamdaeError
 from beamdae.studies.engine import Results
 from beamdae.studies.errors import deviations, observed
 from beamdae.studies.tables import COST, ERROR
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe & Ito's palette, readable with every kind of color vision.
-_COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 _MARKERS = "osD^vPX"
 _MOST_RUNS = 8
 
@@ -107,19 +104,21 @@ def _mesh(results: Results) -> Figure:
 
 
 def _cost_scaling(table: pd.DataFrame, size: str) -> Figure:
-    """Wall time over the size of the model, a curve for each integrator that ran on several."""
+    """Wall time over the size of the model, a panel for each choice of the other parameters."""
     ok = table[table["status"] == "ok"]
-    other = [c for c in _parameters(table) if c != size]
-    styles: dict[str, dict[str, Any]] = {}
-    figure, axes = _panels([""])
-    for key, runs in ok.groupby(["label", *other], sort=False, dropna=False):
-        mean = runs.groupby(size)[COST].median()
-        if len(mean) > 1:
-            label = str(key[0]) if isinstance(key, tuple) else str(key)
-            styles.setdefault(label, _style(len(styles)))
-            axes[""].loglog(mean.index, mean.to_numpy(), **styles[label])
-    axes[""].set_xlabel(size, fontsize=9)
-    axes[""].set_ylabel("wall time [s]", fontsize=9)
+    others = [c for c in _parameters(table) if c != size]
+    chosen = [", ".join(f"{c}={row[c]}" for c in others) for _, row in ok.iterrows()]
+    styles = {str(label): _style(k) for k, label in enumerate(ok["label"].unique())}
+    figure, axes = _panels(list(dict.fromkeys(chosen)))
+    for (title, label), runs in ok.groupby([chosen, "label"], sort=False):
+        cost = runs.groupby(size)[COST].median()
+        axes[str(title)].loglog(cost.index, cost.to_numpy(), **styles[str(label)])
+    sizes = sorted(ok[size].unique())
+    for axis in axes.values():
+        axis.set_xticks(sizes, [str(one) for one in sizes])
+        axis.minorticks_off()
+        axis.set_xlabel(size, fontsize=9)
+        axis.set_ylabel("wall time [s]", fontsize=9)
     return _with_legend(figure, styles)
 
 
@@ -131,8 +130,8 @@ def _parameters(table: pd.DataFrame) -> list[str]:
 
 def _style(k: int) -> dict[str, Any]:
     return {
-        "color": _COLORS[k % len(_COLORS)],
-        "marker": _MARKERS[(k // len(_COLORS)) % len(_MARKERS)],
+        "color": report.COLORS[k % len(report.COLORS)],
+        "marker": _MARKERS[(k // len(report.COLORS)) % len(_MARKERS)],
         "ms": 4,
         "lw": 1.0,
     }
@@ -151,7 +150,7 @@ def _panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
     axes = {}
     for k, title in enumerate(titles):
         axis = figure.add_subplot(rows, columns, k + 1)
-        axis.set_title(title, fontsize=9, parse_math=False)
+        axis.set_title(title, fontsize=9)
         axis.grid(color="0.9", lw=0.6, which="both")
         axis.tick_params(labelsize=8)
         axes[title] = axis
@@ -162,21 +161,15 @@ def _with_legend(figure: Figure, styles: dict[str, dict[str, Any]]) -> Figure:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], **style, label=name) for name, style in styles.items()]
-    if handles:
-        columns = max(1, min(3, int(figure.get_figwidth() / 3.0)))
-        legend = figure.legend(
-            handles=handles, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
-        )
-        for text in legend.get_texts():
-            text.set_parse_math(False)
+    columns = max(1, int(figure.get_figwidth() / 2.6))
+    # The legend takes no room from the panels.
+    rows = math.ceil(len(handles) / columns)
+    figure.set_figheight(figure.get_figheight() + 0.19 * rows)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
+    )
     return figure
 
 
 def _saved(figure: Figure, path: Path) -> list[Path]:
-    paths = [path.with_suffix(".png"), path.with_suffix(".svg")]
-    try:
-        for one in paths:
-            figure.savefig(one, dpi=150)
-    except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
-    return paths
+    return [report.saved(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]

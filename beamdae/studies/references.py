@@ -77,7 +77,7 @@ def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
     methods = []
     for integrator in study.references:
         steps = [integrator]
-        if isinstance(integrator, GeneralizedAlpha) and getattr(integrator, "rtol", None) is None:
+        if isinstance(integrator, GeneralizedAlpha) and integrator.rtol is None:
             steps.append(replace(integrator, step=0.5 * integrator.step))
         methods.append(
             [study.task(replace(cases[0], integrator=one), reference=True) for one in steps]
