@@ -13,7 +13,7 @@ from beamdae.errors import BeamdaeError, count, finite, one_of, positive
 from beamdae.formulations import State, step_equations
 from beamdae.integrators.alpha_adaptive import AdaptiveRun, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
-from beamdae.integrators.marching import Progress, Watch, plan, reached
+from beamdae.integrators.marching import Progress, Watch, longest_step, plan, reached
 from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
 from beamdae.linear import single_threaded
 from beamdae.solution import Solution, Status
@@ -191,14 +191,11 @@ class GeneralizedAlpha:
         self, stepper: Stepper, equations: EquationsOfMotion, duration: float, watch: Watch
     ) -> AdaptiveRun:
         assert self.rtol is not None
-        largest = duration / 20.0
-        if equations.time_scale is not None:
-            largest = min(largest, equations.time_scale / 4.0)
         return AdaptiveRun(
             stepper,
             self.start == "cured",
             self.step,
-            largest,
+            longest_step(equations, duration),
             duration,
             local_tolerance(self.rtol),
             self.max_steps,

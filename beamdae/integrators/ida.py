@@ -14,9 +14,16 @@ from sksundae.ida import IDA
 
 from beamdae.equations import EquationsOfMotion
 from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
-from beamdae.errors import BeamdaeError, count, one_of, positive
+from beamdae.errors import one_of
 from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
-from beamdae.integrators.marching import Progress, Watch, plan, reached
+from beamdae.integrators.marching import (
+    Progress,
+    Watch,
+    longest_step,
+    plan,
+    reached,
+    require_tolerance,
+)
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.linear import single_threaded
 from beamdae.solution import Solution, Status
@@ -59,18 +66,11 @@ class Ida:
     time_limit: float | None = None
 
     def __post_init__(self) -> None:
-        positive("Ida", "rtol", self.rtol)
-        if self.rtol > 0.1:
-            raise BeamdaeError(f"Ida: rtol must be at most 0.1, got {self.rtol:g}.")
+        require_tolerance(self)
         one_of("Ida", "formulation", self.formulation, FIRST_ORDER)
         one_of("Ida", "error_control", self.error_control, ERROR_CONTROL)
         one_of("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
         one_of("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
-        for name in ("max_step", "time_limit"):
-            if getattr(self, name) is not None:
-                positive("Ida", name, getattr(self, name))
-        if self.max_steps is not None:
-            count("Ida", "max_steps", self.max_steps)
 
     @property
     def label(self) -> str:
@@ -127,18 +127,12 @@ class Ida:
     def _options(
         self, form: FirstOrder, control: ErrorControl, scales: Scales, duration: float
     ) -> dict[str, Any]:
-        e = form.equations
-        max_step = self.max_step
-        if max_step is None:
-            max_step = duration / 20.0
-            if e.time_scale is not None:
-                max_step = min(max_step, e.time_scale / 4.0)
         tolerance = control.tolerance(self.rtol, form.size)
         return {
             "rtol": tolerance,
             "atol": control.absolute(tolerance, scales, form),
             "max_order": control.max_order,
-            "max_step": max_step,
+            "max_step": self.max_step or longest_step(form.equations, duration),
             "linsolver": "band",
             "lband": 0,
             "uband": 0,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from beamdae.equations import EquationsOfMotion
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, count, positive
 from beamdae.formulations import State
 from beamdae.initial import Starter
 from beamdae.solution import Status
@@ -91,6 +91,28 @@ def plan(equations: EquationsOfMotion, times: Array) -> Plan:
     starter = Starter(equations)
     first = np.array([start, _phase(intervals[0])])
     return Plan(starter, intervals, starter.state(first, equations.q0, equations.v0))
+
+
+def longest_step(equations: EquationsOfMotion, duration: float) -> float:
+    """Longest step [s] unless another is set: no step passes over what the laws do.
+
+    A twentieth of the run, and a quarter of the time scale of the laws.
+    """
+    scale = equations.time_scale
+    return duration / 20.0 if scale is None else min(duration / 20.0, scale / 4.0)
+
+
+def require_tolerance(settings: Any) -> None:
+    """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
+    name = type(settings).__name__
+    positive(name, "rtol", settings.rtol)
+    if settings.rtol > 0.1:
+        raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {settings.rtol:g}.")
+    for limit in ("max_step", "time_limit"):
+        if getattr(settings, limit) is not None:
+            positive(name, limit, getattr(settings, limit))
+    if settings.max_steps is not None:
+        count(name, "max_steps", settings.max_steps)
 
 
 def reached(times: Array, trajectory: Trajectory) -> Array:

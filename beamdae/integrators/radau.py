@@ -10,9 +10,16 @@ import numpy as np
 
 from beamdae.equations import EquationsOfMotion
 from beamdae.error_control import resolve, scales
-from beamdae.errors import BeamdaeError, count, one_of, positive
+from beamdae.errors import one_of
 from beamdae.formulations import FirstOrder, State, first_order
-from beamdae.integrators.marching import Progress, Watch, plan, reached
+from beamdae.integrators.marching import (
+    Progress,
+    Watch,
+    longest_step,
+    plan,
+    reached,
+    require_tolerance,
+)
 from beamdae.integrators.radau_newton import Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, StepSize, Tolerance
 from beamdae.linear import single_threaded
@@ -66,16 +73,9 @@ class Radau:
     time_limit: float | None = None
 
     def __post_init__(self) -> None:
-        positive("Radau", "rtol", self.rtol)
-        if self.rtol > 0.1:
-            raise BeamdaeError(f"Radau: rtol must be at most 0.1, got {self.rtol:g}.")
+        require_tolerance(self)
         one_of("Radau", "error_control", self.error_control, ("auto", "positions", "velocities"))
         one_of("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
-        for name in ("max_step", "time_limit"):
-            if getattr(self, name) is not None:
-                positive("Radau", name, getattr(self, name))
-        if self.max_steps is not None:
-            count("Radau", "max_steps", self.max_steps)
 
     @property
     def label(self) -> str:
@@ -104,7 +104,7 @@ class Radau:
         fastest_mode = partial(route.starter.fastest_mode, route.time, route.state)
         control = resolve(self.error_control, _ORDER, _FORM, size.rate, fastest_mode)
         tolerance = Tolerance.honest(self.rtol, size, control.policy == "velocities")
-        longest = self._longest(equations, duration)
+        longest = self.max_step or longest_step(equations, duration)
         setup_time = clock.perf_counter() - begin
 
         begin = clock.perf_counter()
@@ -126,12 +126,6 @@ class Radau:
                 "local_tolerance": tolerance.local,
             },
         )
-
-    def _longest(self, equations: EquationsOfMotion, duration: float) -> float:
-        if self.max_step is not None:
-            return self.max_step
-        scale = equations.time_scale
-        return duration / 20.0 if scale is None else min(duration / 20.0, scale / 4.0)
 
 
 @dataclass

@@ -116,7 +116,7 @@ def _cost_scaling(table: pd.DataFrame, size: str) -> Figure:
     sizes = sorted(ok[size].unique())
     for axis in axes.values():
         axis.set_xticks(sizes, [str(one) for one in sizes])
-        axis.minorticks_off()
+        axis.xaxis.minorticks_off()
         axis.set_xlabel(size, fontsize=9)
         axis.set_ylabel("wall time [s]", fontsize=9)
     return _with_legend(figure, styles)
