@@ -1,6 +1,6 @@
 """`python -m beamdae`."""
 
-from beamdae.cli import main
+from beamdae.cli.commands import main
 
 if __name__ == "__main__":
     main()

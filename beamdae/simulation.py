@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.building import equations_of_motion
-from beamdae.constrained_system import ConstrainedSystem
-from beamdae.equations import EquationsOfMotion
+from beamdae.equations.assemble import equations_of_motion
+from beamdae.equations.constrained_system import ConstrainedSystem
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, positive
 from beamdae.integrators import Ida
-from beamdae.mechanism import Mechanism
-from beamdae.model import Model
-from beamdae.solution import Solution
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import Mechanism
+from beamdae.results.solution import Solution
 
 _MOST_ROWS = 1e7
 

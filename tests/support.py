@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 import beamdae as bd
-from beamdae.assembly import SparseSum
+from beamdae.symbolic.sparse_sums import SparseSum
 
 # Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
 SOFT = bd.Material(E=60.0, nu=0.3, rho=1.3)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
-from beamdae.formulations import State
 from beamdae.integrators.alpha_step import Motion, Stepper
 from beamdae.integrators.marching import Watch
 from beamdae.integrators.modified_newton import NewtonError
-from beamdae.solution import Status
-from beamdae.trajectory import Segment
+from beamdae.results.solution import Status
+from beamdae.results.trajectory import Segment
 
 Array = np.ndarray
 

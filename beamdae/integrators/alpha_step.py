@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.formulations import State
-from beamdae.initial import Starter
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import State
 from beamdae.integrators.modified_newton import ModifiedNewton
 
 Array = np.ndarray

@@ -8,16 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from beamdae.equations import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State, step_equations
 from beamdae.errors import BeamdaeError, count, finite, one_of, positive
-from beamdae.formulations import State, step_equations
 from beamdae.integrators.alpha_adaptive import AdaptiveRun, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
 from beamdae.integrators.marching import Progress, Watch, longest_step, plan, reached
 from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
-from beamdae.linear import single_threaded
-from beamdae.solution import Solution, Status
-from beamdae.trajectory import Segment
+from beamdae.results.solution import Solution, Status
+from beamdae.results.trajectory import Segment
+from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 _MOST_STEPS = 1e9

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDA
 
-from beamdae.equations import EquationsOfMotion
-from beamdae.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import FIRST_ORDER, FirstOrder, State, first_order
 from beamdae.errors import one_of
-from beamdae.formulations import FIRST_ORDER, FirstOrder, State, first_order
+from beamdae.integrators.error_control import ERROR_CONTROL, ErrorControl, Scales, resolve, scales
 from beamdae.integrators.marching import (
     Progress,
     Watch,
@@ -25,9 +25,9 @@ from beamdae.integrators.marching import (
     require_tolerance,
 )
 from beamdae.integrators.preconditioned import PreconditionedResidual
-from beamdae.linear import single_threaded
-from beamdae.solution import Solution, Status
-from beamdae.trajectory import Segment
+from beamdae.results.solution import Solution, Status
+from beamdae.results.trajectory import Segment
+from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 _STEPS_BETWEEN_PACKING = 1024

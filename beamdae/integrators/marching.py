@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from beamdae.equations import EquationsOfMotion
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError, count, positive
-from beamdae.formulations import State
-from beamdae.initial import Starter
-from beamdae.solution import Status
-from beamdae.trajectory import Segment, Trajectory
+from beamdae.results.solution import Status
+from beamdae.results.trajectory import Segment, Trajectory
 
 Array = np.ndarray
 Interval = tuple[float, float]

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from beamdae.compiled import Compiled
-from beamdae.formulations import StepEquations
-from beamdae.linear import SingularMatrixError, factorization
-from beamdae.solution import Statistics
+from beamdae.equations.formulations import StepEquations
+from beamdae.results.solution import Statistics
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import SingularMatrixError, factorization
 
 Array = np.ndarray
 

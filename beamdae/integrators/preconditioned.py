@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.compiled import Compiled
-from beamdae.formulations import FirstOrder
-from beamdae.linear import SingularMatrixError, factorization
-from beamdae.solution import Statistics
+from beamdae.equations.formulations import FirstOrder
+from beamdae.results.solution import Statistics
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import SingularMatrixError, factorization
 
 Array = np.ndarray
 

@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.equations import EquationsOfMotion
-from beamdae.error_control import resolve, scales
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import FirstOrder, State, first_order
 from beamdae.errors import one_of
-from beamdae.formulations import FirstOrder, State, first_order
+from beamdae.integrators.error_control import resolve, scales
 from beamdae.integrators.marching import (
     Progress,
     Watch,
@@ -22,9 +22,9 @@ from beamdae.integrators.marching import (
 )
 from beamdae.integrators.radau_newton import Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, StepSize, Tolerance
-from beamdae.linear import single_threaded
-from beamdae.solution import Solution, Status
-from beamdae.trajectory import Segment
+from beamdae.results.solution import Solution, Status
+from beamdae.results.trajectory import Segment
+from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 

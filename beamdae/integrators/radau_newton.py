@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.compiled import Compiled
-from beamdae.formulations import FirstOrder
-from beamdae.linear import SingularMatrixError, factorization
-from beamdae.solution import Statistics
+from beamdae.equations.formulations import FirstOrder
+from beamdae.results.solution import Statistics
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import SingularMatrixError, factorization
 
 Array = np.ndarray
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beamdae.error_control import Scales
-from beamdae.formulations import State
+from beamdae.equations.formulations import State
+from beamdae.integrators.error_control import Scales
 from beamdae.integrators.radau_newton import MAX_ITERATIONS, Collocation
 
 Array = np.ndarray

@@ -18,9 +18,9 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Ida, Radau
-from beamdae.model import Model
+from beamdae.model_functions import Model
+from beamdae.results.solution import Solution, versions
 from beamdae.simulation import simulate
-from beamdae.solution import Solution, versions
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.solution import Solution
+from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
-from beamdae.studies.errors import compared
+from beamdae.studies.deviations import compared
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import case_table, row
 from beamdae.studies.work import Outcome, by_time, values

@@ -13,7 +13,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.simulation import as_equations
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.errors import require_columns
+from beamdae.studies.deviations import require_columns
 from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed, group_key, groups, reference_tasks

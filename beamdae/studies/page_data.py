@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.solution import versions
+from beamdae.results.solution import versions
 from beamdae.studies.case import Case
+from beamdae.studies.deviations import deviations, observed
 from beamdae.studies.engine import Results
-from beamdae.studies.errors import deviations, observed
 from beamdae.studies.references import Reference, group_key
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.work import Outcome
@@ -39,7 +39,7 @@ _ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
 def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.page.write_page`."""
+    """The page of a study; see `beamdae.report.page.write_page`."""
     table = results.table
     parameters = list(table)[1 : list(table).index("group")]
     known = [c for c in _COLUMNS if c[0] in table]

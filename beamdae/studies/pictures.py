@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from beamdae import report
+from beamdae.report import pictures
+from beamdae.studies.deviations import deviations, observed
 from beamdae.studies.engine import Results
-from beamdae.studies.errors import deviations, observed
 from beamdae.studies.tables import COST, ERROR
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _of_one_group(results: Results) -> list[Path]:
             runs[label] = (_columns(table), deviations(table, truth, columns))
     path = results.folder / "comparison.png"
     title = results.study.cases[0].group
-    return [report.picture_of_comparison(path, _columns(truth), runs, uncertainty, title)]
+    return [pictures.picture_of_comparison(path, _columns(truth), runs, uncertainty, title)]
 
 
 def _columns(table: pd.DataFrame) -> pd.DataFrame:
@@ -130,8 +130,8 @@ def _parameters(table: pd.DataFrame) -> list[str]:
 
 def _style(k: int) -> dict[str, Any]:
     return {
-        "color": report.COLORS[k % len(report.COLORS)],
-        "marker": _MARKERS[(k // len(report.COLORS)) % len(_MARKERS)],
+        "color": pictures.COLORS[k % len(pictures.COLORS)],
+        "marker": _MARKERS[(k // len(pictures.COLORS)) % len(_MARKERS)],
         "ms": 4,
         "lw": 1.0,
     }
@@ -172,4 +172,4 @@ def _with_legend(figure: Figure, styles: dict[str, dict[str, Any]]) -> Figure:
 
 
 def _saved(figure: Figure, path: Path) -> list[Path]:
-    return [report.saved(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
+    return [pictures.saved(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]

@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.errors import compared, deviations
+from beamdae.studies.deviations import compared, deviations
 from beamdae.studies.work import Outcome, Task
 
 # Errors within this factor of the reference's uncertainty say more about it than about the case.

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.studies.case import Case
-from beamdae.studies.errors import deviations, reactions
+from beamdae.studies.deviations import deviations, reactions
 from beamdae.studies.references import RESOLUTION, Reference
 from beamdae.studies.work import COUNTS, MEASURES, Outcome
 

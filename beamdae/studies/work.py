@@ -13,12 +13,12 @@ import cloudpickle
 import numpy as np
 import pandas as pd
 
-from beamdae.drawing import frame_times, shapes
-from beamdae.equations import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
-from beamdae.mechanism import Mechanism
+from beamdae.parts.mechanism import Mechanism
+from beamdae.results.shapes import frame_times, shapes
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
-from beamdae.solution import Solution
 from beamdae.studies.case import Case
 
 _GIGABYTE = 1e9

@@ -30,9 +30,9 @@ from pendulum import pendulum
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.compiled import Compiled
-from beamdae.formulations import first_order, step_equations
-from beamdae.linear import factorization, single_threaded
+from beamdae.equations.formulations import first_order, step_equations
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import factorization, single_threaded
 
 # Goals of the project on two cores of a 2020s machine [s], and the CPU time the paper reports.
 RUNS = (

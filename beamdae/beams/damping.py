@@ -1,0 +1,153 @@
+"""External and proportional damping of beams: Rayleigh's two terms and quadratic air drag.
+
+Viscous material damping (Kelvin-Voigt) belongs to the section, see `Section.damping`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.floating_frame_element import (
+    FRAME,
+    ElementType,
+    point_motions,
+    shape_functions,
+    split,
+    strains,
+)
+from beamdae.errors import BeamdaeError, non_negative
+from beamdae.parts.bodies import require_name
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
+
+
+@dataclass(frozen=True, eq=False)
+class RayleighDamping:
+    """Proportional damping of a beam: forces -(mass M + stiffness K) v.
+
+    The mass part acts on the velocity in the inertial frame, -mass rho A r' per length and
+    -mass rho I (theta' + phi') on the sections: it damps the motion of the whole beam as well, like
+    a fluid of constant viscosity. A vibration about a still frame decays with exp(-mass t / 2). The
+    stiffness part acts on the rates of the nodal coordinates, K the constant stiffness of the
+    undeformed beam (linear strains): a mode of frequency w gets the damping ratio stiffness w / 2.
+
+    `Section.damping` (Kelvin-Voigt) is the same for amplitudes small against the radius of gyration
+    of the section, and the one to take for thin beams that bend further: K counts the shortening
+    of a bent beam as axial strain, and its damping grows with the square of the amplitude.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    beam
+        The beam.
+    mass
+        Coefficient of the mass [1/s].
+    stiffness
+        Coefficient of the stiffness [s].
+    """
+
+    name: str
+    beam: Beam
+    mass: float = 0.0
+    stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_name("RayleighDamping", self.name)
+        _require_beam(self.name, self.beam)
+        non_negative(self.name, "mass", self.mass)
+        non_negative(self.name, "stiffness", self.stiffness)
+
+    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
+        kernel = _rayleigh_kernel(self.beam.mesh.kind)
+        return [_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
+
+
+@dataclass(frozen=True, eq=False)
+class AirDrag:
+    """Quadratic drag on a strip: the force -coefficient |v_n| v_n per length along its normal.
+
+    v_n is the component of the velocity (in the inertial frame, still air) along the normal of the
+    deformed axis, its section turned by phi.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    beam
+        The beam.
+    coefficient
+        Force per length and squared velocity [kg/m^2]: C_d rho_air width / 2, C_d about 2 for a
+        flat strip.
+    """
+
+    name: str
+    beam: Beam
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        require_name("AirDrag", self.name)
+        _require_beam(self.name, self.beam)
+        non_negative(self.name, "coefficient", self.coefficient)
+
+    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
+        kernel = _drag_kernel(self.beam.mesh.kind)
+        return [_statement(self.name, self.beam, kernel, [self.coefficient])]
+
+
+def _require_beam(part: str, beam: Beam) -> None:
+    if not isinstance(beam, Beam):
+        raise BeamdaeError(f"{part}: beam must be a Beam, got {beam!r}.")
+
+
+def _statement(
+    part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
+) -> ForceStatement:
+    """One copy an element: the data of the element with the coefficients behind them."""
+    elements = beam.mesh.quadrature_data(beam.section_values, np.zeros(2))
+    own = np.repeat(np.array(coefficients)[:, None], beam.mesh.elements, axis=1)
+    piece = Piece(beam, beam.mesh.coordinates)
+    return ForceStatement(part, kernel, (piece,), np.concatenate([elements, own]))
+
+
+@cache
+def _rayleigh_kernel(kind: ElementType) -> ForceKernel:
+    local = Local(kind.size, kind.n_data + 2)
+    data = split(kind, local.data)
+    on_mass, on_stiffness = local.data[-2], local.data[-1]
+    force, dissipated = SX.zeros(kind.size), SX(0)
+    for motion in point_motions(kind, local, data):
+        rates = ca.vertcat(motion.velocity, motion.spin)
+        resisted = on_mass * motion.weight * data.section[[3, 3, 4]] * rates
+        force += ca.jtimes(rates, local.v, resisted, True)
+        dissipated += ca.dot(resisted, rates)
+    linear = replace(kind, strain="linear")
+    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
+    rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
+    for k in range(kind.quadrature):
+        point = data.stiffness[:, k]
+        rates = ca.vertcat(*strains(linear, rows[k], slopes[k], point, local.v[FRAME:]))
+        resisted = on_stiffness * point[0] * data.section[:3] * rates
+        force += ca.jtimes(rates, local.v, resisted, True)
+        dissipated += ca.dot(resisted, rates)
+    return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)
+
+
+@cache
+def _drag_kernel(kind: ElementType) -> ForceKernel:
+    local = Local(kind.size, kind.n_data + 1)
+    coefficient = local.data[-1]
+    force, dissipated = SX.zeros(kind.size), SX(0)
+    for motion in point_motions(kind, local, split(kind, local.data)):
+        normal = ca.vertcat(-ca.sin(motion.rotation), ca.cos(motion.rotation))
+        across = ca.dot(normal, motion.velocity)
+        resisted = coefficient * motion.weight * ca.fabs(across) * across
+        force += ca.jtimes(across, local.v, resisted, True)
+        dissipated += resisted * across
+    return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)

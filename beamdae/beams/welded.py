@@ -1,0 +1,58 @@
+"""A beam cut into several, each with a floating frame of its own."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.sections import Section
+from beamdae.curves.plane_curves import PlaneCurve, Segment
+from beamdae.errors import count
+from beamdae.parts.joints import Weld
+
+
+def welded_beams(
+    mechanism: Any, name: str, curve: PlaneCurve, section: Section, bodies: int, **settings: Any
+) -> list[Beam]:
+    """Add a beam as `bodies` beams of equal length, welded end to start; returns them in order.
+
+    The strains of eqs. (5) and (6) hold for moderate displacements relative to the floating frame:
+    cut into n bodies a beam bends n times as far for the same deformation in each frame.
+
+    Parameters
+    ----------
+    mechanism
+        The Mechanism to add to.
+    name
+        The name of a single beam; several are called "name 1", "name 2", ...
+    curve, section
+        As in `Beam`, of the whole.
+    bodies
+        How many.
+    settings
+        Further arguments of each `Beam`; `elements` is the number in each of them.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    >>> strip = bd.Section.rectangle(steel, width=0.02, height=0.001)
+    >>> arc = bd.Arc(radius=1.0, length=1.0)
+    >>> [beam.name for beam in bd.welded_beams(mech, "strip", arc, strip, bodies=2, elements=4)]
+    ['strip 1', 'strip 2']
+    """
+    bodies = count(name, "bodies", bodies)
+    if bodies == 1:
+        return [mechanism.add(Beam(name, curve, section, **settings))]
+    ends = np.linspace(0.0, curve.length, bodies + 1)
+    beams = [
+        mechanism.add(Beam(f"{name} {k}", Segment(curve, start, end), section, **settings))
+        for k, (start, end) in enumerate(pairwise(ends), start=1)
+    ]
+    for one, other in pairwise(beams):
+        mechanism.add(Weld(f"{one.name} to {other.name}", one.end, other.start))
+    return beams

@@ -1,0 +1,199 @@
+"""Plane curves without a closed arc length: parabolas, any y = f(x), points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from beamdae.curves.plane_curves import turned
+from beamdae.errors import BeamdaeError, finite, point, positive
+
+Array = np.ndarray
+
+_INTERVALS = 400
+_GAUSS = np.polynomial.legendre.leggauss(8)
+
+
+class _SplineCurve:
+    """Arc length, angle and curvature of a curve given by `_spline`: parameter -> (x, y).
+
+    The arc length is integrated by Gauss quadrature on fine intervals; the parameter of an arc
+    length is found from that table and two Newton corrections.
+    """
+
+    _spline: Any
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        knots = np.unique(self._spline.t)
+        grid = np.unique(np.concatenate([np.linspace(knots[0], knots[-1], _INTERVALS + 1), knots]))
+        lengths = self._stretches(grid[:-1], grid[1:])
+        return grid, np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def _stretches(self, a: Array, b: Array) -> Array:
+        nodes, weights = _GAUSS
+        half = 0.5 * (b - a)
+        at = 0.5 * (a + b)[..., None] + half[..., None] * nodes
+        speed = np.linalg.norm(self._spline(at, 1), axis=-1)
+        return half * (speed @ weights)
+
+    def _check_regular(self, part: str) -> None:
+        grid, _ = self._table
+        tangent = self._spline(grid, 1)
+        speed = np.linalg.norm(tangent, axis=-1)
+        if not np.all(np.isfinite(speed)) or speed.min() <= 1e-8 * speed.max():
+            at = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
+            raise BeamdaeError(
+                f"{part}: the curve folds onto itself or has a cusp near "
+                f"({at[0]:.6g}, {at[1]:.6g}), it must run on in one direction."
+            )
+        turn = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
+        if turn.min() < 0.5:
+            at = self._spline(grid[int(np.argmin(turn))])
+            raise BeamdaeError(
+                f"{part}: the curve folds onto itself near ({at[0]:.6g}, {at[1]:.6g}), "
+                "its tangent must turn gradually."
+            )
+
+    def _parameter(self, s: Any) -> Array:
+        grid, table = self._table
+        s = np.clip(np.asarray(s, float), 0.0, table[-1])
+        interval = np.clip(np.searchsorted(table, s, side="right") - 1, 0, grid.size - 2)
+        tau = np.interp(s, table, grid)
+        for _ in range(3):
+            at = table[interval] + self._stretches(grid[interval], tau)
+            tau = tau - (at - s) / np.linalg.norm(self._spline(tau, 1), axis=-1)
+        return tau
+
+    @property
+    def length(self) -> float:
+        return float(self._table[1][-1])
+
+    def point(self, s: Any) -> Array:
+        return self._spline(self._parameter(s))
+
+    def tangent_angle(self, s: Any) -> Array:
+        grid, _ = self._table
+        dense = self._spline(grid, 1)
+        unwrapped = np.unwrap(np.arctan2(dense[:, 1], dense[:, 0]))
+        tau = self._parameter(s)
+        here = self._spline(tau, 1)
+        wrapped = np.arctan2(here[..., 1], here[..., 0])
+        return wrapped + 2.0 * np.pi * np.round(
+            (np.interp(tau, grid, unwrapped) - wrapped) / (2.0 * np.pi)
+        )
+
+    def curvature(self, s: Any) -> Array:
+        tau = self._parameter(s)
+        d1, d2 = self._spline(tau, 1), self._spline(tau, 2)
+        cross = d1[..., 0] * d2[..., 1] - d1[..., 1] * d2[..., 0]
+        return cross / np.linalg.norm(d1, axis=-1) ** 3
+
+
+@dataclass(frozen=True)
+class Parabola(_SplineCurve):
+    """Parabola y = 4 d x (l - x) / l^2 of span l and rise d [m] (eq. 26).
+
+    It starts at `start`; `angle` [rad] is the direction of its chord. A positive rise lies to
+    the left of the chord, a negative one to the right.
+    """
+
+    span: float
+    rise: float
+    start: tuple[float, float] = (0.0, 0.0)
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("Parabola", "span", self.span)
+        finite("Parabola", "rise", self.rise)
+        point("Parabola", "start", self.start)
+        finite("Parabola", "angle", self.angle)
+
+    @cached_property
+    def _spline(self) -> Any:
+        x = np.linspace(0.0, self.span, 3)
+        y = 4.0 * self.rise * x * (self.span - x) / self.span**2
+        points = turned(np.stack([x, y], axis=-1), self.angle)
+        return make_interp_spline(x, points + np.asarray(self.start, float), k=2)
+
+
+@dataclass(frozen=True)
+class Curve(_SplineCurve):
+    """Any smooth curve: y = f(x) over an interval, or a spline through points.
+
+    Parameters
+    ----------
+    function
+        Callable y = f(x) [m] of the drawing; needs `x`.
+    x
+        The interval (x_start, x_end) [m]; the curve runs from the first to the second.
+    points
+        Points (n, 2) [m], n >= 4, joined by a cubic spline over the chord length.
+    """
+
+    function: Callable[[float], float] | None = None
+    x: tuple[float, float] | None = None
+    points: Any = None
+
+    def __post_init__(self) -> None:
+        if (self.function is None) == (self.points is None):
+            raise BeamdaeError("Curve: give either a function with its interval x, or points.")
+        self._check_regular("Curve")
+
+    @cached_property
+    def _spline(self) -> Any:
+        return self._through_points() if self.function is None else self._of_function()
+
+    def _of_function(self) -> Any:
+        assert self.function is not None
+        if self.x is None:
+            raise BeamdaeError("Curve: a function needs its interval x=(x_start, x_end).")
+        x_start, x_end = point("Curve", "x", self.x)
+        if x_start == x_end:
+            raise BeamdaeError(f"Curve: the interval x must not be empty, got {self.x}.")
+        x = np.linspace(x_start, x_end, 601)
+        try:
+            y = np.array([float(self.function(float(xi))) for xi in x])
+        except Exception as problem:
+            raise BeamdaeError(
+                f"Curve: the function must return a number for every x in {self.x}, "
+                f"but it failed: {problem}."
+            ) from problem
+        if not np.all(np.isfinite(y)):
+            bad = x[~np.isfinite(y)][0]
+            raise BeamdaeError(f"Curve: the function must be finite, at x = {bad:.6g} it is not.")
+        share = (x - x_start) / (x_end - x_start)
+        return make_interp_spline(share, np.stack([x, y], axis=-1), k=5)
+
+    def _through_points(self) -> Any:
+        try:
+            points = np.asarray(self.points, float)
+        except (TypeError, ValueError):
+            points = np.empty(0)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
+            raise BeamdaeError("Curve: points must be at least 4 pairs (x, y).")
+        if not np.all(np.isfinite(points)):
+            raise BeamdaeError("Curve: every point must be finite.")
+        step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+        if step.min() == 0.0:
+            at = points[int(np.argmin(step))]
+            raise BeamdaeError(f"Curve: the point ({at[0]:g}, {at[1]:g}) comes twice in a row.")
+        self._check_reversal(points)
+        return make_interp_spline(np.concatenate([[0.0], np.cumsum(step)]), points, k=3)
+
+    @staticmethod
+    def _check_reversal(points: Array) -> None:
+        step = np.diff(points, axis=0)
+        along = np.einsum("ij,ij->i", step[:-1], step[1:])
+        along /= np.linalg.norm(step[:-1], axis=1) * np.linalg.norm(step[1:], axis=1)
+        if along.min() < -0.5:
+            at = points[int(np.argmin(along)) + 1]
+            raise BeamdaeError(
+                f"Curve: the curve folds onto itself at the point ({at[0]:g}, {at[1]:g}), "
+                "it must run on in one direction."
+            )

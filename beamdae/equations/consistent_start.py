@@ -1,0 +1,258 @@
+"""Consistent start: positions, velocities, accelerations and multipliers that fit the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
+from beamdae.errors import BeamdaeError
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
+from beamdae.symbolic.sparse_sums import SparseSum
+
+Array = np.ndarray
+MX = ca.MX
+
+_POSITION_ITERATIONS = 50
+_POSITION_TOLERANCE = 1e-12
+# Joints are closed by rigid motion before anything faster than this [s] is bent.
+_RIGID_TIME = 1.0
+
+# Coefficients (c0, c1, c2) of stiffness, damping and mass.
+_MASS = np.array([0.0, 0.0, 1.0])
+_CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
+_POWER_ITERATIONS = 12
+# Numbers of a law that are rounded by hand do not meet exactly; this much [m or rad] is no jump.
+_JUMP = 1e-3
+# A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
+_VANISHING = 1e-13
+
+
+@dataclass(frozen=True)
+class Starter:
+    """Makes states of a mechanism consistent, at the start and at breakpoints."""
+
+    equations: EquationsOfMotion
+
+    @cached_property
+    def _constraints(self) -> Compiled:
+        """(time, q, v, a, p) -> g, g_dot, g_ddot and G."""
+        e = self.equations
+        time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
+        p = MX.sym("p", len(e.p))
+        levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
+        total = SparseSum((e.m, e.n))
+        for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
+            total.add(block)
+        outputs = [*levels, ca.densify(total.matrix())]
+        return Compiled(ca.Function("constraints", [time, q, v, a, p], outputs), e.p)
+
+    @cached_property
+    def _saddle(self) -> tuple[Compiled, Factorization, sp.csc_array]:
+        """(time, q, v, a, c) -> F and non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]]."""
+        e = self.equations
+        time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
+        p, c = MX.sym("p", len(e.p)), MX.sym("c", 3)
+        total = SparseSum((e.n + e.m, e.n + e.m))
+        stiffness, rates = e.tangent(time, q, v, a, p, c[1], c[2])
+        for block in stiffness:
+            total.add(block.scaled(c[0]))
+        for block in rates:
+            total.add(block)
+        for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
+            total.add(block, e.n, 0)
+            total.add(block.transposed, 0, e.n)
+        pattern, nonzeros = total.assemble()
+        force = ca.densify(e.force(time, q, v, a, p))
+        function = ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros])
+        return Compiled(function, e.p), factorization(pattern), pattern
+
+    def forces(self, time: Array, state: State, a: Array) -> Array:
+        """F at accelerations `a`, in place of those of the state."""
+        return self._saddle[0](time, state.q, state.v, a, _MASS)[0].copy()
+
+    def fastest_mode(self, time: Array, state: State) -> tuple[float, float]:
+        """Estimate the highest natural frequency [rad/s] and the damping ratio of its mode.
+
+        Of the jointed mechanism; a few steps of power iteration with M^-1 K under the constraints.
+        """
+        e = self.equations
+        function, solver, pattern = self._saddle
+        matrices = []
+        for c in np.eye(3):
+            nonzeros = function(time, state.q, state.v, state.a, c)[1].copy()
+            whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+            matrices.append(sp.csc_array(whole[: e.n, : e.n]))
+        stiffness, damping, mass = matrices
+        self._factorized(time, state.q, state.v, _MASS)
+        x = np.cos(np.arange(e.n) ** 2.0)
+        for _ in range(_POWER_ITERATIONS):
+            x = solver.solve(np.concatenate([stiffness @ x, np.zeros(e.m)]))[: e.n]
+            size = np.max(np.abs(x))
+            if not size > 0.0:
+                return 0.0, 0.0
+            x /= size
+        inertia = float(x @ (mass @ x))
+        frequency = np.sqrt(abs(float(x @ (stiffness @ x))) / inertia)
+        if frequency == 0.0:
+            return 0.0, 0.0
+        return float(frequency), float(x @ (damping @ x)) / (2.0 * frequency * inertia)
+
+    def constraint_matrix(self, time: Array, q: Array) -> Array:
+        """G = dg/dq, dense (m, n)."""
+        e = self.equations
+        still = np.zeros(e.n)
+        return self._constraints(time, q, still, still)[3].reshape(e.m, e.n, order="F").copy()
+
+    def state(self, time: Array, q: Array, v: Array) -> State:
+        """Consistent state nearest to (q, v) at time = (t, phase).
+
+        Positions move as little as the joints allow, measured by inertia and stiffness; velocities
+        are projected in the metric of the mass matrix; accelerations and multipliers solve
+        [[M, G^T], [G, 0]] (a, lam) = (f, gamma).
+
+        Raises
+        ------
+        BeamdaeError
+            If joints contradict each other or cannot be closed.
+        """
+        q = self._close(time, np.array(q, float))
+        self._check_rank(time, q)
+        v = self._project(time, q, np.array(v, float))
+        return State(q, v, *self.acceleration(time, q, v))
+
+    def require_continuous(self, phase_before: float, time: Array, q: Array) -> None:
+        """Refuse a law that makes positions jump at time = (t, phase) after `phase_before`."""
+        e = self.equations
+        still = np.zeros(e.n)
+        before = self._constraints(np.array([time[0], phase_before]), q, still, still)[0].copy()
+        jump = np.abs(self._constraints(time, q, still, still)[0] - before)
+        if e.m > 0 and np.max(jump) > _JUMP * min(1.0, e.length):
+            name = e.lam_names[int(np.argmax(jump))]
+            raise BeamdaeError(
+                f"{name}: a law makes positions jump at t = {time[0]:g} s by {np.max(jump):.3g}, "
+                "it must go on from where it was."
+            )
+
+    def acceleration(
+        self, time: Array, q: Array, v: Array, stiff_time: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Accelerations and multipliers of a consistent (q, v).
+
+        With a `stiff_time` T [s], M + T^2 K stands for M: modes of frequency w respond by
+        1 / (1 + (w T)^2) of their acceleration.
+        """
+        e = self.equations
+        gamma = -self._constraints(time, q, v, np.zeros(e.n))[2].copy()
+        solver, force = self._factorized(time, q, v, np.array([stiff_time**2, 0.0, 1.0]))
+        solution = solver.solve(np.concatenate([-force, gamma]))
+        return solution[: e.n], solution[e.n :]
+
+    def normal_jerk(self, time: Array, state: State, delta: float) -> Array:
+        """P j, P = M^-1 G^T (G M^-1 G^T)^-1 G: what the joints prescribe of the jerk j.
+
+        G j follows from g_ddot alone, differentiated along the motion at constant a over
+        +-`delta` [s]: stiff elastic forces do not enter.
+        """
+        e = self.equations
+        if e.m == 0:
+            return np.zeros(e.n)
+        q, v, a, _ = state
+        levels = [
+            self._constraints(time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a)[
+                2
+            ].copy()
+            for d in (delta, -delta)
+        ]
+        rate = (levels[0] - levels[1]) / (2.0 * delta)
+        solver, _ = self._factorized(time, q, v, _MASS)
+        return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
+
+    def _factorized(self, time: Array, q: Array, v: Array, c: Array) -> tuple[Factorization, Array]:
+        e = self.equations
+        function, solver, pattern = self._saddle
+        force, nonzeros = function(time, q, v, np.zeros(e.n), c)
+        if not np.all(np.isfinite(force)):
+            raise BeamdaeError(
+                f"{self._name(force)}: the forces are not finite at t = {time[0]:g}, "
+                "a law or a start value is wrong."
+            )
+        try:
+            solver.factorize(nonzeros)
+        except SingularMatrixError:
+            raise BeamdaeError(
+                f"{self._massless(pattern, nonzeros)}: it can move without inertia "
+                f"at t = {time[0]:g}, "
+                "give it a mass or a joint."
+            ) from None
+        return solver, force
+
+    def _name(self, force: Array) -> str:
+        return self.equations.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
+
+    def _massless(self, pattern: sp.csc_array, nonzeros: Array) -> str:
+        """The coordinate that moves most in the motion no equation resists."""
+        e = self.equations
+        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape).toarray()
+        unresisted = la.svd(np.nan_to_num(matrix))[2][-1, : e.n]
+        return e.q_names[int(np.argmax(np.abs(unresisted)))]
+
+    def _close(self, time: Array, q: Array) -> Array:
+        e = self.equations
+        still = np.zeros(e.n)
+        for _ in range(_POSITION_ITERATIONS):
+            g = self._constraints(time, q, still, still)[0].copy()
+            if not np.all(np.isfinite(g)):
+                bad = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
+                raise BeamdaeError(f"{bad}: the constraint is not finite at t = {time[0]:g}.")
+            if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
+                return q
+            self._check_rank(time, q)
+            solver, _ = self._factorized(time, q, still, _CLOSING)
+            q = q + solver.solve(np.concatenate([still, -g]))[: e.n]
+        worst = int(np.argmax(np.abs(g)))
+        raise BeamdaeError(
+            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g}, after "
+            f"{_POSITION_ITERATIONS} iterations this one is still open by {abs(g[worst]):.3g}."
+        )
+
+    def _project(self, time: Array, q: Array, v: Array) -> Array:
+        e = self.equations
+        g_dot = self._constraints(time, q, v, np.zeros(e.n))[1].copy()
+        if e.m == 0 or not np.any(g_dot):
+            return v
+        solver, _ = self._factorized(time, q, v, _MASS)
+        return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
+
+    def _check_rank(self, time: Array, q: Array) -> None:
+        e = self.equations
+        if e.m == 0:
+            return
+        matrix = self.constraint_matrix(time, q) * e.position_scales
+        size = np.linalg.norm(matrix, axis=1, keepdims=True)
+        if np.any(size <= _VANISHING):
+            name = e.lam_names[int(np.argmin(size))]
+            raise BeamdaeError(
+                f"{name}: this constraint holds nothing at t = {time[0]:g}, its gradient is zero; "
+                "it cannot be met from the start given, or is none."
+            )
+        matrix = matrix / size
+        left, singular, _ = la.svd(matrix, full_matrices=False)
+        rank = int(np.sum(singular > 1e-10))
+        if rank == e.m:
+            return
+        if e.m > e.n:
+            left = la.svd(matrix)[0]
+        involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
+        names = ", ".join(name for name, one in zip(e.lam_names, involved, strict=True) if one)
+        raise BeamdaeError(
+            f"{names}: these constraints depend on each other at t = {time[0]:g}, "
+            f"remove {e.m - rank} of them."
+        )

@@ -1,0 +1,228 @@
+"""Equations of motion of a mechanism: F(t, q, v, a, p) + G^T lam = 0, g(t, q) = 0.
+
+Immutable, and symbolic: every method takes and returns CasADi expressions. Formulations combine
+them into residuals, `compiled` turns those into numpy functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.symbolic.sparse_sums import Block, gather, scatter
+from beamdae.symbolic.statements import ConstraintKernel, ForceKernel
+
+Array = np.ndarray
+MX = ca.MX
+
+
+@dataclass(frozen=True)
+class ForceTerm:
+    """Copies of one force kernel on the global coordinates."""
+
+    kernel: ForceKernel
+    operator: sp.csr_array
+    data: slice
+    count: int
+
+
+@dataclass(frozen=True)
+class ConstraintTerm:
+    """One joint on the global coordinates; `rows` are its rows of g."""
+
+    kernel: ConstraintKernel
+    operator: sp.csr_array
+    data: slice
+    rows: slice
+
+
+@dataclass(frozen=True)
+class Observable:
+    """Named columns with units, and the function that gives them."""
+
+    name: str
+    columns: tuple[tuple[str, str], ...]
+    function: ca.Function
+    operator: sp.csr_array
+    data: slice
+    rows: slice
+
+    @property
+    def headers(self) -> list[str]:
+        """CSV headers 'name.suffix [unit]'."""
+        dotted = [".".join(filter(None, (self.name, suffix))) for suffix, _ in self.columns]
+        return [f"{name} [{unit}]" for name, (_, unit) in zip(dotted, self.columns, strict=True)]
+
+
+@dataclass(frozen=True)
+class EquationsOfMotion:
+    """F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0 with everything integrators ask of them.
+
+    Attributes
+    ----------
+    q_names, lam_names
+        'part.coordinate' of each coordinate and constraint.
+    q0, v0
+        Start as drawn; `initial.Starter` makes it consistent.
+    p
+        Numbers of the model: quadrature data, section, mass and load values.
+    length
+        Characteristic length of the mechanism [m], the scale of positions.
+    breakpoints
+        Ascending times [s] at which a law changes its formula; integrators stop and restart there.
+    time_scale
+        Shortest time [s] over which a law changes, or None.
+    """
+
+    q_names: tuple[str, ...]
+    lam_names: tuple[str, ...]
+    q0: Array
+    v0: Array
+    p: Array
+    length: float
+    breakpoints: tuple[float, ...]
+    time_scale: float | None
+    observables: tuple[Observable, ...]
+    forces: tuple[ForceTerm, ...] = field(repr=False)
+    joints: tuple[ConstraintTerm, ...] = field(repr=False)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.q_names)
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return len(self.lam_names)
+
+    @cached_property
+    def position_scales(self) -> Array:
+        """Natural size of each coordinate: the characteristic length, or 1 for an angle."""
+        angle = np.array([_is_angle(name) for name in self.q_names], bool)
+        return np.where(angle, 1.0, self.length)
+
+    # Symbolic pieces ------------------------------------------------------------------------
+
+    def _force_inputs(self, term: ForceTerm, time: MX, vectors: Sequence[MX], p: MX) -> list[MX]:
+        local = [gather(term.operator, x, term.count) for x in vectors]
+        data = ca.reshape(p[term.data], term.kernel.local.n_data, term.count)
+        return [time, *local, data]
+
+    def _map(
+        self, function: ca.Function, count: int, shared: Iterable[int], summed: Iterable[int] = ()
+    ) -> Any:
+        if count == 1:
+            return function
+        return function.map(function.name(), "serial", count, list(shared), list(summed))
+
+    def force(self, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
+        """F(t, q, v, a, p), shape (n,)."""
+        total = MX.zeros(self.n)
+        for term in self.forces:
+            function = self._map(term.kernel.force_function, term.count, [0])
+            total += scatter(term.operator, function(*self._force_inputs(term, time, (q, v, a), p)))
+        return total
+
+    def tangent(
+        self, time: MX, q: MX, v: MX, a: MX, p: MX, c_v: MX, c_a: MX
+    ) -> tuple[list[Block], list[Block]]:
+        """Blocks of dF/dq and of c_v dF/dv + c_a dF/da."""
+        stiffness: list[Block] = []
+        rates: list[Block] = []
+        for term in self.forces:
+            function = self._map(term.kernel.tangent_function, term.count, [0, 5, 6])
+            inputs = self._force_inputs(term, time, (q, v, a), p)
+            blocks = function(*inputs, c_v, c_a)
+            for target, values in zip((stiffness, rates), blocks, strict=True):
+                target.append(Block(values, term.operator, term.operator, term.count))
+        return stiffness, rates
+
+    def energies(self, time: MX, q: MX, v: MX, p: MX) -> MX:
+        """(kinetic, strain, gravity energy [J], power of the loads, dissipated power [W])."""
+        total = MX.zeros(5)
+        for term in self.forces:
+            function = self._map(term.kernel.energy_function, term.count, [0], [0])
+            total += function(*self._force_inputs(term, time, (q, v), p))
+        return total
+
+    def _joint_vectors(self, term: ConstraintTerm, *vectors: MX) -> list[MX]:
+        return [gather(term.operator, x, 1) for x in vectors]
+
+    def level(self, order: int, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
+        """Constraints g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
+        rows = [
+            t.kernel.level_functions[order](time, *self._joint_vectors(t, q, v, a), p[t.data])
+            for t in self.joints
+        ]
+        return ca.vertcat(*rows) if rows else MX.zeros(0)
+
+    def reaction(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
+        """G^T lam, shape (n,)."""
+        total = MX.zeros(self.n)
+        for t in self.joints:
+            (local,) = self._joint_vectors(t, q)
+            total += scatter(
+                t.operator, t.kernel.reaction_function(time, local, p[t.data], lam[t.rows])
+            )
+        return total
+
+    def driver_power(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
+        """Power of the drivers on the mechanism, lam . dg/dt [W]."""
+        total = MX(0)
+        for t in self.joints:
+            (local,) = self._joint_vectors(t, q)
+            total += t.kernel.power_function(time, local, p[t.data], lam[t.rows])
+        return total
+
+    def constraint_blocks(
+        self, time: MX, q: MX, v: MX, p: MX, lam: MX
+    ) -> tuple[list[Block], list[Block], list[Block]]:
+        """Blocks of G, d g_dot/dq (m, n) and d(G^T lam)/dq (n, n)."""
+        jacobian, rate, curvature = [], [], []
+        for t in self.joints:
+            inputs = (time, *self._joint_vectors(t, q, v), p[t.data], lam[t.rows])
+            big_g, g_dot_q, reaction_q = t.kernel.matrices_function(*inputs)
+            rows = self._rows(t)
+            jacobian.append(Block(big_g, rows, t.operator, 1))
+            rate.append(Block(g_dot_q, rows, t.operator, 1))
+            curvature.append(Block(reaction_q, t.operator, t.operator, 1))
+        return jacobian, rate, curvature
+
+    def acceleration_blocks(
+        self, time: MX, q: MX, v: MX, a: MX, p: MX
+    ) -> tuple[list[Block], list[Block]]:
+        """Blocks of d g_ddot/dq and d g_ddot/dv, (m, n) each."""
+        by_q: list[Block] = []
+        by_v: list[Block] = []
+        for t in self.joints:
+            inputs = (time, *self._joint_vectors(t, q, v, a), p[t.data])
+            for target, values in zip(
+                (by_q, by_v), t.kernel.acceleration_function(*inputs), strict=True
+            ):
+                target.append(Block(values, self._rows(t), t.operator, 1))
+        return by_q, by_v
+
+    def _rows(self, term: ConstraintTerm) -> sp.csr_array:
+        return sp.csr_array(sp.eye_array(self.m, format="csr")[term.rows])
+
+    def observed(self, time: MX, q: MX, v: MX, p: MX, lam: MX) -> MX:
+        """All observed columns, in the order of `observables`."""
+        columns = [
+            o.function(
+                time, gather(o.operator, q, 1), gather(o.operator, v, 1), p[o.data], lam[o.rows]
+            )
+            for o in self.observables
+        ]
+        return ca.vertcat(*columns) if columns else MX.zeros(0)
+
+
+def _is_angle(name: str) -> bool:
+    coordinate = name.rsplit(".", 1)[-1]
+    return coordinate in ("angle", "theta") or coordinate.startswith("phi")

@@ -1,0 +1,94 @@
+"""Loads: forces and moments as laws of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import BeamdaeError, one_of
+from beamdae.parts.bodies import Attachment, require_angle, require_attachment, require_name, rotate
+from beamdae.parts.laws import Law, as_law
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
+
+
+def _load(part: str, on: Attachment, local: Local, work: SX, load: SX) -> ForceStatement:
+    """Statement of the generalized force `load` that does work on the rate of `work`."""
+    force = -ca.jtimes(work, local.q, load, True)
+    power = ca.dot(local.dot(work), load)
+    kernel = ForceKernel(local, force, powers=ca.vertcat(power, 0))
+    return ForceStatement(part, kernel, (on.piece,), np.zeros((0, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """Force (Fx, Fy) [N] on an attachment.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    on
+        Where it acts.
+    law
+        Pair of laws: numbers, functions of t or `Law`s.
+    axes
+        "inertial" (a dead load) or "body" (turning with the section it acts on).
+    """
+
+    name: str
+    on: Attachment
+    law: Any
+    axes: str = "inertial"
+
+    def __post_init__(self) -> None:
+        require_name("Force", self.name)
+        require_attachment(self.name, "on", self.on)
+        one_of(self.name, "axes", self.axes, ("inertial", "body"))
+        try:
+            x, y = self.law
+        except (TypeError, ValueError):
+            raise BeamdaeError(
+                f"{self.name}: law must be a pair of laws (Fx, Fy), got {self.law!r}."
+            ) from None
+        object.__setattr__(self, "law", (as_law(self.name, x), as_law(self.name, y)))
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Laws of time of the part."""
+        return tuple(self.law)
+
+    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
+        local = Local(self.on.size)
+        load = ca.vertcat(*(law(local.time) for law in self.law))
+        if self.axes == "body":
+            load = rotate(self.on.turn(local.q), load)
+        return [_load(self.name, self.on, local, self.on.position(local.q), load)]
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Moment [N m], counter-clockwise positive, on an attachment; `law` a number or law of t."""
+
+    name: str
+    on: Attachment
+    law: Any
+
+    def __post_init__(self) -> None:
+        require_name("Moment", self.name)
+        require_attachment(self.name, "on", self.on)
+        require_angle(self.name, self.on)
+        object.__setattr__(self, "law", as_law(self.name, self.law))
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Laws of time of the part."""
+        return (self.law,)
+
+    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """What the part adds to the equations of motion."""
+        local = Local(self.on.size)
+        return [_load(self.name, self.on, local, self.on.turn(local.q), self.law(local.time))]

@@ -1,0 +1,214 @@
+"""Laws of time: smooth pieces between known breakpoints."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from beamdae.errors import BeamdaeError, finite, positive
+from beamdae.symbolic.statements import SX
+
+
+@dataclass(frozen=True)
+class Law:
+    """A function of time with breakpoints.
+
+    Attributes
+    ----------
+    pieces
+        Functions of t, smooth each, valid between neighboring breakpoints.
+    breakpoints
+        Ascending times [s] at which one piece hands over to the next; integrators stop and restart
+        there.
+    time_scale
+        Shortest time [s] over which the law changes, or None: an adaptive integrator keeps its
+        steps below it.
+    """
+
+    pieces: tuple[Callable[[Any], Any], ...]
+    breakpoints: tuple[float, ...] = ()
+    time_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pieces, tuple) or not all(callable(p) for p in self.pieces):
+            raise BeamdaeError(f"Law: pieces must be a tuple of functions, got {self.pieces!r}.")
+        if len(self.pieces) != len(self.breakpoints) + 1:
+            raise BeamdaeError(
+                f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
+                f"got {len(self.breakpoints)}."
+            )
+        if any(b <= a for a, b in pairwise(self.breakpoints)):
+            raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
+        if self.time_scale is not None:
+            positive("Law", "time_scale", self.time_scale)
+
+    def __call__(self, time: SX) -> SX:
+        """The law at time[0], on the branch that time[1] lies in."""
+        with warnings.catch_warnings():
+            # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
+            # like give the same scalar expression before and after it.
+            warnings.simplefilter("ignore", FutureWarning)
+            values = [SX(piece(time[0])) for piece in self.pieces]
+        value = values[-1]
+        for end, earlier in zip(self.breakpoints[::-1], values[-2::-1], strict=True):
+            value = ca.if_else(time[1] < end, earlier, value)
+        return value
+
+
+def as_law(part: str, value: Any, start: float = 0.0) -> Law:
+    """Turn a number or any function of t into a law, or say what is wrong with it.
+
+    `start` is the first time [s] it will be asked for.
+    """
+    if isinstance(value, Law):
+        law = value
+    elif callable(value):
+        law = Law((value,))
+    else:
+        number = finite(part, "law", value)
+        law = Law((lambda t: number,))
+    function = _checked(part, law, start)
+    if callable(value) and law is not value:
+        _require_smooth(part, function)
+    return law
+
+
+# Operations by which a formula can jump or kink where no integrator would stop.
+_ROUGH = {
+    getattr(ca, f"OP_{name}"): name.lower()
+    for name in (
+        "LT",
+        "LE",
+        "EQ",
+        "NE",
+        "IF_ELSE_ZERO",
+        "FLOOR",
+        "CEIL",
+        "FMOD",
+        "FABS",
+        "SIGN",
+        "COPYSIGN",
+        "FMIN",
+        "FMAX",
+    )
+}
+
+
+def _require_smooth(part: str, function: ca.Function) -> None:
+    used = {function.instruction_id(i) for i in range(function.n_instructions())}
+    rough = [name for operation, name in _ROUGH.items() if operation in used]
+    if rough:
+        raise BeamdaeError(
+            f"{part}: the law must be smooth, but it uses {', '.join(rough)}; give its pieces to "
+            "bd.piecewise, so that no step runs over a jump or kink."
+        )
+
+
+def _checked(part: str, law: Law, start: float) -> ca.Function:
+    """The law as a function of (t, phase)."""
+    time = SX.sym("t", 2)
+    try:
+        value = law(time)
+    except Exception as problem:
+        told = " ".join(str(problem).split("Possible prototypes")[0].split())[:120]
+        raise BeamdaeError(
+            f"{part}: the law must be a formula in t with numpy functions such as np.sin, "
+            f"it failed: {told}."
+        ) from problem
+    if value.shape != (1, 1) or not set(map(str, ca.symvar(value))) <= set(
+        map(str, ca.symvar(time))
+    ):
+        raise BeamdaeError(f"{part}: the law must return one number, got {value!s:.80}.")
+    function = ca.Function("law", [time], [value])
+    first = float(function([start, start]))
+    if not np.isfinite(first):
+        raise BeamdaeError(
+            f"{part}: the law must be finite, at t = {start:g} it is {first}; formulas take numpy "
+            "functions such as np.exp, not those of math."
+        )
+    return function
+
+
+def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
+    """Law amplitude * sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    amplitude = finite("sine", "amplitude", amplitude)
+    frequency = positive("sine", "frequency", frequency)
+    phase = finite("sine", "phase", phase)
+    omega = 2.0 * np.pi * frequency
+    return Law((lambda t: amplitude * np.sin(omega * t + phase),), (), 1.0 / frequency)
+
+
+def run_up(speed: float, duration: float) -> Law:
+    """Angle of a smooth run-up to a constant angular speed (eq. 28).
+
+    speed / duration * (t^2/2 + (duration/2 pi)^2 (cos(2 pi t/duration) - 1)) up to t = duration,
+    then speed * (t - duration/2); speed in rad/s, duration in s.
+    """
+    speed = finite("run_up", "speed", speed)
+    duration = positive("run_up", "duration", duration)
+    omega = 2.0 * np.pi / duration
+
+    def rising(t: Any) -> Any:
+        return speed / duration * (0.5 * t**2 + (np.cos(omega * t) - 1.0) / omega**2)
+
+    return Law((rising, lambda t: speed * (t - 0.5 * duration)), (duration,), duration)
+
+
+def piecewise(*pieces: Any) -> Law:
+    """Laws one after the other: (end time, law), (end time, law), ..., last law.
+
+    `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on. Every law sees the same t.
+    """
+    if not pieces:
+        raise BeamdaeError("piecewise: give at least one law.")
+    ends: list[float] = []
+    laws: list[Law] = []
+    for entry in pieces[:-1]:
+        try:
+            end, law = entry
+        except (TypeError, ValueError):
+            raise BeamdaeError(f"piecewise: expected (end time, law), got {entry!r}.") from None
+        laws.append(as_law("piecewise", law, ends[-1] if ends else 0.0))
+        ends.append(finite("piecewise", "end time", end))
+    laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
+    if any(b <= a for a, b in pairwise(ends)):
+        raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
+    if any(law.breakpoints for law in laws):
+        raise BeamdaeError("piecewise: a piece must be smooth, it must not be piecewise itself.")
+    scales = [law.time_scale for law in laws if law.time_scale is not None]
+    scale = min(scales) if scales else None
+    return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
+
+
+def table(times: Any, values: Any) -> Law:
+    """Natural cubic spline through a table, constant outside it."""
+    try:
+        t, y = np.asarray(times, float), np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise BeamdaeError("table: times and values must be lists of numbers.") from None
+    if t.ndim != 1 or t.shape != y.shape or len(t) < 3:
+        raise BeamdaeError("table: times and values must be lists of the same length, at least 3.")
+    if not (np.all(np.isfinite(t)) and np.all(np.isfinite(y))):
+        raise BeamdaeError("table: every time and value must be finite.")
+    if np.any(np.diff(t) <= 0.0):
+        raise BeamdaeError("table: times must ascend.")
+    spline = CubicSpline(t, y, bc_type="natural")
+    inner = [float(x) for x in t[1:-1]]
+
+    def inside(at: Any) -> Any:
+        start = ca.pw_const(at, inner, t[:-1])
+        return sum(ca.pw_const(at, inner, spline.c[k]) * (at - start) ** (3 - k) for k in range(4))
+
+    first, last = float(y[0]), float(y[-1])
+    return Law(
+        (lambda at: first, inside, lambda at: last),
+        (float(t[0]), float(t[-1])),
+        4.0 * float(np.min(np.diff(t))),
+    )

@@ -1,0 +1,262 @@
+"""Local statements of mechanics: what one part says about a few coordinates.
+
+A statement is a small symbolic kernel together with constant sparse operators that pick its local
+coordinates from those of the bodies it concerns. The equations of motion of a mechanism are the
+sum of the statements of its parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.symbolic.native import native
+
+SX = ca.SX
+
+
+@dataclass(frozen=True)
+class Local:
+    """Symbols of one local statement.
+
+    `time` is (t, phase): laws read their values at t and choose their branch by phase, a time
+    inside the smooth interval under integration, so that an integrator can end a step exactly on a
+    breakpoint.
+    """
+
+    size: int
+    n_data: int = 0
+    n_multipliers: int = 0
+
+    @cached_property
+    def time(self) -> SX:
+        """(t, phase)."""
+        return SX.sym("time", 2)
+
+    @cached_property
+    def q(self) -> SX:
+        """Coordinates."""
+        return SX.sym("q", self.size)
+
+    @cached_property
+    def v(self) -> SX:
+        """Velocities."""
+        return SX.sym("v", self.size)
+
+    @cached_property
+    def a(self) -> SX:
+        """Accelerations."""
+        return SX.sym("a", self.size)
+
+    @cached_property
+    def data(self) -> SX:
+        """Numbers of the model."""
+        return SX.sym("data", self.n_data)
+
+    @cached_property
+    def lam(self) -> SX:
+        """Multipliers."""
+        return SX.sym("lam", self.n_multipliers)
+
+    def dot(self, expression: SX) -> SX:
+        """Time derivative of an expression in t and q along the motion."""
+        moved = ca.jtimes(expression, self.q, self.v) if self.size else 0
+        return moved + ca.jtimes(expression, self.time, SX([1, 0]))
+
+    def ddot(self, expression: SX) -> SX:
+        """Second time derivative of an expression in t and q along the motion."""
+        dot = self.dot(expression)
+        moved = ca.jtimes(dot, self.q, self.v) + ca.jtimes(dot, self.v, self.a) if self.size else 0
+        return moved + ca.jtimes(dot, self.time, SX([1, 0]))
+
+
+class Piece(NamedTuple):
+    """Rows of a constant operator on the coordinates of one owner (a body, or a joint's lam)."""
+
+    owner: Any
+    operator: sp.csr_array
+
+
+@dataclass(frozen=True)
+class ForceKernel:
+    """Virtual work of one statement: minus the generalized forces, F = M a - f.
+
+    Attributes
+    ----------
+    local
+        Symbols.
+    force
+        F(time, q, v, a, data), shape (size,): inertial, elastic, damping and gravity forces and
+        loads on the left-hand side of F + G^T lam = 0.
+    energies
+        (kinetic, strain, gravity) [J].
+    powers
+        (power of the loads, dissipated power) [W].
+    reused
+        Whether many statements share the kernel, so that compiling it to machine code pays.
+    """
+
+    local: Local
+    force: SX
+    energies: SX = field(default_factory=lambda: SX.zeros(3))
+    powers: SX = field(default_factory=lambda: SX.zeros(2))
+    reused: bool = False
+
+    @cached_property
+    def force_function(self) -> ca.Function:
+        """(time, q, v, a, data) -> F."""
+        x = self.local
+        inputs = [x.time, x.q, x.v, x.a, x.data]
+        return self._final(ca.Function("force", inputs, [ca.densify(self.force)]))
+
+    @cached_property
+    def tangent_function(self) -> ca.Function:
+        """(..., c_v, c_a) -> dF/dq and c_v dF/dv + c_a dF/da, each (size, size) dense."""
+        x = self.local
+        c_v, c_a, d = SX.sym("c_v"), SX.sym("c_a"), SX.sym("d", x.size)
+        moved = ca.substitute(
+            self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c_v * d, x.a + c_a * d)
+        )
+        rates = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
+        outputs = [ca.densify(ca.jacobian(self.force, x.q)), ca.densify(rates)]
+        inputs = [x.time, x.q, x.v, x.a, x.data, c_v, c_a]
+        return self._final(ca.Function("tangent", inputs, ca.cse(outputs)))
+
+    def _final(self, function: ca.Function) -> ca.Function:
+        return native(function) if self.reused else function
+
+    @cached_property
+    def energy_function(self) -> ca.Function:
+        """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
+        x = self.local
+        values = ca.densify(ca.vertcat(self.energies, self.powers))
+        return self._final(ca.Function("energy", [x.time, x.q, x.v, x.data], [values]))
+
+
+@dataclass(frozen=True)
+class ForceStatement:
+    """`count` copies of one force kernel: `data` has one column a copy.
+
+    Each piece's operator stacks the local rows of copy 0, copy 1, ... so that it has
+    count * rows rows; the pieces of one copy follow each other in the local coordinates.
+    """
+
+    part: str
+    kernel: ForceKernel
+    pieces: tuple[Piece, ...]
+    data: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of copies."""
+        return self.data.shape[1]
+
+
+@dataclass(frozen=True)
+class ConstraintKernel:
+    """Holonomic constraints 0 = g(time, q, data) of one joint and everything derived from them."""
+
+    local: Local
+    constraint: SX
+
+    @property
+    def size(self) -> int:
+        """Number of constraints."""
+        return self.constraint.shape[0]
+
+    @cached_property
+    def _jacobian(self) -> SX:
+        return ca.jacobian(self.constraint, self.local.q)
+
+    @cached_property
+    def _g_dot(self) -> SX:
+        return self.local.dot(self.constraint)
+
+    @cached_property
+    def level_functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """g, g_dot and g_ddot as functions of their own, (time, q, v, a, data) each."""
+        x = self.local
+        levels = (self.constraint, self._g_dot, x.ddot(self.constraint))
+        inputs = [x.time, x.q, x.v, x.a, x.data]
+        g, g_dot, g_ddot = (ca.Function("level", inputs, [ca.densify(o)]) for o in levels)
+        return g, g_dot, g_ddot
+
+    @cached_property
+    def reaction_function(self) -> ca.Function:
+        """(time, q, data, lam) -> G^T lam, shape (size of q,)."""
+        x = self.local
+        return ca.Function(
+            "reaction", [x.time, x.q, x.data, x.lam], [ca.densify(self._jacobian.T @ x.lam)]
+        )
+
+    @cached_property
+    def matrices_function(self) -> ca.Function:
+        """(time, q, v, data, lam) -> G, d g_dot/dq and d(G^T lam)/dq, dense."""
+        x = self.local
+        outputs = [
+            self._jacobian,
+            ca.jacobian(self._g_dot, x.q),
+            ca.jacobian(self._jacobian.T @ x.lam, x.q),
+        ]
+        return ca.Function(
+            "matrices",
+            [x.time, x.q, x.v, x.data, x.lam],
+            ca.cse([ca.densify(o) for o in outputs]),
+        )
+
+    @cached_property
+    def acceleration_function(self) -> ca.Function:
+        """(time, q, v, a, data) -> d g_ddot/dq, d g_ddot/dv, dense."""
+        x = self.local
+        level = x.ddot(self.constraint)
+        outputs = [ca.densify(ca.jacobian(level, x.q)), ca.densify(ca.jacobian(level, x.v))]
+        return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
+
+    @cached_property
+    def power_function(self) -> ca.Function:
+        """(time, q, data, lam) -> lam . dg/dt, the power of a driver on the mechanism [W]."""
+        x = self.local
+        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
+        return ca.Function("power", [x.time, x.q, x.data, x.lam], [ca.densify(ca.dot(rate, x.lam))])
+
+
+@dataclass(frozen=True)
+class ConstraintStatement:
+    """One joint's constraints; `names` says what each holds, one word a row of g."""
+
+    part: str
+    kernel: ConstraintKernel
+    pieces: tuple[Piece, ...]
+    names: tuple[str, ...]
+    data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something observed: columns computed from a few coordinates, and perhaps multipliers.
+
+    Attributes
+    ----------
+    columns
+        (suffix, unit) of each value; an empty suffix stands for the observable's own name.
+    pieces
+        Where the local coordinates come from.
+    expression
+        local -> SX of shape (len(columns),).
+    data
+        Values of local.data, shape (n_data,).
+    joint
+        Name of the joint whose multipliers are local.lam, or None.
+    """
+
+    columns: tuple[tuple[str, str], ...]
+    pieces: tuple[Piece, ...]
+    expression: Callable[[Local], SX]
+    data: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    joint: Any = None

@@ -1,0 +1,320 @@
+"""Meshes: nodes on the curve, measured errors, and the operators of the floating frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS
+
+import beamdae as bd
+from beamdae.beams.floating_frame_element import FRAME, NODE
+
+SECTION = VARIANTS[0].section
+CURVES = {
+    "arc": ARC,
+    "right arc": bd.Arc(radius=-0.9, length=2.5, start=(1.0, 2.0), angle=2.0),
+    "shallow parabola": bd.Parabola(span=4.0, rise=0.2, start=(1.0, 0.0), angle=0.5),
+    "parabola": bd.Parabola(span=4.0, rise=1.0),
+}
+every_curve = pytest.mark.parametrize("curve", CURVES.values(), ids=list(CURVES))
+every_shape = pytest.mark.parametrize("shape", ["curved", "straight"])
+every_continuity = pytest.mark.parametrize(
+    ("shape", "continuity", "nodes"),
+    [
+        ("curved", "cartesian", 4),
+        ("curved", "local", 4),
+        ("straight", "cartesian", 4),
+        ("curved", "cartesian", 3),
+        ("straight", "cartesian", 2),
+    ],
+)
+every_frame = pytest.mark.parametrize("frame", ["tangent", "chord"])
+every_count = pytest.mark.parametrize("nodes", [2, 3, 4])
+
+
+def beam(
+    curve,
+    elements,
+    shape="curved",
+    frame="tangent",
+    quadrature="reduced",
+    continuity="cartesian",
+    nodes=4,
+):
+    return bd.Beam(
+        "beam",
+        curve,
+        SECTION,
+        elements=elements,
+        elements_shape=shape,
+        continuity=continuity,
+        frame=frame,
+        quadrature=quadrature,
+        nodes=nodes,
+    )
+
+
+def rotation(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_curve
+def test_mesh_errors_of_curved_elements(curve, quadrature):
+    """Arc length converges with fourth order, curvature with second.
+
+    Arc of 72 degrees, 2 to 32 elements: length 2.3e-5, 1.5e-6, 9.2e-8, 5.7e-9, 3.6e-10; curvature
+    times length at 3 points 2.5e-2, 6.3e-3, 1.6e-3, 4.0e-4, 9.9e-5.
+    """
+    errors = [beam(curve, n, quadrature=quadrature).mesh_errors for n in (16, 32, 64)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    # Lengths are rounded at 1e-14, the last error is 1e-12 or more.
+    assert_allclose(orders[:, 0], 4.0, atol=0.1)
+    assert_allclose(orders[:, 1], 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_curve
+def test_mesh_errors_of_quadratic_elements(curve, quadrature):
+    """Arc length converges with fourth order, curvature with first and on an arc with second.
+
+    Quadratic interpolation is off by h^3 xi (xi^2 - 1) / 48 times the third derivative. That is
+    odd: it leaves the length of an element to the next order. Its second derivative across the
+    axis is h xi / 2 times the rate of the curvature, which an arc does not have. Parabola, 16 to
+    64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9, curvature times length 7.5e-2, 3.7e-2,
+    1.9e-2.
+    """
+    errors = [beam(curve, n, quadrature=quadrature, nodes=3).mesh_errors for n in (16, 32, 64)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    # Lengths are rounded at 1e-14, the last error is 5e-13 or more.
+    assert_allclose(orders[:, 0], 4.0, atol=0.1)
+    assert_allclose(orders[:, 1], 2.0 if isinstance(curve, bd.Arc) else 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_frame
+@every_curve
+def test_two_nodes_make_an_element_straight(curve, frame, quadrature):
+    curved, straight = (
+        beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
+    )
+    section, gravity = np.arange(6.0), np.zeros(2)
+    # The end of a chord, or its start and the way to it: rounding.
+    for got, expected in [
+        (curved.mesh.coordinates.toarray(), straight.mesh.coordinates.toarray()),
+        (
+            curved.mesh.quadrature_data(section, gravity),
+            straight.mesh.quadrature_data(section, gravity),
+        ),
+        (curved.mesh_errors, straight.mesh_errors),
+        (curved.mesh_errors[0], beam(curve, 5, "straight", frame).mesh_errors[0]),
+    ]:
+        assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_elements_of_two_nodes_meet_at_kinks():
+    match = "beam: straight elements meet at kinks, continuity must be 'cartesian'"
+    with pytest.raises(bd.BeamdaeError, match=match):
+        beam(ARC, 2, continuity="local", nodes=2)
+    assert beam(ARC, 2, continuity="local", nodes=3).mesh.continuity == "local"
+
+
+def test_mesh_errors_of_an_arc():
+    length_error, curvature_error = beam(bd.Arc(radius=1.6, length=2.0), 8).mesh_errors
+    # Measured; a slip in the nodes or in the shape functions changes them by factors.
+    assert_allclose(length_error, 9.19e-8, rtol=0.01)
+    assert_allclose(curvature_error, 1.580e-3, rtol=0.01)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
+    for n in (2, 4, 8):
+        length_error, curvature_error = beam(ARC, n, "straight", quadrature=quadrature).mesh_errors
+        half = 0.5 * ARC.length / (n * ARC.radius)
+        # Chord over arc, to rounding.
+        assert_allclose(length_error, 1.0 - np.sin(half) / half, rtol=1e-9)
+        assert_allclose(curvature_error, ARC.length / ARC.radius, rtol=1e-9)
+
+
+@pytest.mark.parametrize("quadrature", ["reduced", "full"])
+@every_shape
+def test_a_line_has_no_mesh_errors(shape, quadrature):
+    errors = beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature).mesh_errors
+    assert_allclose(errors, 0.0, atol=1e-13)  # rounding
+
+
+@every_count
+@every_frame
+@every_curve
+def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
+    mesh = beam(curve, 3, "curved", frame, nodes=nodes).mesh
+    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+    step = nodes - 1
+    on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
+    for e in range(3):
+        mine = on_curve[step * e : step * e + nodes]
+        assert_allclose(found[e], mine, atol=1e-14 * 10)  # rounding
+
+
+@every_count
+@every_frame
+@every_curve
+def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
+    mesh = beam(curve, 3, "straight", frame, nodes=nodes).mesh
+    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+    ends = curve.point(np.linspace(0.0, curve.length, 4))
+    for e in range(3):
+        for i in range(nodes):
+            there = ends[e] + i / (nodes - 1) * (ends[e + 1] - ends[e])
+            assert_allclose(found[e, i], there, atol=1e-14 * 10)  # rounding
+
+
+@every_curve
+def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
+    mesh = beam(curve, 40).mesh
+    element, xi = np.arange(40), np.linspace(-1.0, 1.0, 40)
+    at, angle, _, ds = mesh.axis(element, xi)
+    s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
+    on_curve = (curve.point(s) - mesh.origin) @ rotation(mesh.frame_angle)
+    # Cubic interpolation over 1/40 of the length: fourth order in place, third in direction.
+    assert_allclose(at, on_curve, atol=1e-5)
+    assert_allclose(angle, curve.tangent_angle(s) - mesh.frame_angle, atol=1e-4)
+    assert_allclose(ds, 0.5 * curve.length / 40, rtol=1e-4)
+
+
+@pytest.mark.parametrize("nodes", [3, 4])
+def test_kinks_between_curved_elements_are_of_third_order(nodes):
+    kinks = []
+    for n in (4, 8, 16):
+        mesh = beam(ARC, n, nodes=nodes).mesh
+        element = np.arange(n)
+        left, right = (mesh.axis(element, np.full(n, xi))[1] for xi in (1.0, -1.0))
+        kinks.append(np.abs(left[:-1] - right[1:]).max())
+    # 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 with 3: the slope of
+    # quadratics is off by h^2, the same on both sides of a node.
+    assert_allclose(np.log2(np.divide(kinks[:-1], kinks[1:])), 3.0, atol=0.05)
+
+
+@every_count
+@every_frame
+@every_shape
+@every_curve
+def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame, nodes):
+    body = beam(curve, 3, shape, frame, nodes=nodes)
+    mesh = body.mesh
+    assert mesh.coordinates.shape == (3 * mesh.kind.size, len(body.coordinate_names))
+    assert len(set(body.coordinate_names)) == len(body.coordinate_names)
+    assert len(body.initial_position) == len(body.coordinate_names)
+    # Three of the nodal ones are fixed: a rigid motion is that of the frame.
+    assert len(body.coordinate_names) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
+    frame_rows = mesh.coordinates.toarray().reshape(3, mesh.kind.size, -1)[:, :FRAME]
+    assert_allclose(frame_rows, np.broadcast_to(np.eye(3, frame_rows.shape[2]), frame_rows.shape))
+
+
+def local_fields(body, q):
+    """(u, v, phi) of each element's nodes in the element's own frames, and their angles."""
+    mesh = body.mesh
+    local = (mesh.coordinates @ q).reshape(mesh.elements, mesh.kind.size)[:, FRAME:]
+    nodal = local.reshape(mesh.elements, mesh.kind.nodes, NODE)
+    xi = np.linspace(-1.0, 1.0, mesh.kind.nodes)
+    angles = np.stack(
+        [mesh.axis(np.arange(mesh.elements), np.full(mesh.elements, x))[1] for x in xi]
+    )
+    return nodal, angles.T
+
+
+@every_frame
+@every_continuity
+@every_curve
+def test_displacement_and_rotation_are_continuous_at_the_nodes(
+    curve, shape, continuity, nodes, frame
+):
+    body = beam(curve, 4, shape, frame, continuity=continuity, nodes=nodes)
+    rng = np.random.default_rng(0)
+    q = body.initial_position + rng.standard_normal(len(body.initial_position))
+    nodal, angles = local_fields(body, q)
+    for e in range(3):
+        before = rotation(angles[e, -1]) @ nodal[e, -1, :2]
+        after = rotation(angles[e + 1, 0]) @ nodal[e + 1, 0, :2]
+        assert nodal[e, -1, 2] == nodal[e + 1, 0, 2]
+        if continuity == "cartesian":
+            assert_allclose(before, after, atol=1e-14 * np.linalg.norm(before))  # rounding
+        else:
+            # (u, v) are shared as they are; the axes differ by a kink of third order, 0.01 rad at
+            # most for these curves.
+            assert_allclose(nodal[e, -1], nodal[e + 1, 0], rtol=0.0)
+            assert 0.0 < abs(angles[e, -1] - angles[e + 1, 0]) < 0.01
+
+
+@every_count
+@every_shape
+def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
+    """A field given by (u, v) along the curve's tangents becomes the same vectors in an element."""
+    body = beam(ARC, 3, shape, nodes=nodes)
+    mesh = body.mesh
+    rng = np.random.default_rng(3)
+    q = body.initial_position + rng.standard_normal(len(body.initial_position))
+    nodal, angles = local_fields(body, q)
+    tangent = ARC.tangent_angle(mesh.node_arc_lengths) - mesh.frame_angle
+    for e in range(3):
+        for i in range(nodes):
+            node = (nodes - 1) * e + i
+            if node == 0:
+                continue
+            names = (f"u{node}", f"v{node}")
+            given = q[[body.coordinate_names.index(name) for name in names]]
+            vector = rotation(angles[e, i]) @ nodal[e, i, :2]
+            assert_allclose(vector, rotation(tangent[node]) @ given, atol=1e-14 * 10)  # rounding
+
+
+@every_shape
+@every_curve
+def test_tangent_frame_rides_on_the_start_section(curve, shape):
+    body = beam(curve, 2, shape, "tangent")
+    rng = np.random.default_rng(1)
+    nodal, _ = local_fields(body, rng.standard_normal(len(body.initial_position)))
+    assert_allclose(nodal[0, 0], 0.0, atol=0.0)
+    assert_allclose(body.initial_position[2], curve.tangent_angle(0.0), rtol=1e-15)
+
+
+@every_continuity
+@every_curve
+def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
+    body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
+    mesh = body.mesh
+    rng = np.random.default_rng(2)
+    q = rng.standard_normal(len(body.initial_position))
+    nodal, angles = local_fields(body, q)
+    tip = mesh.node_points[-1, -1] + rotation(angles[-1, -1]) @ nodal[-1, -1, :2]
+    chord = np.linalg.norm(curve.point(curve.length) - curve.point(0.0))
+    along = q[body.coordinate_names.index("chord")]
+    off = 0.0
+    if continuity == "local":
+        # (u, v) of the curve's tangent are taken for those of the axis, off by a small angle.
+        off = abs(angles[-1, -1] - (curve.tangent_angle(curve.length) - mesh.frame_angle))
+        assert off < 0.03
+    assert_allclose(nodal[0, 0, :2], 0.0, atol=0.0)
+    assert_allclose(tip, (chord + along, 0.0), atol=20 * 1e-14 + off * abs(along))
+    direction = curve.point(curve.length) - curve.point(0.0)
+    assert_allclose(mesh.frame_angle, np.arctan2(direction[1], direction[0]), rtol=1e-14)
+
+
+@every_shape
+@every_curve
+def test_locate(curve, shape):
+    mesh = beam(curve, 5, shape).mesh
+    assert mesh.locate(0.0) == (0, -1.0)
+    assert mesh.locate(curve.length) == (4, 1.0)
+    element, xi = mesh.locate(0.5 * curve.length)
+    assert element == 2
+    assert_allclose(xi, 0.0, atol=1e-12)  # rounding
+
+
+def test_chord_frame_is_refused_for_a_ring():
+    ring = bd.Arc(radius=0.5, length=np.pi)
+    with pytest.raises(bd.BeamdaeError, match=r"hoop: frame 'chord' needs a curve whose ends lie"):
+        bd.Beam("hoop", ring, SECTION, frame="chord")
+    # Fewer elements than the ring has turns to resolve are no excuse to fail otherwise.
+    assert beam(ring, 8, frame="tangent").mesh.frame_angle == 0.0

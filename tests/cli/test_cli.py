@@ -1,0 +1,369 @@
+"""The command line: what it writes, what it says of mistakes, and how fast it starts."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.commands import app
+
+ARM = """
+import numpy as np
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.02)
+def arm(elements=1, E=7e10, width=0.02, name="hinge"):
+    '''A strip falls.'''
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    alloy = bd.Material(E=E, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=width, height=0.005)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, strip, elements=elements))
+    mech.add(bd.Revolute(name, mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    # more
+    return mech
+"""
+
+NO_START = """
+import casadi as ca
+
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def nowhere():
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, 0.0),
+        constraints=ca.dot(q, q) + 1.0, q0=[0.9, 0.3], v0=[0.0, 0.0],
+    )
+"""
+
+# The law leaves the real numbers at t = 0.0105 s.
+ROOT = 'mech.add(bd.Moment("torque", on=beam.end, law=lambda t: t * np.sqrt(0.0105 - t)))'
+
+
+def more(line):
+    return ARM.replace("# more", line)
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """Run a command in an empty folder that holds `source` as model.py."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(name, source, *arguments):
+        Path("model.py").write_text(source)
+        return CliRunner().invoke(app, [name, "model.py", *arguments])
+
+    return call
+
+
+def assert_mistake(result, *words):
+    """One line on stderr with these words, exit code 2, and no traceback."""
+    assert result.exit_code == 2, result.output
+    assert isinstance(result.exception, (SystemExit, type(None)))
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: ")
+    for word in words:
+        assert word in line
+
+
+MISTAKES = {
+    "unknown parameter": (ARM, ["--set", "elemnts=4"], "'elemnts'", "did you mean 'elements'?"),
+    "mistyped value": (ARM, ["--set", "elements=abc"], "elements", "int", "'abc'"),
+    "setting without value": (ARM, ["--set", "elements"], "--set elements", "name=value"),
+    "setting without name": (ARM, ["--set", "=4"], "--set =4", "name=value"),
+    "no elements": (ARM, ["--set", "elements=0"], "beam", "elements", "at least 1", "got 0"),
+    "not a number": (ARM, ["--set", "E=nan"], "E must be finite", "nan"),
+    "negative stiffness": (ARM, ["--set", "E=-1"], "E must be positive", "got -1"),
+    "duplicate part": (more("mech.add(bd.PointMass('beam', 1.0, on=beam.end))"), [], "'beam'"),
+    "open joint": (
+        more("mech.add(bd.Revolute('far', mech.ground.at(3.0, 0.0), beam.end))"),
+        [],
+        "far",
+        "2 m apart",
+    ),
+    "folded curve": (
+        more("bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1, 0.01), (0, 0.01)])"),
+        [],
+        "Curve",
+        "folds onto itself",
+        "(2, 0)",
+    ),
+    "law of text": (
+        more("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: 'much'))"),
+        [],
+        "torque",
+        "law",
+    ),
+    "law without a value": (
+        more("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: np.log(t)))"),
+        [],
+        "torque",
+        "finite",
+    ),
+    "dependent constraints": (
+        more("mech.add(bd.Revolute('again', mech.ground.at(0.0, 0.0), beam.start))"),
+        [],
+        "hinge.x",
+        "again.x",
+        "depend on each other",
+    ),
+    "impossible start": (NO_START, [], "constraint.g0", "cannot be closed"),
+    "error in the model function": (
+        more("mech.observe('ratio', 1 / 0)"),
+        [],
+        "arm",
+        "ZeroDivisionError",
+        "line 17",
+    ),
+    "syntax error": ("import beamdae\n\ndef arm(:\n", [], "model.py", "SyntaxError", "line 3"),
+    "error on import": ("\nimport beamdea\n", [], "model.py", "line 2", "No module", "beamdea"),
+    "exit on import": ("raise SystemExit('no')\n", [], "model.py", "SystemExit", "line 1"),
+    "no model": ("import beamdae\n", [], "model.py", "no model"),
+    "no such model": (ARM, ["--model", "arn"], "'arn'", "did you mean 'arm'?"),
+    "several models": (
+        ARM + "\n\nleg = bd.model(t_end=1.0)(lambda: None)\nleg.build.__name__ = 'leg'\n",
+        [],
+        "--model",
+        "arm, leg",
+    ),
+}
+
+
+@pytest.mark.parametrize(("source", "arguments", "words"), [
+    pytest.param(source, arguments, words, id=name)
+    for name, (source, arguments, *words) in MISTAKES.items()
+])  # fmt: skip
+def test_mistake_is_one_line(command, source, arguments, words):
+    assert_mistake(command("run", source, *arguments), *words)
+    assert not Path("results").exists()
+
+
+RUN_MISTAKES = {
+    "integrator": (["--integrator", "idaa"], "--integrator", "'ida'", "'generalized-alpha'"),
+    "foreign option": (["--step", "0.1"], "--step", "ida"),
+    "rtol": (["--rtol", "0"], "rtol must be positive"),
+    "formulation": (["--formulation", "index9"], "formulation", "'index9'", "'ggl'"),
+    "max_order": (["--max-order", "7"], "max_order", "7"),
+    "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
+    "output_step": (["--output-step", "0"], "output_step must be positive"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    pytest.param(arguments, words, id=name) for name, (arguments, *words) in RUN_MISTAKES.items()
+])  # fmt: skip
+def test_wrong_setting_is_one_line(command, arguments, words):
+    assert_mistake(command("run", ARM, *arguments), *words)
+
+
+@pytest.mark.parametrize("name", ["run", "compare", "check"])
+@pytest.mark.parametrize(
+    ("path", "words"), [("gone.py", "no such file"), ("model.txt", "Python file"), (".", "(.py)")]
+)
+def test_file_that_is_no_model_file(tmp_path, monkeypatch, name, path, words):
+    monkeypatch.chdir(tmp_path)
+    Path("model.txt").touch()
+    assert_mistake(CliRunner().invoke(app, [name, path]), words, path)
+
+
+@pytest.mark.parametrize("name", ["run", "compare"])
+def test_folder_that_cannot_be_written_is_told_before_the_work(command, name, monkeypatch):
+    def never(*_):
+        raise AssertionError("integrated before the folder was checked")
+
+    monkeypatch.setattr(bd.Ida, "integrate", never)
+    monkeypatch.setattr(bd.GeneralizedAlpha, "integrate", never)
+    Path("file").touch()
+    assert_mistake(command(name, ARM, "--out", "file/below"), "file/below", "not a folder")
+
+
+def test_run_writes_table_settings_and_picture(command):
+    result = command("run", ARM, "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    table = pd.read_csv("there/here/arm.csv")
+    assert table["t [s]"].iloc[-1] == 0.02
+    assert "tip.y [m]" in table
+    sidecar = json.loads(Path("there/here/arm.json").read_text())
+    assert sidecar["model"]["parameters"]["elements"] == 2
+    assert sidecar["integrator"]["rtol"] == 1e-4
+    assert Path("there/here/arm.png").read_bytes().startswith(b"\x89PNG")
+    for word in ("reached the end", "error_control", "max_order", "drift", "tip.y [m]", "arm.csv"):
+        assert word in result.stdout
+
+
+def test_run_with_generalized_alpha(command):
+    result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
+                     "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip
+    assert result.exit_code == 0
+    sidecar = json.loads(Path("results/arm.json").read_text())
+    assert sidecar["integrator"]["step"] == 2e-3
+    assert sidecar["integrator"]["rho_inf"] == 0.5
+    assert sidecar["result"]["steps"] == 5
+    assert list(pd.read_csv("results/arm.csv")["t [s]"]) == [0.0, 5e-3, 0.01]
+
+
+def test_model_without_observables_is_drawn_and_written(command):
+    result = command("run", ARM.replace('mech.observe("tip", beam.end)', ""))
+    assert result.exit_code == 0
+    assert Path("results/arm.png").exists()
+
+
+def test_failed_run_keeps_what_it_reached(command):
+    result = command("run", more(ROOT), "--integrator", "generalized-alpha")
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("failed: stopped at t = 0.01 s")
+    assert pd.read_csv("results/arm.csv")["t [s]"].iloc[-1] == pytest.approx(0.01)
+    assert Path("results/arm.png").exists()
+
+
+def test_compare_writes_tables_pictures_and_a_page(command):
+    result = command("compare", ARM, "--parquet")
+    assert result.exit_code == 0, result.stderr
+    folder = Path("results/arm_compare")
+    table = pd.read_csv(folder / "cases.csv")
+    assert list(table["status"]) == ["ok"] * 5
+    assert table["error [-]"].between(0.0, 0.1).all()
+    written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
+    names = {Path(path).name for path in written}
+    assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
+    assert {"work_precision.png", "work_precision.svg"} <= names
+    assert sum(name.endswith(".parquet") for name in names) == len(
+        list((folder / "trajectories").glob("*.csv"))
+    )
+    assert all(Path(path).stat().st_size > 0 for path in written)
+    again = command("compare", ARM, "--set", "width=0.01")
+    assert again.exit_code == 0, again.stderr
+    assert Path("results/arm_compare_width=0.01/cases.csv").is_file()
+    assert "differs from it by" in " ".join(result.stdout.split())
+    assert "failed" in result.stderr.splitlines()[-1]
+
+
+def test_compare_of_a_model_whose_reference_fails(command):
+    result = command("compare", more(ROOT))
+    assert result.exit_code == 1
+    assert "arm: reference no reference" not in result.stdout
+    assert "no reference, " in result.stdout
+    assert result.stderr.count("failed: arm, ") == 5
+    assert len(pd.read_csv("results/arm_compare/cases.csv")) == 5
+
+
+def test_compare_of_a_study_file(command):
+    study = (
+        ARM.replace("# more", "# more\n")
+        + """
+
+@bd.study(references=(bd.Ida(1e-6), bd.GeneralizedAlpha(1e-3)))
+def widths():
+    return [bd.Case(arm, {"width": w}, bd.Ida(1e-4)) for w in (0.01, 0.02)]
+"""
+    )
+    result = command("compare", study)
+    assert result.exit_code == 0, result.stderr
+    table = pd.read_csv("results/widths/cases.csv")
+    assert list(table["width"]) == [0.01, 0.02]
+    assert_mistake(command("compare", study, "--set", "width=1"), "a study sets its own parameters")
+    assert_mistake(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
+    assert_mistake(command("compare", study, "--workers", "0"), "--workers", "at least 1")
+
+
+def test_check_tells_size_and_start(command):
+    result = command("check", ARM)
+    assert result.exit_code == 0
+    rows = {line[:22].strip(): line[22:].strip() for line in result.stdout.splitlines()}
+    assert rows["coordinates"] == "12"
+    assert rows["constraints"] == "2"
+    assert rows["degrees of freedom"] == "10"
+    assert "found" in rows["consistent start"]
+    assert "Revolute" in result.stdout
+    assert "mesh of beam" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])
+def test_check_finds_what_run_would(command, name):
+    source, arguments, *words = MISTAKES[name]
+    assert_mistake(command("check", source, *arguments), *words)
+
+
+def test_list_shows_every_model_and_why_a_file_has_none(tmp_path):
+    (tmp_path / "good.py").write_text(ARM)
+    (tmp_path / "bad.py").write_text("1 / 0\n")
+    (tmp_path / "helper.py").write_text("")
+    result = CliRunner().invoke(app, ["list", str(tmp_path)])
+    assert result.exit_code == 0
+    for word in ("arm", "0.02", "A strip falls.", "elements=1", "bad.py", "ZeroDivisionError"):
+        assert word in result.stdout
+    assert "helper" not in result.stdout
+
+
+def test_list_shows_the_line_of_the_file_where_the_function_has_none(tmp_path):
+    (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A strip falls.", ""))
+    assert "Of the file." in CliRunner().invoke(app, ["list", str(tmp_path)]).stdout
+
+
+@pytest.mark.parametrize(
+    ("path", "words"), [("gone", "no such"), ("empty", "no model"), ("bad.py", "ZeroDivisionError")]
+)
+def test_list_of_nothing(tmp_path, monkeypatch, path, words):
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    Path("bad.py").write_text("1 / 0\n")
+    assert_mistake(CliRunner().invoke(app, ["list", path]), path, words)
+
+
+def test_model_file_leaves_no_module_behind(command):
+    before = set(sys.modules)
+    assert command("check", ARM).exit_code == 0
+    assert not [name for name in set(sys.modules) - before if "model" in name and "arm" in name]
+    assert "model" not in sys.modules
+    assert "beamdae_model_model" not in sys.modules
+
+
+def test_model_file_may_define_dataclasses(command):
+    head = "from __future__ import annotations\nfrom dataclasses import dataclass\n\n\n"
+    kind = "@dataclass\nclass Size:\n    length: float = 1.0\n"
+    assert command("check", head + kind + ARM).exit_code == 0
+
+
+def test_help_answers_without_the_heavy_imports():
+    code = (
+        "import sys\nsys.argv = ['beamdae', '--help']\nimport runpy\n"
+        "try:\n    runpy.run_module('beamdae', run_name='__main__')\nexcept SystemExit as end:\n"
+        "    assert not end.code\n"
+        "heavy = {'casadi', 'numpy', 'pandas', 'scipy', 'matplotlib', 'sksundae'}\n"
+        "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    for name in ("run", "compare", "check", "list"):
+        assert name in done.stdout
+
+
+def test_public_names_are_where_they_are_said_to_be():
+    code = (
+        "import beamdae.model_functions, beamdae\n"
+        "assert not [n for n in beamdae.__all__ if not callable(getattr(beamdae, n))]\n"
+        "assert set(beamdae.__all__) <= set(dir(beamdae))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="No beamdae attribute Beem"):
+        _ = bd.Beem
+
+
+def test_version_is_that_of_the_package():
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")

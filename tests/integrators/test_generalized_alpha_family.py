@@ -1,0 +1,595 @@
+"""Newmark, HHT and generalized-alpha by their common parameter, and steps that adapt."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from published_cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
+from tolerances.cases import CASES as TOLERANCE_CASES
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import State, step_equations
+from beamdae.integrators.alpha_adaptive import StepSize
+from beamdae.integrators.alpha_step import Motion, Stepper, parameters
+from beamdae.integrators.modified_newton import ModifiedNewton
+
+MEMBERS = [
+    *(("generalized-alpha", rho) for rho in (0.0, 0.3, 0.8, 1.0)),
+    *(("hht", rho) for rho in (0.5, 0.6, 0.8, 1.0)),
+    *(("newmark", rho) for rho in (0.0, 0.3, 0.8, 1.0)),
+]
+every_member = pytest.mark.parametrize(("family", "rho_inf"), MEMBERS)
+every_formulation = pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+
+ADAPTIVE = bd.GeneralizedAlpha(rtol=1e-4)
+# Away from rest and from turning points, with reactions whose derivatives do not vanish.
+SWING = pendulum(9.81, 0.4 * np.pi, 0.5).equations
+SMOOTH = {
+    "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
+    "pendulum": (SWING, lambda t: pendulum_motion(9.81, 0.4 * np.pi, 0.5, t), 2.0),
+}
+
+
+def oscillator(omega):
+    """x'' + omega^2 x = 0 from x = 1."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    return bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-(omega**2) * q, q0=[1], v0=[0])
+
+
+def pushed(law):
+    """Particle of 2 kg under a force along its rail."""
+    mech = bd.Mechanism()
+    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", particle.point, (law, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), particle.point))
+    return mech
+
+
+def stepper(equations, family, rho_inf, formulation="index3"):
+    newton = ModifiedNewton(step_equations(equations, formulation != "index3"), 1e-10, "dense")
+    return Stepper(parameters(family, rho_inf), newton, Starter(equations), formulation == "index3")
+
+
+def steps_of(solution):
+    return np.concatenate([np.diff(segment.t) for segment in solution.trajectory.segments])
+
+
+def errors(solution, answer):
+    """Largest errors of q, v and lam over the output times."""
+    known = answer(solution.t)
+    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+    return np.array([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+
+
+# The family -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"family": "newmarks"}, ["family", "'newmarks'", "did you mean 'newmark'"]),
+        ({"family": None}, ["family", "None"]),
+        ({"family": "hht", "rho_inf": 0.4}, ["rho_inf", "[0.5, 1]", "'hht'", "0.4"]),
+        ({"family": "newmark", "rho_inf": 1.2}, ["rho_inf", "[0, 1]", "1.2"]),
+        ({"rtol": 0.0}, ["rtol", "positive", "0"]),
+        ({"rtol": 0.5}, ["rtol", "at most 0.1", "0.5"]),
+        ({"rtol": np.nan}, ["rtol", "finite", "nan"]),
+        ({"rtol": "tight"}, ["rtol", "number", "'tight'"]),
+        ({"rtol": 1e-4, "family": "newmark"}, ["rtol", "second order", "'newmark'", "0.8"]),
+        ({"rtol": 1e-4, "max_steps": 0}, ["max_steps", "at least 1", "0"]),
+        ({"max_steps": 100}, ["max_steps", "needs rtol", "100"]),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_value(settings, words):
+    with pytest.raises(bd.BeamdaeError) as problem:
+        bd.GeneralizedAlpha(**settings)
+    message = str(problem.value)
+    for word in ("GeneralizedAlpha", *words):
+        assert word in message
+    assert message.endswith(".")
+    assert ". " not in message
+
+
+def test_the_limits_of_what_is_allowed_are_allowed():
+    bd.GeneralizedAlpha(family="hht", rho_inf=0.5)
+    bd.GeneralizedAlpha(family="newmark", rho_inf=0.0)
+    bd.GeneralizedAlpha(family="newmark", rho_inf=1.0, rtol=0.1, max_steps=1)
+
+
+def test_labels_tell_family_and_step_or_tolerance():
+    assert bd.GeneralizedAlpha(step=1e-3).label == "GeneralizedAlpha(step=0.001)"
+    assert bd.GeneralizedAlpha(family="hht").label == "GeneralizedAlpha(family=hht, step=0.001)"
+    newmark = bd.GeneralizedAlpha(family="newmark", rho_inf=1.0, rtol=1e-4)
+    assert newmark.label == "GeneralizedAlpha(family=newmark, rtol=0.0001)"
+
+
+def test_what_is_told_of_a_run_names_family_and_tolerances():
+    told = bd.simulate(pushed(1.0), ADAPTIVE, 0.1).integrator
+    assert (told["family"], told["rtol"]) == ("generalized-alpha", 1e-4)
+    assert 0.0 < told["local_tolerance"] < 1e-4
+    told = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(family="hht"), 0.1).integrator
+    assert (told["family"], told["rtol"]) == ("hht", None)
+
+
+def test_members_that_are_one_method():
+    # HHT with alpha = -1/3; all of them are the average-acceleration method at rho_inf = 1 but
+    # for where generalized-alpha takes its averages.
+    assert_allclose(parameters("hht", 0.5), parameters("generalized-alpha", 0.5), atol=1e-15)
+    assert_allclose(parameters("hht", 1.0), parameters("newmark", 1.0), atol=1e-15)
+    assert_allclose(parameters("newmark", 1.0)[2:4], [0.5, 0.25], rtol=1e-15)
+
+
+def amplification(family, rho_inf, h_omega):
+    """Eigenvalues of the map of (q, h v, h^2 q'', h^2 a) by one step of the integrator."""
+    method = stepper(oscillator(h_omega).equations, family, rho_inf)
+    time = np.zeros(2)
+    nothing = State(*np.zeros((3, 1)), np.zeros(0))
+    method.start(time, nothing, 1.0, cured=False)
+    columns = []
+    for unit in np.eye(4):
+        after = method.advance(time, Motion(*unit[:, None], np.zeros(0), 1.0))
+        columns.append(np.concatenate(after[:4]))
+    return np.linalg.eigvals(np.array(columns).T)
+
+
+@every_member
+def test_rho_inf_is_the_spectral_radius_at_infinite_frequency(family, rho_inf):
+    # Double and triple eigenvalues come out to the power 1/2 and 1/3 of rounding.
+    radius = np.max(np.abs(amplification(family, rho_inf, 1e5)))
+    assert_allclose(radius, rho_inf, rtol=0.0, atol=2e-3)
+
+
+@every_member
+def test_no_frequency_grows(family, rho_inf):
+    radii = [np.max(np.abs(amplification(family, rho_inf, x))) for x in np.logspace(-2, 4, 25)]
+    assert max(radii) <= 1.0 + 1e-4
+
+
+def test_hht_below_one_half_has_another_eigenvalue():
+    # The reason of its limit: alpha_f / (1 - alpha_f) at infinity.
+    assert np.max(np.abs(amplification("hht", 0.2, 1e5))) > 1.5
+
+
+def kept_energy(family, rho_inf):
+    """Energy of an oscillator left after ten periods of twenty steps, over the start."""
+    omega = 2.0 * np.pi
+    integrator = bd.GeneralizedAlpha(step=0.05, rho_inf=rho_inf, family=family, start="plain")
+    solution = bd.simulate(oscillator(omega), integrator, 10.0, 0.05)
+    return float(solution.v[-1, 0] ** 2 + (omega * solution.q[-1, 0]) ** 2) / omega**2
+
+
+@pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
+def test_dissipation_falls_with_rho_inf(family):
+    kept = [kept_energy(family, rho) for rho in (0.5, 0.7, 0.9, 1.0)]
+    assert np.all(np.diff(kept) > 0.0)
+    assert_allclose(kept[-1], 1.0, rtol=0.0, atol=1e-9)
+
+
+def test_generalized_alpha_spares_resolved_motion_and_newmark_does_not():
+    # The reason for the averages: the same damping at infinity for less of it below.
+    kept = [kept_energy(family, 0.8) for family in ("generalized-alpha", "hht", "newmark")]
+    assert kept[0] > kept[1] > kept[2]
+
+
+def observed_orders(case, steps, **settings):
+    equations, answer, t_end = SMOOTH[case]
+    found = []
+    for k in (steps, 2 * steps):
+        integrator = bd.GeneralizedAlpha(step=t_end / k, newton_tolerance=1e-10, **settings)
+        found.append(errors(bd.simulate(equations, integrator, t_end, t_end / k), answer))
+    return np.log2(found[0] / found[1])
+
+
+@every_formulation
+@pytest.mark.parametrize("case", SMOOTH)
+@pytest.mark.parametrize("rho_inf", [0.5, 0.8])
+def test_hht_is_of_second_order(case, formulation, rho_inf):
+    orders = observed_orders(case, 800, family="hht", rho_inf=rho_inf, formulation=formulation)
+    assert_allclose(orders, 2.0, rtol=0.0, atol=0.1)
+
+
+@every_formulation
+@pytest.mark.parametrize("case", SMOOTH)
+def test_damped_newmark_is_of_first_order(case, formulation):
+    orders = observed_orders(case, 800, family="newmark", rho_inf=0.8, formulation=formulation)
+    assert_allclose(orders, 1.0, rtol=0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
+def test_without_damping_every_family_is_of_second_order(family):
+    # Without constraints: nothing damps the multipliers then.
+    found = []
+    for step in (0.01, 0.005):
+        integrator = bd.GeneralizedAlpha(step=step, rho_inf=1.0, family=family)
+        solution = bd.simulate(oscillator(3.0), integrator, 2.0, 0.01)
+        found.append(np.max(np.abs(solution.q[:, 0] - np.cos(3.0 * solution.t))))
+    assert_allclose(np.log2(found[0] / found[1]), 2.0, rtol=0.0, atol=0.02)
+
+
+@every_formulation
+@pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
+def test_the_cured_start_keeps_multipliers_from_ringing(family, formulation):
+    ringing = []
+    for start in ("cured", "plain"):
+        integrator = bd.GeneralizedAlpha(
+            step=2e-3, rho_inf=0.8, family=family, formulation=formulation, start=start
+        )
+        lam = bd.simulate(SWING, integrator, 0.02, 2e-3).lam[1:, 0]
+        # What alternates from step to step; next to nothing is left of the motion itself.
+        ringing.append(np.max(np.abs(np.diff(lam, 4))))
+    assert ringing[0] < 0.2 * ringing[1]
+
+
+# Last q and lam after 100 steps, from the code before it had families and adaptive steps.
+STORED = {
+    ("index3", 0.0): (
+        *(1.315419349972271, 1.001492483129591, -0.5049732944439043),
+        *(1.0547693282135666, -0.5538202729879094),
+    ),
+    ("index3", 0.8): (
+        *(1.315420185717639, 1.0014920204586792, -0.5049734150564157),
+        *(1.0548057257706935, -0.5538187138228691),
+    ),
+    ("stabilized-index2", 0.0): (
+        *(1.3154192155818465, 1.0014925575287512, -0.5049732750487003),
+        *(1.054788469610288, -0.5538216453402919),
+    ),
+    ("stabilized-index2", 0.8): (
+        *(1.3154201496279092, 1.001492040438114, -0.504973409847971),
+        *(1.054810897331086, -0.5538202068201542),
+    ),
+}
+
+
+@pytest.mark.parametrize(("formulation", "rho_inf"), STORED)
+def test_fixed_steps_of_generalized_alpha_are_what_they_were(formulation, rho_inf):
+    integrator = bd.GeneralizedAlpha(step=1e-2, rho_inf=rho_inf, formulation=formulation)
+    solution = bd.simulate(SLIDER_CRANK.equations, integrator, 1.0)
+    last = solution.trajectory.segments[0].state
+    assert solution.statistics.steps == 100
+    assert solution.statistics.rejected_steps == 0
+    # To the last bit on the machine it came from; elsewhere LAPACK rounds otherwise.
+    found = [*last.q[-1], *last.lam[-1]]
+    assert_allclose(found, STORED[formulation, rho_inf], rtol=1e-9)
+
+
+# Steps that change ----------------------------------------------------------------------------
+
+
+def marched(case, steps, family, formulation):
+    """Largest errors of q, v and lam with steps that change by a factor of two, every time."""
+    equations, answer, t_end = SMOOTH[case]
+    h = np.where(np.arange(steps) % 2, 2.0, 1.0)
+    h *= t_end / np.sum(h)
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    method = stepper(equations, family, 0.8, formulation)
+    time = np.array([0.0, 0.5 * t_end])
+    state = Starter(equations).state(time, equations.q0, equations.v0)
+    motion = method.start(time, state, h[0], cured=True)
+    rows = [motion.state]
+    for k in range(steps):
+        time[0] = t[k]
+        before = method.resume(time, motion, h[k])
+        time[0] = t[k + 1]
+        motion = method.advance(time, before)
+        rows.append(motion.state)
+    known = answer(t)
+    found = State(*(np.array(x) for x in zip(*rows, strict=True)))
+    pairs = ((found.q, known["q"]), (found.v, known["v"]), (found.lam, known["lam"]))
+    return np.array([np.max(np.abs(x - y)) for x, y in pairs])
+
+
+@every_formulation
+@pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
+@pytest.mark.parametrize("case", SMOOTH)
+def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
+    # Without the treatment in `Stepper.resume` q and v are between first and second order, lam of
+    # first. The multipliers are still on their way down to second order.
+    coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
+    orders = np.log2(coarse / fine)
+    assert_allclose(orders[:2], 2.0, rtol=0.0, atol=0.1)
+    assert 1.9 < orders[2] < 2.6
+
+
+def test_a_change_of_the_step_costs_the_multipliers_nothing():
+    """One change, where the start-up cure has long done its work."""
+    equations, answer, _ = SMOOTH["pendulum"]
+    largest = []
+    for treated in (True, False):
+        method = stepper(equations, "generalized-alpha", 0.8)
+        time = np.array([0.0, 1.0])
+        state = Starter(equations).state(time, equations.q0, equations.v0)
+        motion = method.start(time, state, 2e-3, cured=True)
+        found = []
+        for k in range(150):
+            h = 2e-3 if k < 100 else 1e-3
+            if k >= 100:
+                changed = method.resume(time, motion, h)
+                motion = changed if treated else motion
+            time[0] += h
+            motion = method.advance(time, motion)
+            found.append((time[0], motion.lam[0]))
+        t, lam = np.array(found).T
+        largest.append(np.max(np.abs(lam - answer(t)["lam"][:, 0])[100:]))
+    assert largest[0] < 0.02 * largest[1]
+
+
+def test_the_step_that_stays_is_left_alone():
+    method = stepper(SWING, "generalized-alpha", 0.8)
+    time = np.array([0.0, 1.0])
+    start = Starter(SWING).state(time, SWING.q0, SWING.v0)
+    motion = method.start(time, start, 1e-3, cured=True)
+    assert method.resume(time, motion, 1e-3 * (1.0 + 1e-12)) is motion
+
+
+# Adaptive steps -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+def test_error_falls_with_rtol_and_stays_in_bounds(case):
+    rtols = np.array([1e-3, 1e-4])
+    solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol)) for rtol in rtols]
+    assert all(s.status.success for s in solutions)
+    found = np.array([case.errors(s).max() for s in solutions])
+    assert found[1] < found[0]
+    assert np.all(found <= case.bound * rtols)
+
+
+@pytest.mark.slow(reason="an undamped beam at 1e-5 takes tens of thousands of steps")
+@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+def test_error_keeps_falling_at_a_tight_tolerance(case):
+    rtols = np.array([1e-4, 1e-5])
+    found = np.array(
+        [case.errors(case.run(bd.GeneralizedAlpha(rtol=rtol))).max() for rtol in rtols]
+    )
+    assert found[1] < found[0]
+    assert np.all(found <= case.bound * rtols)
+
+
+@pytest.mark.slow(reason="every case with seven members")
+@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"rho_inf": 0.0},
+        {"rho_inf": 0.5},
+        {"rho_inf": 0.95},
+        {"family": "hht", "rho_inf": 0.5},
+        {"family": "hht", "rho_inf": 0.8},
+        {"formulation": "stabilized-index2"},
+        {"step": 1.0},
+    ],
+    ids=str,
+)
+def test_every_member_and_first_step_stays_in_bounds(case, settings):
+    rtols = np.array([1e-3, 1e-4])
+    solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol, **settings)) for rtol in rtols]
+    found = np.array([case.errors(s).max() for s in solutions])
+    assert np.all(found <= 100.0 * rtols)
+
+
+@every_formulation
+@pytest.mark.parametrize(("family", "rho_inf"), [("generalized-alpha", 0.8), ("hht", 0.6)])
+@pytest.mark.parametrize("case", SMOOTH)
+def test_adaptive_steps_keep_second_order(case, family, rho_inf, formulation):
+    equations, answer, t_end = SMOOTH[case]
+    found, steps = [], []
+    for rtol in (1e-5, 1e-6):
+        integrator = replace(
+            ADAPTIVE,
+            rtol=rtol,
+            family=family,
+            rho_inf=rho_inf,
+            formulation=formulation,
+            newton_tolerance=1e-10,
+        )
+        solution = bd.simulate(equations, integrator, t_end, t_end / 200)
+        found.append(errors(solution, answer))
+        steps.append(solution.statistics.steps)
+    # Of the multipliers that of Arevalo's problem only. The error test does not see them: it lets
+    # the step of a pendulum grow where the jerk passes zero, at the cost of their error there.
+    seen = slice(0, 3 if case == "Arevalo" else 2)
+    ratio = (found[0] / found[1])[seen]
+    # Proportional to rtol, and that with steps that grow as its root.
+    assert_allclose(ratio, 10.0, rtol=0.15)
+    assert_allclose(np.log(ratio) / np.log(steps[1] / steps[0]), 2.0, rtol=0.0, atol=0.2)
+    assert np.all(found[1] < found[0])
+
+
+def test_steps_follow_the_motion():
+    # A push of a tenth of a second in a run of five, no breakpoint near it.
+    def push(t):
+        return 100.0 * np.exp(-(((t - 1.0) / 0.1) ** 2))
+
+    solution = bd.simulate(pushed(push), bd.GeneralizedAlpha(rtol=1e-5), 5.0)
+    (segment,) = solution.trajectory.segments
+    h, t = np.diff(segment.t), segment.t[1:]
+    during = h[(t > 0.9) & (t < 1.1)]
+    # A twentieth of the run is the longest step.
+    assert_allclose(np.max(h[t > 2.0]), 0.25)
+    assert np.max(during) < 0.01
+    assert_allclose(solution.v[-1, 0], 5.0 * np.sqrt(np.pi), rtol=1e-3)
+    # As many as the push takes, and not what its step would make of the whole run.
+    assert solution.statistics.steps < 0.2 * 5.0 / np.mean(during)
+
+
+def test_no_step_is_longer_than_a_quarter_of_the_time_scale_of_a_law():
+    solution = bd.simulate(pushed(bd.sine(1.0, 2.0)), bd.GeneralizedAlpha(rtol=0.1), 5.0)
+    equations = bd.equations_of_motion(pushed(bd.sine(1.0, 2.0)))
+    longest = np.max(steps_of(solution))
+    assert longest <= 0.25 * equations.time_scale * (1.0 + 1e-12)
+    assert longest > 0.2 * equations.time_scale
+
+
+@pytest.mark.parametrize(
+    ("errors_seen", "step"),
+    [
+        # The eighth says whether all of them allow a longer step: 0.8 error^(-1/3).
+        ([1e-3] * 7, 1.0),
+        ([1e-3] * 8, 2.0),
+        ([0.1] * 8, 0.8 * 10.0 ** (1.0 / 3.0)),
+        ([1e-3] * 7 + [0.4], 1.0),
+        ([0.4] + [1e-3] * 7, 1.0),
+        ([0.0] * 24, 5.0),
+    ],
+)
+def test_a_step_grows_by_a_fifth_or_not_at_all(errors_seen, step):
+    size = StepSize(1.0, 5.0)
+    for error in errors_seen:
+        size.accept(size.fitted(100.0), error)
+    assert_allclose(size.fitted(100.0), step, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "step"),
+    [(1.001, 0.8), (8.0, 0.4), (1e9, 0.2), (None, 0.5), (np.inf, 0.2)],
+)
+def test_a_step_shrinks_by_its_error(error, step):
+    size = StepSize(1.0, 5.0)
+    assert_allclose(size.reject(1.0, error), step, rtol=1e-3)
+    assert_allclose(size.fitted(100.0), step, rtol=1e-3)
+
+
+def test_factors_are_kept_while_the_step_stays():
+    solution = bd.simulate(oscillator(2.0), ADAPTIVE, 20.0)
+    h = steps_of(solution)
+    changes = np.count_nonzero(np.abs(np.diff(h) / h[1:]) > 1e-6)
+    s = solution.statistics
+    # A linear system: one factorization a step size, rejected ones included.
+    assert s.factorizations <= 1 + changes + s.rejected_steps
+    assert s.factorizations < 0.1 * s.steps
+
+
+def test_rejected_steps_are_counted_and_do_not_show():
+    equations, answer, t_end = SMOOTH["pendulum"]
+    solution = bd.simulate(equations, replace(ADAPTIVE, step=1.0), t_end)
+    s = solution.statistics
+    # From a twentieth of the run to a two-hundredth.
+    assert s.rejected_steps >= 3
+    assert s.steps == len(steps_of(solution))
+    assert errors(solution, answer)[0] < 100.0 * 1e-4
+
+
+def test_breakpoints_are_hit_and_the_first_step_after_them_is_the_one_set():
+    solution = bd.simulate(pushed(bd.piecewise((0.1234567, 5.0), 0.0)), ADAPTIVE, 1.0)
+    first, second = (segment.t for segment in solution.trajectory.segments)
+    assert (first[0], first[-1], second[0], second[-1]) == (0.0, 0.1234567, 0.1234567, 1.0)
+    assert_allclose([first[1], second[1] - second[0]], 1e-3, rtol=1e-9)
+    assert_allclose(solution.v[-1, 0], 2.5 * 0.1234567, rtol=1e-12)
+
+
+def test_the_last_two_steps_before_a_breakpoint_are_equal():
+    # What is left over is shared out, not taken as a tiny step.
+    solution = bd.simulate(pushed(bd.piecewise((0.12345, 5.0), 0.0)), ADAPTIVE, 1.0)
+    for segment in solution.trajectory.segments:
+        h = np.diff(segment.t)
+        assert_allclose(h[-1], h[-2], rtol=1e-6)
+        assert np.min(h) > 0.9e-3
+
+
+def test_an_interval_shorter_than_the_step_is_one_step():
+    law = bd.piecewise((0.5, 0.0), (0.5002, 5.0), 0.0)
+    solution = bd.simulate(pushed(law), ADAPTIVE, 1.0)
+    assert_allclose(solution.trajectory.segments[1].t, [0.5, 0.5002], rtol=0.0, atol=0.0)
+
+
+# Failures -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_a_law_that_breaks_down_is_approached_closely(rtol):
+    law = pushed(lambda t: np.sqrt(0.5 - t))
+    solution = bd.simulate(law, replace(ADAPTIVE, rtol=rtol), 1.0, 1e-3)
+    assert not solution.status.success
+    for words in ("t = 0.5 s", "not finite", "even with a step of"):
+        assert words in solution.status.message
+    assert_allclose(solution.trajectory.end, 0.5, rtol=0.0, atol=1e-8)
+    exact = (0.5**1.5 - (0.5 - solution.t) ** 1.5) / 3.0
+    assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
+
+
+def test_a_force_that_grows_beyond_all_bounds_is_a_status():
+    solution = bd.simulate(
+        pushed(lambda t: 1.0 / (0.5 - t) ** 2), replace(ADAPTIVE, rtol=1e-3), 1.0
+    )
+    assert not solution.status.success
+    for words in ("t = 0.5 s", "error test failed", "even with a step of", "loosen rtol"):
+        assert words in solution.status.message
+    assert np.all(np.isfinite(solution.q))
+
+
+@every_formulation
+def test_a_step_newton_cannot_take_is_made_smaller(formulation):
+    # No point of the plane is on this circle once the center has moved two radii away.
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    reach = ca.vertcat(ca.dot(q, q) - 1.0, q[0] - t)
+    torn = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1, 1], force=[0, 0], constraints=reach, q0=[0, 1], v0=[1, 0]
+    )
+    integrator = replace(ADAPTIVE, step=2.0, formulation=formulation)
+    solution = bd.simulate(torn, integrator, 10.0)
+    assert not solution.status.success
+    assert "t = 1 s" in solution.status.message
+    assert "take a smaller step" not in solution.status.message
+    assert solution.statistics.rejected_steps > 3
+    assert_allclose(solution.trajectory.end, 1.0, rtol=0.0, atol=1e-4)
+    assert np.all(np.isfinite(solution.q))
+
+
+def test_joints_that_become_dependent_are_a_status(monkeypatch):
+    def singular(*_):
+        raise bd.BeamdaeError("rail: it can move without inertia at t = 0.1.")
+
+    def spoilt(self, time, state, delta):
+        return singular() if time[0] > 0.0 else np.zeros(len(state.q))
+
+    monkeypatch.setattr(Starter, "normal_jerk", spoilt)
+    solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
+    assert not solution.status.success
+    assert "rail: it can move without inertia" in solution.status.message
+    assert f"stopped at t = {solution.trajectory.end:.6g} s" in solution.status.message
+
+
+def test_too_many_steps_are_a_status():
+    law = bd.piecewise(*((0.1 * k, float(k)) for k in range(1, 10)), 0.0)
+    whole = bd.simulate(pushed(law), ADAPTIVE, 1.0)
+    assert whole.status.success
+    steps = whole.statistics.steps
+    assert bd.simulate(pushed(law), replace(ADAPTIVE, max_steps=steps), 1.0).status.success
+    # Of the run, not of a segment.
+    limited = bd.simulate(pushed(law), replace(ADAPTIVE, max_steps=steps - 1), 1.0)
+    assert not limited.status.success
+    assert f"max_steps = {steps - 1} taken" in limited.status.message
+    assert limited.statistics.steps == steps - 1
+    assert 0.9 < limited.trajectory.end < 1.0
+
+
+def test_too_much_time_is_a_status():
+    integrator = replace(ADAPTIVE, rtol=1e-8, time_limit=0.05)
+    solution = bd.simulate(PENDULUM.equations, integrator, 100.0, 0.1)
+    assert not solution.status.success
+    assert "time limit of 0.05 s" in solution.status.message
+    assert 0.0 < solution.trajectory.end < 100.0
+
+
+def test_an_interrupted_run_keeps_what_it_has():
+    def interrupt(t):
+        if t > 0.3:
+            raise KeyboardInterrupt
+
+    integrator = replace(ADAPTIVE, rtol=1e-6)
+    solution = bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
+    assert not solution.status.success
+    assert "interrupted at t = " in solution.status.message
+    assert 0.3 < solution.trajectory.end < 4.0
+
+
+def test_a_run_leaves_nothing_behind():
+    first = bd.simulate(SLIDER_CRANK.equations, ADAPTIVE, 1.0, 0.1)
+    bd.simulate(PENDULUM.equations, ADAPTIVE, 0.5)
+    again = bd.simulate(SLIDER_CRANK.equations, ADAPTIVE, 1.0, 0.1)
+    assert_allclose(again.q, first.q, rtol=0.0, atol=0.0)
+    assert_allclose(again.lam, first.lam, rtol=0.0, atol=0.0)

@@ -1,0 +1,262 @@
+"""Radau IIA: coefficients, single steps, error estimate and steps against closed forms."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hub_beam import hub_beam
+from numpy.testing import assert_allclose
+from pendulum import pendulum
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import first_order
+from beamdae.integrators import radau_newton
+from beamdae.integrators.error_control import Scales
+from beamdae.integrators.radau_newton import GAMMA, PAIR, A, C, Collocation, T
+from beamdae.integrators.radau_steps import Tolerance
+
+
+def oscillator(omega, damping=0.0):
+    """q'' + 2 damping omega q' + omega^2 q = 0 from q = 0.3, q' = 0.7 omega."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    force = -(omega**2) * q - 2.0 * damping * omega * v
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=1.0, force=force, q0=[0.3], v0=[0.7 * omega]
+    ).equations
+
+
+def pushed(law):
+    mech = bd.Mechanism()
+    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", particle.point, (law, 0.0)))
+    return mech
+
+
+def one_step(equations, h):
+    """A step of the stages from the start: the collocation, y and y' there."""
+    form = first_order(equations, "stabilized-index1")
+    newton = Collocation(form, "dense")
+    time = np.array([0.0, 0.5 * h])
+    y, yp = form.pack(Starter(equations).state(time, equations.q0, equations.v0))
+    newton.restart(time[1])
+    weights = np.full(2 * equations.n, 1e13) / np.maximum(np.abs(yp[: 2 * equations.n]) * h, 1.0)
+    assert newton.solve(0.0, y, yp, h, weights, renew=True)
+    return newton, y, yp
+
+
+# The method --------------------------------------------------------------------------------------
+
+
+def test_the_coefficients_are_those_of_radau_iia():
+    b = A[2]
+    for k in range(1, 6):
+        assert_allclose(b @ C ** (k - 1), 1.0 / k, rtol=1e-14)
+    for k in range(1, 4):
+        assert_allclose(A @ C ** (k - 1), C**k / k, rtol=1e-14)
+    # RADAU5, radau5.f: U1, ALPH and BETA before its inversion of them.
+    u = (6.0 + 81.0 ** (1 / 3) - 9.0 ** (1 / 3)) / 30.0
+    alpha = (12.0 - 81.0 ** (1 / 3) + 9.0 ** (1 / 3)) / 60.0
+    beta = (81.0 ** (1 / 3) + 9.0 ** (1 / 3)) * np.sqrt(3.0) / 60.0
+    assert_allclose(GAMMA, 1.0 / u, rtol=1e-13)
+    assert_allclose(PAIR, 1.0 / complex(alpha, -beta), rtol=1e-13)
+
+
+def test_the_transformation_decouples_the_stages():
+    blocks = np.zeros((3, 3))
+    blocks[0, 0] = GAMMA
+    blocks[1:, 1:] = [[PAIR.real, -PAIR.imag], [PAIR.imag, PAIR.real]]
+    assert_allclose(np.linalg.solve(A, T), T @ blocks, rtol=0.0, atol=1e-13)
+    assert_allclose(T[2], [1.0, 1.0, 0.0], rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("z", [0.1, 1.0, 10.0, 1e3, 1e6])
+def test_a_step_multiplies_an_oscillation_by_the_stability_function(z):
+    omega = 50.0
+    newton, y, _ = one_step(oscillator(omega), z / omega)
+    y, _ = newton.end(y, z / omega)
+    # v + i omega q goes as exp(i omega t). Hairer & Wanner, IV.3: R(z) of the method, L-stable.
+    x = 1j * z
+    factor = (1.0 + 0.4 * x + 0.05 * x**2) / (1.0 - 0.6 * x + 0.15 * x**2 - x**3 / 60.0)
+    expected = factor * omega * (0.7 + 0.3j)
+    assert_allclose(y[1] + 1j * omega * y[0], expected, rtol=0.0, atol=1e-12 * omega)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.4])
+@pytest.mark.parametrize("z", [0.1, 3.0, 1e4])
+def test_the_error_estimate_is_that_of_radau5(z, damping):
+    omega = 50.0
+    h = z / omega
+    newton, y, yp = one_step(oscillator(omega, damping), h)
+    jacobian = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
+    stages = np.linalg.solve(
+        np.eye(6) - h * np.kron(A, jacobian), np.kron(A, h * jacobian) @ np.tile(y, 3)
+    ).reshape(3, 2)
+    # Hairer & Wanner, IV (8.19) and before.
+    root = np.sqrt(6.0)
+    e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * GAMMA)
+    matrix = GAMMA / h * np.eye(2) - jacobian
+    expected = np.linalg.solve(matrix, jacobian @ y + GAMMA / h * e @ stages)
+    found = newton.error(yp, h)
+    assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
+
+
+def test_a_force_of_degree_three_is_met_exactly():
+    # v by quadrature of degree 4, q by the condition b A c^3 = 1/20 of order 5.
+    mech = pushed(lambda t: 2.0 * (1.0 + t**3))
+    solution = bd.simulate(mech, bd.Radau(0.1, max_step=1.0), 1.0, 1.0)
+    assert_allclose(solution.v[-1, 0], 1.25, rtol=1e-12)
+    assert_allclose(solution.q[-1, 0], 0.55, rtol=1e-12)
+
+
+# Newton's iteration ------------------------------------------------------------------------------
+
+
+def test_factors_are_kept_while_the_step_is():
+    # Linear, and steps of one size after the first few.
+    steps = bd.simulate(pushed(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
+    assert steps.steps > 1000
+    # A real and a complex one each.
+    assert steps.factorizations <= 12
+    assert steps.newton_failures == steps.rejected_steps == 0
+    # One iteration on three stages a step, two in the first.
+    assert steps.residual_calls == 3 * (steps.steps + 1)
+
+
+def test_factors_are_kept_while_the_step_would_change_little():
+    steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
+    # Twice as many if each step had its own.
+    assert steps.factorizations < steps.steps
+
+
+@pytest.mark.parametrize("velocities", [True, False])
+def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
+    """Over a short step an error that is nothing for a position is one of 100 m/s."""
+    scales = Scales(np.array([2.0, 1.0]), 5.0, 1.0)
+    tolerance = Tolerance(1e-4, scales, velocities)
+    y = np.array([10.0, 0.0, 0.0, 20.0])
+    weights = tolerance.weights(y)
+    assert_allclose(1.0 / weights, 1e-4 * np.array([12.0, 1.0, 10.0, 25.0]), rtol=1e-14)
+    tested = tolerance.norm(np.array([0.0, 0.0, 1.0, 0.0]), weights)
+    assert_allclose(tested, 1e3 if velocities else 0.0, rtol=1e-14)
+    assert_allclose(tolerance.iteration_weights(weights, 1e-3), weights / 0.03, rtol=1e-14)
+    # Rounding of the positions over the shortest steps.
+    bounds = 1.0 / tolerance.iteration_weights(weights, 1e-11)
+    assert_allclose(bounds[2:], 1e-3 * scales.position, rtol=1e-14)
+
+
+def test_iterations_that_fail_halve_the_step_and_are_told(monkeypatch):
+    usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
+    monkeypatch.setattr(radau_newton, "MAX_ITERATIONS", 3)
+    impatient = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
+    assert impatient.status.success
+    assert impatient.statistics.newton_failures > usual.statistics.newton_failures > 0
+    assert impatient.statistics.steps > usual.statistics.steps
+    assert_allclose(impatient.q, usual.q, rtol=0.0, atol=1e-4)
+
+
+def test_an_iteration_that_never_converges_is_a_status(monkeypatch):
+    monkeypatch.setattr(radau_newton, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(radau_newton, "_UNKNOWN_RATE", 1.0)
+    solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
+    assert not solution.status.success
+    assert "t = 0 s: Newton's iteration did not converge" in solution.status.message
+    assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
+
+
+# Steps -------------------------------------------------------------------------------------------
+
+
+def test_steps_grow_with_the_tolerance_as_the_order_of_the_estimate_says():
+    steps, tolerances = [], []
+    for rtol in (1e-5, 1e-8):
+        solution = bd.simulate(oscillator(5.0), bd.Radau(rtol), 5.0)
+        steps.append(solution.statistics.steps)
+        tolerances.append(solution.integrator["local_tolerance"])
+    growth = np.log(steps[1] / steps[0]) / np.log(tolerances[0] / tolerances[1])
+    assert_allclose(growth, 0.25, rtol=0.05)
+
+
+def test_undamped_fast_modes_are_passed_over():
+    solution = bd.simulate(hub_beam, bd.Radau(1e-4))
+    assert solution.status.success
+    assert solution.integrator["error_control"] == "positions"
+    # Axial vibrations at 2.5e5 rad/s, in a run of 2 s.
+    assert np.median(np.diff(solution.trajectory.segments[0].t)) * 2.5e5 > 1000.0
+    assert solution.statistics.steps < 150
+
+
+def test_a_motion_that_drivers_prescribe_is_followed_to_the_tolerance():
+    """Constraints hold it at any step: only the unfiltered error tells how well it is known."""
+    errors = []
+    for rtol in (1e-4, 1e-6, 1e-8):
+        mech = bd.Mechanism()
+        bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
+        origin = mech.ground.at(0.0, 0.0)
+        mech.add(bd.Revolute("hinge", origin, bar.at(0.0, 0.0)))
+        law = lambda t: 1.0 - np.cos(3.0 * t)  # noqa: E731
+        motor = mech.add(bd.Driver("motor", origin, bar.at(0.0, 0.0), law=law))
+        mech.observe("motor", motor.reaction)
+        solution = bd.simulate(mech, bd.Radau(rtol), 2.0, 0.05)
+        exact = 7.2 * np.cos(3.0 * solution.t)
+        errors.append(np.max(np.abs(solution.observed["motor.M [N m]"] - exact)) / 7.2)
+        assert_allclose(solution.q[:, 2], 1.0 - np.cos(3.0 * solution.t), rtol=0.0, atol=rtol)
+    # Multipliers are of order 3: the error falls as rtol^(0.9 * 3/4).
+    assert errors[2] < 1e-5
+    assert errors[2] < errors[0] / 100.0
+
+
+def test_positions_alone_take_longer_steps_than_velocities_too():
+    solutions = [
+        bd.simulate(hub_beam, bd.Radau(1e-5, error_control=control))
+        for control in ("positions", "velocities")
+    ]
+    assert all(s.status.success for s in solutions)
+    assert solutions[0].statistics.steps < solutions[1].statistics.steps / 3
+
+
+@pytest.mark.parametrize("moment", [1e-3, 0.1])
+def test_a_sudden_moment_on_a_light_section_starts(moment):
+    """Accelerations of 2e6 rad/s^2 at the start are no measure of the step."""
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=0.02, height=0.005)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Moment("torque", on=beam.end, law=moment))
+    mech.observe("tip", beam.end)
+    loose, tight = (
+        bd.simulate(mech, integrator, t_end=4e-3, output_step=4e-3)
+        for integrator in (bd.Radau(1e-3), bd.Radau(1e-8, time_limit=20.0))
+    )
+    assert loose.status.success
+    assert loose.statistics.steps < tight.statistics.steps / 5
+    tips = [s.observed["tip.angle [rad]"].iloc[-1] for s in (loose, tight)]
+    # Vibrations of that size are below the tolerance of 1e-3.
+    assert_allclose(tips[0], tips[1], rtol=0.0, atol=1e-3)
+
+
+def test_a_step_newton_cannot_take_is_a_status():
+    # No point of the plane is on this circle once the line has moved a radius away.
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    reach = ca.vertcat(ca.sumsqr(q) - 1.0, q[0] - t)
+    torn = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1, 1], force=[0, 0], constraints=reach, q0=[0, 1], v0=[1, 0]
+    )
+    solution = bd.simulate(torn, bd.Radau(1e-5, max_steps=5000), 10.0)
+    assert not solution.status.success
+    assert "stopped at t = 1 s" in solution.status.message
+    assert np.all(np.isfinite(solution.q))
+
+
+def test_breakpoints_closer_than_the_smallest_step_are_passed():
+    law = bd.piecewise((1.0, 2.0), (1.0 + 1e-15, 5.0), 2.0)
+    solution = bd.simulate(pushed(law), bd.Radau(1e-6), 2.0)
+    assert solution.status.success
+    assert_allclose(solution.v[-1, 0], 2.0, rtol=1e-9)
+
+
+def test_a_tight_tolerance_ends_at_rounding():
+    solution = bd.simulate(oscillator(3.0), bd.Radau(1e-12, max_steps=20_000), 2.0)
+    assert solution.status.success
+    exact = 0.3 * np.cos(3.0 * solution.t) + 0.7 * np.sin(3.0 * solution.t)
+    assert_allclose(solution.q[:, 0], exact, rtol=0.0, atol=1e-10)

@@ -1,0 +1,64 @@
+"""The study files in models/studies: they list what they say, and run without a silent failure."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.cli.model_file import contents
+from beamdae.studies import engine
+from beamdae.studies.pool import LocalPool
+from beamdae.studies.references import groups
+
+FOLDER = Path(__file__).parents[2] / "models" / "studies"
+FILES = sorted(FOLDER.glob("*.py"))
+
+
+def studies(path):
+    return contents(path)[1]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
+    (study,) = studies(path).values()
+    assert study.name == path.stem
+    assert len(study.cases) >= 60
+    assert {case.family for case in study.cases} == {"Ida", "Radau", "GeneralizedAlpha"}
+    assert {case.parameters["elements"] for case in study.cases} == {4, 8}
+    assert {case.parameters["damping"] > 0.0 for case in study.cases} == {True, False}
+
+
+@pytest.mark.slow(reason="runs a group of each study with its references, half a minute")
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_first_group_of_a_study_runs_with_the_orders_it_should_show(path, tmp_path):
+    (study,) = studies(path).values()
+    first = next(iter(groups(study).values()))
+    results = engine.run(replace(study, cases=tuple(first)), tmp_path, LocalPool())
+    assert set(results.table["status"]) == {"ok"}
+    (reference,) = results.references.values()
+    # Two methods, one of order five and one extrapolated: far below every error reported.
+    assert reference.uncertainty < 1e-6
+    errors = results.table[~results.table["below resolution"]]["error [-]"]
+    assert errors.min() >= reference.resolves
+    found = results.summary
+    orders = found[(found["what"] == "order in step") & (found["answer"] == "GeneralizedAlpha")]
+    assert_allclose(orders["value"].to_numpy(float), 2.0, atol=0.1)
+    ida = results.table[results.table["series"] == "Ida"]["error [-]"].to_numpy()
+    # Proportional to rtol in the mean, over two or three decades.
+    assert np.all(np.diff(ida) < 0.0)
+    tolerances = np.array([case.tolerance for case in first if case.series == "Ida"])
+    assert np.all(ida < 100.0 * tolerances)
+
+
+def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
+    model = FOLDER.parent / "pendulum.py"
+    (tmp_path / "mine.py").write_text(
+        f"import beamdae as bd\npendulum = bd.load_model({str(model)!r})\n"
+        "@bd.study()\ndef mine():\n    return [bd.Case(pendulum)]\n"
+    )
+    (study,) = studies(tmp_path / "mine.py").values()
+    assert study.cases[0].model.name == "pendulum"
+    assert isinstance(study, bd.Study)

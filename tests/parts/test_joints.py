@@ -1,0 +1,306 @@
+"""Joints: constraint levels along motions, virtual work of reactions, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric, assert_derivative, slope
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+
+TIP = tuple(ARC.point(ARC.length))
+TANGENT, CHORD = VARIANTS[0], VARIANTS[2]
+
+
+def parts(variant=TANGENT):
+    """A mechanism of a disk and a beam, each apart from the other."""
+    mech = bd.Mechanism(gravity=(0.2, -1.5))
+    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
+    beam = mech.add(variant.beam(ARC))
+    return mech, disk, beam
+
+
+def swing(t):
+    return 0.4 * np.sin(2.0 * t) + t**2
+
+
+JOINTS = {
+    "revolute to ground": lambda m, d, b: bd.Revolute("j", m.ground.at(0.1, 0.2), d.at(0.1, 0.2)),
+    "ground to revolute": lambda m, d, b: bd.Revolute("j", d.at(0.1, 0.2), m.ground.at(0.1, 0.2)),
+    "revolute": lambda m, d, b: bd.Revolute("j", d.at(*TIP), b.end),
+    "revolute in the span": lambda m, d, b: bd.Revolute("j", d.at(*ARC.point(0.7)), b.at(0.7)),
+    "weld": lambda m, d, b: bd.Weld("j", d.at(*TIP), b.end),
+    "weld to start": lambda m, d, b: bd.Weld("j", b.start, d.at(*ARC.start)),
+    "driver": lambda m, d, b: bd.Driver("j", d.at(0.0, 0.0), b.end, law=swing),
+    "run-up": lambda m, d, b: bd.Driver(
+        "j", m.ground.at(0.0, 0.0), d.at(0, 0), law=bd.run_up(2, 1)
+    ),
+    "fixed line": lambda m, d, b: bd.PointOnLine("j", m.ground.at(*TIP), b.end, (1.0, -0.5)),
+    "turning line": lambda m, d, b: bd.PointOnLine("j", d.at(0.0, TIP[1]), b.end, (-2.0, 0.0)),
+    "line on a beam": lambda m, d, b: bd.PointOnLine("j", b.end, d.at(TIP[0], 0.0), (0.0, 3.0)),
+}
+every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
+every_frame = pytest.mark.parametrize("variant", [TANGENT, CHORD], ids=["tangent", "chord"])
+
+
+def jointed(make, variant=TANGENT):
+    mech, disk, beam = parts(variant)
+    joint = mech.add(make(mech, disk, beam))
+    mech.observe("reaction", joint.reaction)
+    return Numeric(mech), mech
+
+
+@every_joint
+@every_frame
+def test_drawn_position_is_closed(make, variant):
+    numeric, _ = jointed(make, variant)
+    # Coordinates of the drawing are rounded; the joints of the beam lie on its interpolated axis.
+    assert_allclose(numeric.levels[0](time=[0.0, 0.0]), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("phase", [0.5, 2.0])
+@every_joint
+@every_frame
+def test_levels_are_time_derivatives_along_a_motion(make, variant, phase):
+    """`phase` on either side of the run-up's end; the motion is any smooth one."""
+    numeric, _ = jointed(make, variant)
+    rng = np.random.default_rng(0)
+    size, rate, start = rng.uniform(0.2, 1.0, (3, numeric.n))
+
+    def motion(t, order):
+        turned = rate * t + start + 0.5 * np.pi * order
+        return size * rate**order * np.sin(turned) + (numeric.equations.q0 if order == 0 else 0.0)
+
+    def level(k, t):
+        q, v, a = (motion(t, order) for order in range(3))
+        return np.atleast_1d(numeric.levels[k](q, v, a, time=[t, phase]))
+
+    for t in (0.3, 1.1):
+        for k in (0, 1):
+            expected = slope(lambda x, k=k: level(k, x[0]), np.array([t]), np.ones(1))
+            # Five-point differences of step 1e-3 of quantities of order ten.
+            assert_allclose(level(k + 1, t), expected, atol=1e-10)
+
+
+@every_joint
+@every_frame
+def test_reactions_do_virtual_work_on_the_constraints_alone(make, variant):
+    numeric, _ = jointed(make, variant)
+    rng = np.random.default_rng(1)
+    q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
+    lam = rng.standard_normal(numeric.m)
+    matrix = numeric.constraint_matrix(q)
+    assert_derivative(matrix, lambda x: np.atleast_1d(numeric.levels[0](x)), q)
+    # The same product, summed in another order.
+    assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", [n for n in JOINTS if "line" not in n])
+@every_frame
+def test_reported_reaction_is_the_load_on_b_and_against_a(name, variant):
+    """G^T lam is what a force and a moment of that size do on the two bodies."""
+    numeric, mech = jointed(JOINTS[name], variant)
+    joint = mech.part("j")
+    rng = np.random.default_rng(2)
+    q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
+    lam = rng.standard_normal(numeric.m)
+    columns = [suffix for suffix, _ in joint.reaction_columns]
+    found = dict(zip(columns, numeric.observed("reaction", q=q, lam=lam), strict=True))
+    loaded = bd.Mechanism(gravity=tuple(mech.gravity))
+    loaded.ground = mech.ground
+    for body in ("disk", "beam"):
+        loaded.add(mech.part(body))
+    for sign, on in ((1.0, joint.b), (-1.0, joint.a)):
+        if "Fx" in found:
+            force = (sign * found["Fx"], sign * found["Fy"])
+            loaded.add(bd.Force(f"force {sign}", on, force))
+        if "M" in found:
+            loaded.add(bd.Moment(f"moment {sign}", on, sign * found["M"]))
+    by_loads = Numeric(loaded).force(q) - numeric.force(q)
+    assert_allclose(by_loads, numeric.reaction(q, lam=lam), atol=1e-12)  # rounding
+
+
+def test_reaction_of_a_turning_line():
+    """Force F n on the point, -F n at the same place on the body that carries the line."""
+    numeric, _ = jointed(JOINTS["turning line"])
+    rng = np.random.default_rng(3)
+    q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
+    (reported,) = numeric.observed("reaction", q=q, lam=[0.7])
+    disk = q[:3]
+    angle = disk[2] + np.pi  # the direction is (-1, 0)
+    normal = np.array([-np.sin(angle), np.cos(angle)])
+    mech, _, beam = parts()
+    mech.observe("tip", beam.end)
+    arm = Numeric(mech).observed("tip", q=q)[:2] - disk[:2]
+    on_disk = -reported * np.array([*normal, arm[0] * normal[1] - arm[1] * normal[0]])
+    assert reported == -0.7
+    assert_allclose(-numeric.reaction(q, lam=[0.7])[:3], on_disk, atol=1e-13)  # rounding
+    assert_allclose(-numeric.reaction(q, lam=[0.7])[3:5], reported * normal, atol=1e-13)
+
+
+def test_weld_carries_a_hanging_weight():
+    """Mass 2 kg with its center 1.5 m off the weld: force m g up, moment m g 1.5 m."""
+    for ground_first in (True, False):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        arm = mech.add(bd.RigidBody("arm", mass=2.0, inertia=0.3, center=(1.5, 0.0)))
+        ends = [mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)]
+        weld = mech.add(bd.Weld("wall", *(ends if ground_first else ends[::-1])))
+        mech.observe("wall", weld.reaction)
+        numeric = Numeric(mech)
+        state = Starter(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+        sign = 1.0 if ground_first else -1.0
+        expected = sign * np.array([0.0, 2.0 * 9.81, 2.0 * 9.81 * 1.5])
+        # Rounding of a saddle-point solution.
+        assert_allclose(numeric.observed("wall", q=state.q, lam=state.lam), expected, atol=1e-12)
+
+
+def _drawn(numeric):
+    return numeric.equations.q0, numeric.equations.v0
+
+
+def test_motor_turns_a_wheel():
+    """Moment J theta'' and power J theta'' theta' of a run-up, closed forms of its law."""
+    inertia, speed, duration, t = 0.7, 3.0, 0.5, 0.2
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=inertia))
+    hub = (mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0))
+    mech.add(bd.Revolute("bearing", *hub))
+    motor = mech.add(bd.Driver("motor", *hub, law=bd.run_up(speed, duration)))
+    mech.observe("motor", motor.reaction)
+    numeric = Numeric(mech, time=(t, t))
+    state = Starter(numeric.equations).state(numeric.time, *_drawn(numeric))
+    turn = 2.0 * np.pi * t / duration
+    theta_ddot = speed / duration * (1.0 - np.cos(turn))
+    theta_dot = speed / duration * (t - duration / (2.0 * np.pi) * np.sin(turn))
+    theta = speed / duration * (t**2 / 2.0 + (duration / 2.0 / np.pi) ** 2 * (np.cos(turn) - 1.0))
+    # Rounding; positions are closed to 1e-12.
+    assert_allclose(state.q[2], theta, atol=1e-12)
+    assert_allclose(state.v[2], theta_dot, rtol=1e-12)
+    assert_allclose(state.a[2], theta_ddot, rtol=1e-12)
+    moment = numeric.observed("motor", q=state.q, lam=state.lam)
+    assert_allclose(moment, [inertia * theta_ddot], rtol=1e-12)
+    power = numeric.driver_power(q=state.q, lam=state.lam)
+    assert_allclose(power, [inertia * theta_ddot * theta_dot], rtol=1e-12)
+
+
+def test_bead_on_a_rotating_line_feels_centrifugal_and_coriolis_acceleration():
+    """A particle on a line that turns at a constant rate: x'' = omega^2 x, F = 2 m omega x'."""
+    omega, mass, distance, speed = 2.0, 0.4, 1.5, 0.8
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0))
+    bead = mech.add(bd.PointMass("bead", mass, at=(distance, 0.0), velocity=(speed, 9.0)))
+    center = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
+    mech.add(bd.Revolute("pivot", *center))
+    mech.add(bd.Driver("motor", *center, law=lambda t: omega * t))
+    line = mech.add(bd.PointOnLine("slot", rod.at(0.0, 0.0), bead.point))
+    mech.observe("slot", line.reaction)
+    numeric = Numeric(mech)
+    state = Starter(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+    where = numeric.index("bead.x")
+    # Rounding.
+    assert_allclose(state.v[where:], (speed, omega * distance), rtol=1e-13)
+    assert_allclose(state.a[where:], (0.0, 2.0 * omega * speed), atol=1e-13)
+    force = numeric.observed("slot", q=state.q, lam=state.lam)
+    assert_allclose(force, [2.0 * mass * omega * speed], rtol=1e-13)
+
+
+def test_welded_beams_continue_each_other():
+    """A weld between two halves of an arc leaves the frames of both on one curve."""
+    half = bd.Arc(radius=1.6, length=1.0, start=ARC.start, angle=ARC.angle)
+    rest = bd.Arc(
+        radius=1.6,
+        length=1.0,
+        start=tuple(half.point(1.0)),
+        angle=float(half.tangent_angle(1.0)),
+    )
+    mech = bd.Mechanism()
+    first = mech.add(TANGENT.beam(half, name="first"))
+    second = mech.add(TANGENT.beam(rest, name="second"))
+    mech.add(bd.Weld("seam", first.end, second.start))
+    mech.observe("tip", second.end)
+    numeric = Numeric(mech)
+    # Rounding.
+    assert_allclose(numeric.levels[0](), 0.0, atol=1e-14)
+    assert_allclose(numeric.observed("tip")[:2], TIP, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda m, d, b: bd.Revolute("pin", d.at(1.0, 2.0), b.start),
+            r"pin: the two points must meet .* disk at \(1, 2\) and beam at \(0.3, -0.2\) are "
+            r"2.3086\d* m apart",
+        ),
+        (
+            lambda m, d, b: bd.Weld("seam", m.ground.at(0.0, 0.0), d.at(0.0, 1e-4)),
+            r"seam: the two points must meet .* ground at \(0, 0\) and disk at \(0, 0.0001\) are "
+            "0.0001 m apart",
+        ),
+        (
+            lambda m, d, b: bd.PointOnLine("slot", d.at(0.0, 0.0), m.ground.at(3.0, 0.5)),
+            r"slot: the point must lie on the line .* ground at \(3, 0.5\) is 0.5 m off the line "
+            r"through disk at \(0, 0\)",
+        ),
+        (
+            lambda m, d, b: bd.Revolute("pin", d.at(1.0, 2.0), d.at(1.0, 2.0)),
+            r"pin: a joint must connect two bodies, both are disk at \(1, 2\)",
+        ),
+        (
+            lambda m, d, b: bd.Weld("pin", b.start, b.end),
+            "pin: a joint must connect two bodies",
+        ),
+        (
+            lambda m, d, b: bd.Revolute("pin", d, b.start),
+            "pin: first attachment must be an attachment such as beam.end, got RigidBody",
+        ),
+        (
+            lambda m, d, b: bd.Revolute("pin", b.start, "disk"),
+            "pin: second attachment must be an attachment .*, got 'disk'",
+        ),
+        (
+            lambda m, d, b: bd.Driver("motor", m.ground.at(0, 0), d.at(0, 0)),
+            "motor: a driver needs law=",
+        ),
+        (
+            lambda m, d, b: bd.Driver("motor", m.ground.at(0, 0), d.at(0, 0), law="fast"),
+            "motor: law must be a number, got 'fast'",
+        ),
+        (
+            lambda m, d, b: bd.PointOnLine("slot", d.at(0, 0), b.end, direction=(0.0, 0.0)),
+            "slot: direction must not be zero",
+        ),
+        (
+            lambda m, d, b: bd.PointOnLine("slot", d.at(0, 0), b.end, direction=1.0),
+            r"slot: direction must be a pair \(x, y\), got 1.0",
+        ),
+        (
+            lambda m, d, b: bd.Revolute("", m.ground.at(0, 0), d.at(0, 0)),
+            "Revolute: the name must be a non-empty text, got ''",
+        ),
+        (
+            lambda m, d, b: bd.Weld("w", m.ground.at(0, 0), bd.PointMass("p", 1, at=(0, 0)).point),
+            r"w: p at \(0, 0\) is a particle and has no angle",
+        ),
+        (
+            lambda m, d, b: bd.Driver(
+                "w", bd.PointMass("p", 1, at=(0, 0)).point, d.at(0, 0), law=0
+            ),
+            r"w: p at \(0, 0\) is a particle and has no angle",
+        ),
+        (lambda m, d, b: d.at(np.nan, 0.0), "disk: point x must be finite, got nan"),
+        (lambda m, d, b: m.ground.at("left", 0.0), "ground: point x must be a number, got 'left'"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make(*parts())
+
+
+def test_hand_rounded_coordinates_meet():
+    _, disk, beam = parts()
+    x, y = TIP
+    joint = bd.Revolute("pin", disk.at(round(x, 7), round(y, 7)), beam.end)
+    assert joint.reaction_columns == (("Fx", "N"), ("Fy", "N"))

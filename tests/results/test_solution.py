@@ -1,0 +1,287 @@
+"""Results: rows, columns, the energy ledger, files."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from published_cases import pendulum
+
+import beamdae as bd
+from beamdae.results.solution import versions
+
+WORKS = ["work_of_loads", "work_of_drivers", "dissipated"]
+LEDGER = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity", *WORKS, "imbalance")]
+
+
+def swing():
+    """Rigid pendulum, its center of mass observed."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.observe("center", bar.at(0.5, 0.0))
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+def driven(law, inertia=0.3):
+    """The same bar without weight, turned by a driver."""
+    mech = bd.Mechanism()
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=inertia, center=(0.5, 0.0)))
+    origin = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("hinge", origin, bar.at(0.0, 0.0)))
+    motor = mech.add(bd.Driver("motor", origin, bar.at(0.0, 0.0), law=law))
+    mech.observe("motor", motor.reaction)
+    return mech
+
+
+def pushed(law):
+    """Free particle of 2 kg under a force in x."""
+    mech = bd.Mechanism()
+    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", particle.point, (law, 0.0)))
+    mech.observe("particle", particle.point)
+    return mech
+
+
+INTEGRATORS = [
+    bd.Ida(rtol=1e-8, max_steps=50_000),
+    bd.GeneralizedAlpha(step=1e-3),
+    bd.GeneralizedAlpha(step=1e-3, formulation="stabilized-index2"),
+    bd.Radau(rtol=1e-8),
+]
+every_integrator = pytest.mark.parametrize(
+    "integrator", INTEGRATORS, ids=["ida", "alpha", "alpha stabilized", "radau"]
+)
+
+
+@every_integrator
+def test_output_times_need_not_be_steps(integrator):
+    solution = bd.simulate(pushed(3.0), integrator, 1.0, output_step=0.0371)
+    assert_allclose(solution.t[:-1], 0.0371 * np.arange(27), rtol=0.0, atol=1e-15)
+    assert solution.t[-1] == 1.0
+    exact = 0.5 * 1.5 * solution.t**2
+    # IDA holds its positions to rtol a step.
+    assert_allclose(solution.q[:, 0], exact, rtol=0.0, atol=1e-6)
+    assert_allclose(solution.v[:, 0], 1.5 * solution.t, rtol=0.0, atol=1e-5)
+
+
+@every_integrator
+def test_rows_do_not_depend_on_the_output_step(integrator):
+    coarse = bd.simulate(swing(), integrator, 1.0, output_step=0.25)
+    fine = bd.simulate(swing(), integrator, 1.0, output_step=0.01)
+    assert len(coarse.t) == 5
+    assert_allclose(fine.q[::25], coarse.q, rtol=0.0, atol=1e-12)
+    assert_allclose(fine.lam[::25], coarse.lam, rtol=0.0, atol=1e-9)
+    assert coarse.quality == fine.quality
+
+
+def test_a_step_longer_than_the_run_gives_start_and_end():
+    solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.5, output_step=2.0)
+    assert_allclose(solution.t, [0.0, 0.5], rtol=0.0, atol=0.0)
+
+
+def test_the_default_is_a_thousand_rows():
+    solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.3)
+    assert_allclose(solution.t, np.linspace(0.0, 0.3, 1001), rtol=0.0, atol=1e-15)
+
+
+@every_integrator
+def test_accelerations_and_reactions_belong_to_the_positions(integrator):
+    # Bar of inertia 0.3 + 2 * 0.25 about the hinge, released from the horizontal.
+    solution = bd.simulate(swing(), integrator, 0.3, output_step=0.01)
+    angle = solution.q[:, 2]
+    assert_allclose(solution.a[:, 2], -9.81 * np.cos(angle) / 0.8, rtol=0.0, atol=1e-3)
+    fx = solution.observed["hinge.Fx [N]"]
+    assert_allclose(fx, 2.0 * solution.a[:, 0], rtol=0.0, atol=1e-2)
+
+
+def test_the_books_of_an_undamped_mechanism_close_with_the_tolerance():
+    imbalance = [
+        bd.simulate(swing(), bd.Ida(rtol=rtol), 2.0).quality.energy_imbalance
+        for rtol in (1e-4, 1e-6, 1e-8)
+    ]
+    assert imbalance[0] < 0.05
+    assert imbalance[2] < 1e-4
+    # At least a factor two for each factor ten.
+    assert imbalance[1] < 0.25 * imbalance[0]
+    assert imbalance[2] < 0.25 * imbalance[1]
+
+
+def test_the_books_of_an_undamped_mechanism_close_with_the_step():
+    imbalance = []
+    for step in (4e-3, 2e-3):
+        integrator = bd.GeneralizedAlpha(step=step, rho_inf=0.9, newton_tolerance=1e-9)
+        imbalance.append(bd.simulate(swing(), integrator, 2.0).quality.energy_imbalance)
+    assert imbalance[0] < 1e-3
+    # Second order, with a few percent of the next one.
+    assert_allclose(imbalance[0] / imbalance[1], 4.0, rtol=0.1)
+
+
+@every_integrator
+def test_gravity_and_kinetic_energy_are_those_of_the_bar(integrator):
+    solution = bd.simulate(swing(), integrator, 1.0, output_step=0.1)
+    ledger = solution.ledger
+    height, rate = solution.q[:, 1], solution.v
+    kinetic = 0.5 * (2.0 * np.sum(rate[:, :2] ** 2, axis=1) + 0.3 * rate[:, 2] ** 2)
+    assert_allclose(ledger["energy.kinetic [J]"], kinetic, rtol=0.0, atol=1e-5)
+    assert_allclose(ledger["energy.gravity [J]"], 2.0 * 9.81 * height, rtol=0.0, atol=1e-5)
+    for name in ("strain", *WORKS):
+        assert_allclose(ledger[f"energy.{name} [J]"], 0.0, rtol=0.0, atol=1e-12)
+    books = ledger["energy.kinetic [J]"] + ledger["energy.gravity [J]"]
+    assert_allclose(ledger["energy.imbalance [J]"], books - books[0], rtol=0.0, atol=1e-12)
+
+
+@every_integrator
+def test_work_of_a_driver_is_the_energy_of_the_bar(integrator):
+    solution = bd.simulate(driven(lambda t: 1.0 - np.cos(3.0 * t)), integrator, 2.0, 0.05)
+    rate = 3.0 * np.sin(3.0 * solution.t)
+    work = 0.5 * 0.8 * rate**2
+    ledger = solution.ledger
+    # The second-order error of the reaction at this step, (3 h)^2 = 1e-5 of 3.6 J.
+    assert_allclose(ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-3)
+    assert_allclose(ledger["energy.kinetic [J]"], work, rtol=0.0, atol=1e-3)
+    assert_allclose(ledger["energy.work_of_loads [J]"], 0.0, rtol=0.0, atol=0.0)
+    assert_allclose(ledger["energy.dissipated [J]"], 0.0, rtol=0.0, atol=0.0)
+    torque = 0.8 * 9.0 * np.cos(3.0 * solution.t)
+    assert_allclose(solution.observed["motor.M [N m]"], torque, rtol=0.0, atol=1e-2)
+    assert solution.quality.energy_imbalance < 1e-3
+
+
+@every_integrator
+def test_work_of_a_constant_force_is_force_times_way(integrator):
+    solution = bd.simulate(pushed(3.0), integrator, 2.0, 0.1)
+    ledger = solution.ledger
+    work = 3.0 * 0.5 * 1.5 * solution.t**2
+    assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
+    assert_allclose(ledger["energy.work_of_drivers [J]"], 0.0, rtol=0.0, atol=0.0)
+    assert solution.quality.energy_imbalance < 1e-6
+
+
+@every_integrator
+def test_the_books_close_across_a_jump_of_the_force(integrator):
+    solution = bd.simulate(pushed(bd.piecewise((0.3, 5.0), 0.0)), integrator, 1.0, 0.037)
+    work = 0.5 * 2.0 * (2.5 * np.minimum(solution.t, 0.3)) ** 2
+    ledger = solution.ledger
+    assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
+    assert_allclose(ledger["energy.imbalance [J]"], 0.0, rtol=0.0, atol=1e-5)
+
+
+def test_drift_is_measured_where_a_form_lets_it_happen():
+    equations = pendulum(9.81, 1.0).equations
+    drift = {}
+    for form in ("index1", "index3", "ggl", "stabilized-index1"):
+        integrator = bd.Ida(
+            rtol=1e-6, formulation=form, error_control="positions", max_order=5, max_steps=20_000
+        )
+        drift[form] = bd.simulate(equations, integrator, 5.0).quality
+    # Nothing holds index 1 to the circle; index 3 holds positions, the other two velocities too,
+    # all of them to what Newton's iteration leaves.
+    for form in ("index3", "ggl", "stabilized-index1"):
+        held = drift[form]
+        assert held.max_position_drift < 1e-6 < 1e-5 < drift["index1"].max_position_drift
+        # 2e-5 to 2e-4 in all three, by what the last iteration of some step left: no ranking.
+        assert held.max_velocity_drift < 1e-3
+
+
+def test_the_residual_of_generalized_alpha_is_what_newton_leaves():
+    tight = bd.simulate(swing(), bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-9), 1.0)
+    loose = bd.simulate(swing(), bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-3), 1.0)
+    assert tight.quality.max_residual < 1e-8
+    assert tight.quality.max_residual < loose.quality.max_residual < 1e-2
+
+
+def test_the_table_has_time_observed_columns_and_the_ledger():
+    table = bd.simulate(swing(), INTEGRATORS[1], 0.1, 0.01).table()
+    motion = ["x [m]", "y [m]", "angle [rad]", "x_dot [m/s]", "y_dot [m/s]", "angle_dot [rad/s]"]
+    hinge = ["hinge.Fx [N]", "hinge.Fy [N]"]
+    assert list(table.columns) == ["t [s]", *(f"center.{m}" for m in motion), *hinge, *LEDGER]
+    assert len(table) == 11
+    assert np.all(np.isfinite(table.to_numpy()))
+
+
+def test_a_model_that_observes_nothing_still_has_time_and_energies():
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("particle", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    table = bd.simulate(mech, INTEGRATORS[1], 0.1, 0.05).table()
+    assert list(table.columns) == ["t [s]", *LEDGER]
+    assert_allclose(table["energy.kinetic [J]"], 0.5, rtol=1e-12)
+
+
+def test_coordinates_are_named_by_part():
+    solution = bd.simulate(swing(), INTEGRATORS[1], 0.1, 0.05)
+    coordinates = solution.coordinates()
+    assert list(coordinates.columns) == [
+        "t [s]",
+        *("bar.x", "bar.y", "bar.angle"),
+        *("bar.x_dot", "bar.y_dot", "bar.angle_dot"),
+        *("lam.hinge.x", "lam.hinge.y"),
+    ]
+    assert_allclose(coordinates["bar.angle_dot"], solution.v[:, 2], rtol=0.0, atol=0.0)
+
+
+@bd.model(t_end=0.2)
+def swing_model(mass=2.0):
+    """A pendulum of one parameter."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass=mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    return mech
+
+
+def test_a_file_gives_back_the_table_and_says_how_it_came_about(tmp_path):
+    solution = bd.simulate(swing_model, bd.Ida(rtol=1e-6), output_step=0.01)
+    path = solution.to_csv(tmp_path / "deep" / "result.csv")
+    assert path == tmp_path / "deep" / "result.csv"
+    table = pd.read_csv(path)
+    assert list(table.columns) == list(solution.table().columns)
+    # Written with all digits.
+    assert_allclose(table.to_numpy(), solution.table().to_numpy(), rtol=1e-15)
+
+    sidecar = json.loads(path.with_suffix(".json").read_text())
+    assert sidecar["model"] == {"name": "swing_model", "parameters": {"mass": 2.0}, "t_end": 0.2}
+    assert sidecar["integrator"]["integrator"] == "Ida"
+    assert sidecar["integrator"]["rtol"] == 1e-6
+    assert isinstance(sidecar["integrator"]["max_order"], int)
+    assert sidecar["result"]["success"] is True
+    assert sidecar["result"]["last_time"] == 0.2
+    assert sidecar["result"]["steps"] == solution.statistics.steps > 0
+    assert sidecar["result"]["energy_imbalance"] == solution.quality.energy_imbalance
+    assert set(sidecar["versions"]) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
+    assert sidecar["versions"]["beamdae"] == bd.__version__ == versions()["beamdae"]
+
+
+def test_a_file_in_the_way_of_the_folder_is_an_error_in_words(tmp_path):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    solution = bd.simulate(swing_model, bd.GeneralizedAlpha(step=0.01))
+    with pytest.raises(bd.BeamdaeError, match=r"taken.*cannot be written"):
+        solution.to_csv(tmp_path / "taken" / "result.csv")
+
+
+def test_a_folder_in_the_place_of_the_file_is_an_error_in_words(tmp_path):
+    (tmp_path / "result.csv").mkdir()
+    solution = bd.simulate(swing_model, bd.GeneralizedAlpha(step=0.01))
+    with pytest.raises(bd.BeamdaeError, match=r"result\.csv.*cannot be written"):
+        solution.to_csv(tmp_path / "result.csv")
+
+
+def test_a_failed_run_has_all_of_this_as_well(tmp_path):
+    failing = bd.simulate(pushed(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02), 1.0)
+    assert not failing.status.success
+    table = pd.read_csv(failing.to_csv(tmp_path / "failed.csv"))
+    sidecar = json.loads((tmp_path / "failed.json").read_text())
+    assert sidecar["result"]["success"] is False
+    assert "t = 0.5" in sidecar["result"]["status"]
+    assert_allclose(table["t [s]"].iloc[-1], 0.5, rtol=1e-12)
+    assert np.all(np.isfinite(table.to_numpy()))
+
+
+def test_a_run_that_fails_in_its_first_step_keeps_the_start():
+    failing = pushed(lambda t: np.sqrt(0.001 - t))
+    solution = bd.simulate(failing, bd.GeneralizedAlpha(step=0.02), 1.0)
+    assert not solution.status.success
+    assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
+    assert solution.table().shape[0] == 1
+    assert_allclose(solution.q[0], [0.0, 0.0], rtol=0.0, atol=0.0)

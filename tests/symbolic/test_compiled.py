@@ -1,0 +1,69 @@
+"""Compiled functions."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from beamdae.symbolic.compiled import Compiled, evaluate_rows
+
+X, Y, P = ca.MX.sym("x", 2), ca.MX.sym("y"), ca.MX.sym("p", 2)
+FUNCTION = ca.Function("f", [X, Y, P], [X * Y + P, ca.dot(X, P)])
+
+
+def test_a_call_takes_and_gives_numpy_arrays():
+    compiled = Compiled(FUNCTION)
+    first, second = compiled(np.array([1.0, 2.0]), 3.0, np.array([10.0, 20.0]))
+    assert_allclose(first, [13.0, 26.0], rtol=1e-15)
+    assert_allclose(second, [50.0], rtol=1e-15)
+
+
+def test_the_last_inputs_keep_what_they_were_given():
+    compiled = Compiled(FUNCTION, np.array([10.0, 20.0]))
+    assert_allclose(compiled(np.array([1.0, 2.0]), 3.0)[0], [13.0, 26.0], rtol=1e-15)
+    compiled.inputs[-1][:] = 0.0
+    assert_allclose(compiled(np.array([1.0, 2.0]), 3.0)[0], [3.0, 6.0], rtol=1e-15)
+    assert compiled.calls == 2
+
+
+def test_results_live_in_the_same_buffers():
+    compiled = Compiled(FUNCTION, np.zeros(2))
+    first = compiled(np.ones(2), 1.0)[0]
+    second = compiled(np.ones(2), 2.0)[0]
+    assert first is second
+    assert_allclose(first, [2.0, 2.0], rtol=0.0, atol=0.0)
+
+
+def test_two_of_one_function_do_not_share_buffers():
+    one, other = Compiled(FUNCTION, np.zeros(2)), Compiled(FUNCTION, np.ones(2))
+    kept = one(np.ones(2), 1.0)[0]
+    other(np.ones(2), 5.0)
+    assert_allclose(kept, [1.0, 1.0], rtol=0.0, atol=0.0)
+    assert_allclose(one(np.ones(2), 1.0)[0], [1.0, 1.0], rtol=0.0, atol=0.0)
+
+
+def test_the_arguments_are_copied():
+    compiled = Compiled(FUNCTION, np.zeros(2))
+    x = np.array([1.0, 2.0])
+    compiled(x, 1.0)
+    x[:] = 7.0
+    assert_allclose(compiled.inputs[0], [1.0, 2.0], rtol=0.0, atol=0.0)
+
+
+def test_an_argument_of_the_wrong_size_is_refused():
+    with pytest.raises(ValueError, match="broadcast"):
+        Compiled(FUNCTION)(np.ones(3), 1.0, np.ones(2))
+
+
+def test_rows_are_evaluated_one_by_one_with_what_they_share():
+    rows = np.arange(6.0).reshape(3, 2)
+    factors = np.array([[1.0], [2.0], [3.0]])
+    p = np.array([10.0, 20.0])
+    assert_allclose(evaluate_rows(FUNCTION, rows, factors, p), rows * factors + p, rtol=1e-15)
+    first = ca.Function("g", [X, Y, P], [X * Y + P])
+    assert_allclose(evaluate_rows(first, rows, factors, p), rows * factors + p, rtol=1e-15)
+
+
+def test_a_single_row_is_a_row():
+    rows = np.array([[1.0, 2.0]])
+    assert evaluate_rows(FUNCTION, rows, np.ones((1, 1)), np.zeros(2)).shape == (1, 2)

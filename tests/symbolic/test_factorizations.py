@@ -1,0 +1,203 @@
+"""Factorizations, and that IDA with ours is IDA."""
+
+import contextlib
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.testing import assert_allclose
+from published_cases import CAR_AXIS, PENDULUM, SLIDER_CRANK
+from sksundae.ida import IDA
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import FIRST_ORDER, first_order
+from beamdae.integrators import ida
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.factorizations import (
+    DENSE_LIMIT,
+    DenseFactorization,
+    SingularMatrixError,
+    factorization,
+)
+
+
+def numbers(size, rng, dtype):
+    imaginary = 1j * rng.normal(size=size) if dtype is complex else 0.0
+    return rng.normal(size=size) + imaginary
+
+
+def arrow(size, rng, dtype=float):
+    """Pattern and non-zeros of a banded matrix with full first rows, as a floating frame has."""
+    row, column = np.indices((size, size))
+    full = (np.minimum(row, column) < 3) | (np.abs(row - column) <= 2)
+    pattern = sp.csc_array(full.astype(float))
+    nonzeros = numbers(pattern.nnz, rng, dtype)
+    matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+    return pattern, nonzeros, matrix.toarray()
+
+
+@pytest.mark.parametrize("dtype", [float, complex])
+@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("size", [1, 4, 60])
+def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
+    rng = np.random.default_rng(size)
+    pattern, _, _ = arrow(size, rng)
+    ones = pattern.data.copy()
+    solver = factorization(pattern, method, dtype)
+    for _ in range(2):
+        _, nonzeros, matrix = arrow(size, rng, dtype)
+        right = numbers(size, rng, dtype)
+        solver.factorize(nonzeros)
+        # Backward stability: the residual, not the solution, is at rounding.
+        for _ in range(2):
+            x = solver.solve(right)
+            scale = np.abs(matrix).sum() * np.abs(x).max()
+            assert_allclose(matrix @ x, right, rtol=0.0, atol=1e-14 * scale)
+    assert (solver.factorizations, solver.solves) == (2, 4)
+    # The pattern is shared by several of them.
+    assert_allclose(pattern.data, ones, rtol=0.0, atol=0.0)
+
+
+def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
+    for size, dense in ((DENSE_LIMIT, True), (DENSE_LIMIT + 1, False)):
+        solver = factorization(sp.csc_array(sp.eye_array(size, format="csc")))
+        assert isinstance(solver, DenseFactorization) == dense
+
+
+@pytest.mark.parametrize("dtype", [float, complex])
+@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
+def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad, dtype):
+    pattern = sp.csc_array(sp.eye_array(3, format="csc"))
+    solver = factorization(pattern, method, dtype)
+    with pytest.raises(SingularMatrixError):
+        solver.factorize(np.array([1.0, bad, 1.0]))
+    # The next matrix must find nothing of the bad one.
+    solver.factorize(np.array([1.0, 2.0, 4.0]))
+    assert_allclose(solver.solve(np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
+
+
+@pytest.mark.parametrize("method", ["dense", "sparse"])
+def test_a_rank_deficient_matrix_is_said_to_be_singular(method):
+    pattern = sp.csc_array(np.ones((2, 2)))
+    with pytest.raises(SingularMatrixError):
+        factorization(pattern, method).factorize(np.array([1.0, 2.0, 2.0, 4.0]))
+
+
+@pytest.mark.parametrize("method", ["dense", "sparse"])
+def test_entries_near_the_largest_float_are_no_overflow(method):
+    pattern = sp.csc_array(sp.eye_array(2, format="csc"))
+    solver = factorization(pattern, method)
+    solver.factorize(np.array([1.5e308, 1.5e308]))
+    assert_allclose(solver.solve(np.array([1.5e308, 0.0])), [1.0, 0.0], rtol=1e-15)
+
+
+_FIRST_STEPS = 10
+
+
+class Sundials:
+    """The same form with SUNDIALS' own dense solver, called by the book."""
+
+    def __init__(self, form, options):
+        self._form = form
+        p = form.equations.p
+        self.residual, self.jacobian = (
+            Compiled(form.residual, p),
+            Compiled(form.jacobian, p, np.zeros(1)),
+        )
+        self.time = np.zeros(2)
+        dropped = ("jacfn", "lband", "uband")
+        kept = {name: value for name, value in options.items() if name not in dropped}
+        self.solver = IDA(self._residual, **{**kept, "jacfn": self._jacobian, "linsolver": "dense"})
+
+    def _residual(self, t, y, yp, out):
+        self.time[0] = t
+        out[:] = self.residual(self.time, y, yp)[0]
+
+    def _jacobian(self, t, y, yp, res, c, out):
+        self.time[0] = t
+        self.jacobian.inputs[-1][0] = c
+        (nonzeros,) = self.jacobian(self.time, y, yp)
+        pattern = self._form.pattern
+        out[:] = sp.csc_array(
+            (nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape
+        ).toarray()
+
+    def run(self, t_end):
+        e = self._form.equations
+        self.time[1] = 0.5 * t_end
+        state = Starter(e).state(np.array([0.0, 0.5 * t_end]), e.q0, e.v0)
+        y, yp = self._form.pack(state)
+        t, rows = [0.0], [y]
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.solver.init_step(0.0, y, yp)
+            while t[-1] < t_end:
+                result = self.solver.step(t_end, "onestep", t_end)
+                assert result.success
+                t.append(result.t)
+                rows.append(result.y)
+        return np.array(t), np.array(rows)
+
+
+@pytest.mark.parametrize("formulation", FIRST_ORDER)
+@pytest.mark.parametrize("case", [CAR_AXIS, PENDULUM, SLIDER_CRANK], ids=lambda c: c.name)
+def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulation, monkeypatch):
+    given = {}
+
+    def recording(residual, **options):
+        given.update(options)
+        return IDA(residual, **options)
+
+    monkeypatch.setattr(ida, "IDA", recording)
+    settings = bd.Ida(
+        rtol=1e-4,
+        formulation=formulation,
+        error_control="positions",
+        max_order=2,
+        linear_solver="dense",
+    )
+    t_end = 0.5
+    solution = bd.simulate(case.equations, settings, t_end)
+    assert solution.status.success
+
+    own = Sundials(first_order(case.equations, formulation), given)
+    t, y = own.run(t_end)
+    (segment,) = solution.trajectory.segments
+    counts = solution.statistics
+    # Newton's iterates differ by rounding times the condition of the iteration matrix, and every
+    # step is chosen from the one before: the first steps agree to rounding, and counts and the
+    # end are those of two runs of the same accuracy.
+    assert_allclose(len(segment.t), len(t), rtol=0.1)
+    assert_allclose(counts.residual_calls, own.residual.calls, rtol=0.1)
+    assert_allclose(counts.jacobian_calls, own.jacobian.calls, rtol=0.1)
+    n, first = case.equations.n, slice(0, _FIRST_STEPS)
+    assert_allclose(segment.t[first], t[first], rtol=0.0, atol=1e-10)
+    assert_allclose(segment.state.q[first], y[first, :n], rtol=0.0, atol=1e-10)
+    assert_allclose(segment.state.v[first], y[first, n : 2 * n], rtol=0.0, atol=1e-9)
+    assert_allclose(segment.state.q[-1], y[-1, :n], rtol=0.0, atol=10.0 * settings.rtol)
+    assert_allclose(segment.state.v[-1], y[-1, n : 2 * n], rtol=0.0, atol=100.0 * settings.rtol)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        bd.Ida(rtol=1e-5, error_control="velocities", linear_solver="dense"),
+        bd.Ida(rtol=1e-5, formulation="ggl", error_control="velocities", linear_solver="dense"),
+        bd.GeneralizedAlpha(step=5e-3, linear_solver="dense"),
+        bd.GeneralizedAlpha(step=5e-3, formulation="stabilized-index2", linear_solver="dense"),
+        bd.Radau(rtol=1e-5, linear_solver="dense"),
+    ],
+    ids=["ida", "ida ggl", "alpha", "alpha stabilized", "radau"],
+)
+def test_dense_and_sparse_factors_give_the_same_run(integrator):
+    runs = [
+        bd.simulate(SLIDER_CRANK.equations, replace(integrator, linear_solver=method), 2.0)
+        for method in ("dense", "sparse")
+    ]
+    assert all(run.status.success for run in runs)
+    assert runs[0].statistics.steps == runs[1].statistics.steps
+    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-9)
+    assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
