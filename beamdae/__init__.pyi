@@ -16,10 +16,11 @@ from .equations.equations_of_motion import EquationsOfMotion as EquationsOfMotio
 from .errors import BeamdaeError as BeamdaeError
 from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
+from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
 from .model_functions import Model as Model
 from .model_functions import model as model
-from .parts.bodies import Attachment as Attachment
+from .parts.attachments import Attachment as Attachment
 from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.forces import Force as Force
@@ -35,6 +36,7 @@ from .parts.laws import sine as sine
 from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
+from .parts.part import Part as Part
 from .results.solution import Solution as Solution
 from .simulation import simulate as simulate
 from .studies import Case as Case

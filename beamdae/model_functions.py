@@ -121,9 +121,6 @@ def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
                     f"{function.__name__}: the parameter {parameter.name!r} needs a default value."
                 )
             parameters[parameter.name] = parameter.default
-        wrapped = Model(function, float(t_end), parameters)
-        wrapped.__dict__["__doc__"] = function.__doc__
-        wrapped.__dict__["__module__"] = function.__module__
-        return wrapped
+        return Model(function, float(t_end), parameters)
 
     return decorate

@@ -11,7 +11,8 @@ from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, positive
-from beamdae.integrators import Ida
+from beamdae.integrators import Ida, Integrator
+from beamdae.integrators.integrator import Progress
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.solution import Solution
@@ -21,10 +22,10 @@ _MOST_ROWS = 1e7
 
 def simulate(
     model: Model | Mechanism | ConstrainedSystem | EquationsOfMotion,
-    integrator: Any = None,
+    integrator: Integrator | None = None,
     t_end: float | None = None,
     output_step: float | None = None,
-    progress: Any = None,
+    progress: Progress | None = None,
 ) -> Solution:
     """Integrate a model from t = 0.
 
@@ -33,7 +34,7 @@ def simulate(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     integrator
-        Ida(...), Radau(...) or GeneralizedAlpha(...); default Ida().
+        Ida(...), Radau(...), GeneralizedAlpha(...) or any other `Integrator`; default Ida().
     t_end
         End time [s]; default the model's own.
     output_step
@@ -69,7 +70,7 @@ def simulate(
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
     method = Ida() if integrator is None else integrator
-    if isinstance(method, type) or not hasattr(method, "integrate"):
+    if not isinstance(method, Integrator):
         raise BeamdaeError(
             "simulate: integrator must be Ida(...), Radau(...) or GeneralizedAlpha(...), "
             f"got {method!r}."

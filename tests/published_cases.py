@@ -44,7 +44,7 @@ class PublishedCase:
     def run(self, integrator: Any) -> bd.Solution:
         """Solution with output at the first of `times` and its multiples."""
         solution = bd.simulate(self.equations, integrator, self.t_end, output_step=self.times[0])
-        assert solution.status.success, solution.status.message
+        assert solution.status.success, solution.status.sentence
         return solution
 
     def errors(self, solution: bd.Solution) -> dict[str, float]:

@@ -1,37 +1,30 @@
-"""The curved beam as a body: a mesh of elements in one floating frame."""
+"""The curved beam as a body: a curve, a section, a mesh, and the kinematics of all three."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 
-from beamdae.beams.floating_frame_element import (
-    FRAME,
-    NODE,
-    ElementType,
-    beam_kernel,
-    shape_functions,
-    strains,
-)
-from beamdae.beams.mesh import Mesh, MeshError
+from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.kinematics import Kinematics, MaterialPoint
+from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
-from beamdae.curves.plane_curves import PlaneCurve, require_curve, turned
+from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
-from beamdae.parts.bodies import Attachment, require_name, rotate
-from beamdae.symbolic.statements import SX, ForceStatement, Local, Piece, Quantity
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.symbolic.statements import SX, ForceStatement, Local, Named, Piece, Quantity
 
 Array = np.ndarray
 
 
-class Beam:
-    """Planar, shear-flexible, geometrically nonlinear curved beam in a floating frame.
+class Beam(Part):
+    """Planar, shear-flexible, geometrically nonlinear curved beam.
 
-    Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, doi:10.1063/2.1206306. Coordinates:
-    (x0, y0, theta) of the floating frame and the free ones of (u, v, phi) at the nodes,
-    displacements in the local tangent frame and section rotation relative to the undeformed one.
+    Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, doi:10.1063/2.1206306. `strain`,
+    `continuity`, `quadrature` and `frame` are settings of its floating frame.
 
     Parameters
     ----------
@@ -43,30 +36,33 @@ class Beam:
         Cross-section, constant along the beam.
     elements
         Number of elements, of equal arc length.
-    strain
-        "nonlinear" (eq. 5, the paper's), with the quadratic terms (u'^2 + v'^2)/2; "green", with
-        Green's ((u' - v/R)^2 + (v' + u/R)^2)/2 instead; or "linear", with none.
     elements_shape
         "curved" (the paper's) or "straight": the polygon through the curve.
+    nodes
+        Nodes of an element: 4 (cubic, the paper's), 3 or 2 (linear, straight whatever the curve).
+    strain
+        "nonlinear" (default, eq. 5, the paper's), with the quadratic terms (u'^2 + v'^2)/2;
+        "green", with Green's ((u' - v/R)^2 + (v' + u/R)^2)/2 instead; or "linear", with none.
     continuity
         What elements share at their common node besides the section rotation: "cartesian", the
         displacement vector (default), or "local", its components along and across the axis (the
         paper's, curved elements only). The axes of neighboring elements meet at a small angle that
         the paper overlooks; it limits the convergence to order 2 instead of 4 and more (measured,
         see validation/).
-    nodes
-        Nodes of an element: 4 (cubic, the paper's), 3 or 2 (linear, straight whatever the curve).
     quadrature
-        Gauss points of the stiffness terms: "reduced", one less than nodes, or "full", as many as
-        nodes. Reduced needs about half as many elements for the same error (measured, see
-        validation/); with full quadrature 2-node elements lock, and curved ones of 3 nodes.
+        Gauss points of the stiffness terms: "reduced" (default), one less than nodes, or "full",
+        as many as nodes. Reduced needs about half as many elements for the same error (measured,
+        see validation/); with full quadrature 2-node elements lock, and curved ones of 3 nodes.
     frame
-        Floating frame on the start section ("tangent") or from end to end ("chord"). The strains
-        of eqs. (5) and (6) hold for moderate displacements and rotations relative to the frame, so
-        the two are two models that agree as the deformation falls (tip deflections of a tenth of
-        the length: to 2 %); a beam that bends further is cut into several welded together.
+        Floating frame on the start section ("tangent", default) or from end to end ("chord"). The
+        strains of eqs. (5) and (6) hold for moderate displacements and rotations relative to the
+        frame, so the two are two models that agree as the deformation falls (tip deflections of a
+        tenth of the length: to 2 %); a beam that bends further is cut into several welded together.
     velocity, angular_velocity
         Of the floating frame at the start [m/s], [rad/s]; made consistent with the joints.
+    kinematics
+        Another description of the beam's motion than the floating frame: a function of (name, mesh,
+        section) that gives a `Kinematics`, such as a class of them.
     """
 
     def __init__(
@@ -75,14 +71,15 @@ class Beam:
         curve: PlaneCurve,
         section: Section,
         elements: int = 8,
-        strain: str = "nonlinear",
+        strain: str | None = None,
         elements_shape: str = "curved",
-        continuity: str = "cartesian",
+        continuity: str | None = None,
         nodes: int = 4,
-        quadrature: str = "reduced",
-        frame: str = "tangent",
+        quadrature: str | None = None,
+        frame: str | None = None,
         velocity: tuple[float, float] = (0.0, 0.0),
         angular_velocity: float = 0.0,
+        kinematics: Callable[[str, Mesh, Section], Kinematics] | None = None,
     ) -> None:
         self.name = require_name("Beam", name)
         if not isinstance(section, Section):
@@ -91,26 +88,29 @@ class Beam:
         self.section = section
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
-        one_of(name, "strain", strain, ("nonlinear", "green", "linear"))
-        nodes = one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4))
-        one_of(name, "quadrature", quadrature, ("reduced", "full"))
-        if (elements_shape == "straight" or nodes == 2) and continuity == "local":
+        self.mesh = Mesh(
+            curve,
+            count(name, "elements", elements),
+            one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
+            one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
+        )
+        settings = {
+            "strain": strain,
+            "continuity": continuity,
+            "quadrature": quadrature,
+            "frame": frame,
+        }
+        given = {setting: value for setting, value in settings.items() if value is not None}
+        if kinematics is not None and given:
             raise BeamdaeError(
-                f"{name}: straight elements meet at kinks, continuity must be 'cartesian'."
+                f"{name}: {', '.join(given)} belong to the floating frame, the kinematics given "
+                "has settings of its own."
             )
-        points = nodes if quadrature == "full" else nodes - 1
-        try:
-            self.mesh = Mesh(
-                curve,
-                ElementType(nodes, points, strain, damped=section.damping > 0.0),
-                count(name, "elements", elements),
-                one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
-                one_of(name, "continuity", continuity, ("cartesian", "local")),
-                one_of(name, "frame", frame, ("tangent", "chord")),
-            )
-            _ = self.mesh.frame_angle
-        except MeshError as problem:
-            raise BeamdaeError(f"{name}: {problem}.") from None
+        self.kinematics = (
+            FloatingFrame(name, self.mesh, section, **given)
+            if kinematics is None
+            else kinematics(name, self.mesh, section)
+        )
 
     @property
     def length(self) -> float:
@@ -118,43 +118,41 @@ class Beam:
         return self.curve.length
 
     @property
-    def mesh_errors(self) -> tuple[float, float]:
-        """Largest relative error of arc length, largest error of curvature times length."""
-        return self.mesh.errors
+    def facts(self) -> Mapping[str, float]:
+        """How well the elements follow the curve."""
+        return {
+            "largest relative error of arc length": self.mesh.length_error,
+            "largest error of curvature times length": self.kinematics.curvature_error,
+        }
 
     @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """One name a coordinate."""
-        return ("x0", "y0", "theta", *self.mesh.free_names)
+    def coordinates(self) -> tuple[Named, ...]:
+        """Name and unit of each coordinate."""
+        return self.kinematics.coordinates
 
     @property
     def initial_position(self) -> Array:
         """Coordinates in the reference drawing."""
-        nodal = np.zeros(len(self.mesh.free_names))
-        return np.concatenate([self.mesh.origin, [self.mesh.frame_angle], nodal])
+        return self.kinematics.initial_position
 
     @property
     def initial_velocity(self) -> Array:
         """Their rates at the start."""
-        nodal = np.zeros(len(self.mesh.free_names))
-        return np.concatenate([self.velocity, [self.angular_velocity], nodal])
+        return self.kinematics.initial_velocity(self.velocity, self.angular_velocity)
 
     @property
     def outline(self) -> Array:
-        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
+        """Points along the axis."""
         return self.curve.point(np.linspace(0.0, self.length, 33))
 
-    @property
-    def section_values(self) -> Array:
-        """(EA, GA, EI, rhoA, rhoI, damping), the section data of the element kernel."""
-        x = self.section
-        return np.array([x.EA, x.GA, x.EI, x.rhoA, x.rhoI, x.damping])
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Inertia, elasticity, material damping and weight."""
+        kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
+        return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
-    def force_statements(self, gravity: Array) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
-        data = self.mesh.quadrature_data(self.section_values, gravity)
-        piece = Piece(self, self.mesh.coordinates)
-        return [ForceStatement(self.name, beam_kernel(self.mesh.kind), (piece,), data)]
+    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
+        """Points along the axis."""
+        return Drawing("beam", [self.at(s) for s in np.linspace(0.0, self.length, points)])
 
     @property
     def start(self) -> Attachment:
@@ -168,51 +166,23 @@ class Beam:
 
     def at(self, s: float) -> Attachment:
         """The section at arc length `s` [m]."""
-        element, xi = self._locate(s)
-        row = shape_functions(self.mesh.kind.nodes, np.array([xi]))[0]
-        nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        angle = float(self.mesh.axis(np.array([element]), np.array([xi]))[1][0])
-        reference = self.mesh.frame_angle
-        drawn = self.curve.point(s)
-        place = turned(drawn - self.mesh.origin, -reference)
-        weights = [float(row[i]) for i in nodes]
-
-        def kinematics(q: SX) -> tuple[SX, SX]:
-            nodal = ca.reshape(q[FRAME:], NODE, len(weights)) @ ca.DM(weights)
-            displaced = place + rotate(angle, nodal[:2])
-            return q[:2] + rotate(q[2], displaced), q[2] - reference + nodal[2]
-
-        local = np.concatenate(
-            [np.arange(FRAME), *(FRAME + NODE * i + np.arange(NODE) for i in nodes)]
-        )
-        rows = element * self.mesh.kind.size + local
-        return Attachment(
-            self,
-            (float(drawn[0]), float(drawn[1])),
-            angle + reference,
-            self.mesh.coordinates[rows],
-            kinematics,
-        )
+        return self._attachment(self.kinematics.material_point(self._inside(s)))
 
     @property
     def floating_frame(self) -> Attachment:
         """The floating frame, as something to observe."""
-        reference = self.mesh.frame_angle
-        rows = sp.eye_array(FRAME, len(self.coordinate_names), format="csr")
-        origin = (float(self.mesh.origin[0]), float(self.mesh.origin[1]))
-        return Attachment(self, origin, reference, rows, lambda q: (q[:2], q[2] - reference))
+        return self._attachment(self.kinematics.floating_frame)
 
-    def _locate(self, s: float) -> tuple[int, float]:
+    def _attachment(self, at: MaterialPoint) -> Attachment:
+        return Attachment(self, at.drawn, at.inclination, at.operator, at.motion)
+
+    def _inside(self, s: float) -> float:
         s = finite(self.name, "arc length s", s)
         if not -1e-9 * self.length <= s <= self.length * (1.0 + 1e-9):
             raise BeamdaeError(
                 f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g}."
             )
-        return self.mesh.locate(s)
-
-    def _element_piece(self, element: int) -> Piece:
-        size = self.mesh.kind.size
-        return Piece(self, self.mesh.coordinates[element * size : (element + 1) * size])
+        return s
 
     def deformation(self, s: float, axes: str = "inertial") -> Quantity:
         """Displacement of the axis at `s` [m] relative to the undeformed beam in its frame.
@@ -221,17 +191,9 @@ class Beam:
         the floating frame ("frame") or in the local tangent frame of the point ("local").
         """
         one_of(self.name, "axes", axes, ("inertial", "frame", "local"))
-        element, xi = self._locate(s)
-        row = shape_functions(self.mesh.kind.nodes, np.array([xi]))[0]
-        angle = float(self.mesh.axis(np.array([element]), np.array([xi]))[1][0])
-
-        def expression(local: Local) -> SX:
-            nodal = ca.reshape(local.q[FRAME:], NODE, self.mesh.kind.nodes) @ row
-            turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[axes]
-            return ca.vertcat(rotate(turn, nodal), nodal[2])
-
-        columns = (("u", "m"), ("v", "m"), ("phi", "rad"))
-        return Quantity(columns, (self._element_piece(element),), expression)
+        at = self.kinematics.deformation(self._inside(s), axes)
+        columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
+        return Quantity(columns, (Piece(self, at.operator),), at.values)
 
     def strain(self, s: float, offset: float) -> Quantity:
         """Longitudinal strain eps11 at arc length `s` and distance `offset` [m] from the axis (5).
@@ -240,8 +202,8 @@ class Beam:
         where the strains of the element are most accurate, and interpolated to `s`.
         """
         offset = finite(self.name, "offset", offset)
-        return self._strain_quantity(
-            s, (("", "-"),), lambda strain, rate, section: strain[0] + offset * strain[2]
+        return self._of_strains(
+            s, (Named("", "-"),), lambda strain, rate, section: strain[0] + offset * strain[2]
         )
 
     def section_forces(self, s: float) -> Quantity:
@@ -250,31 +212,19 @@ class Beam:
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), with the damping part.
         The sign of M is that of kappa11 = -phi': positive M lengthens the left side.
         """
-        return self._strain_quantity(
+        return self._of_strains(
             s,
-            (("N", "N"), ("Q", "N"), ("M", "N m")),
-            lambda strain, rate, section: section[:3] * (strain + section[5] * rate),
+            (Named("N", "N"), Named("Q", "N"), Named("M", "N m")),
+            lambda strain, rate, section: section[:3] * (strain + section[3] * rate),
         )
 
-    def _strain_quantity(self, s: float, columns: tuple, evaluate: Any) -> Quantity:
-        element, xi = self._locate(s)
-        kind = self.mesh.kind
-        gauss, _ = np.polynomial.legendre.leggauss(kind.quadrature)
-        share = [
-            float(np.prod([(xi - x) / (gauss[k] - x) for x in np.delete(gauss, k)]))
-            for k in range(kind.quadrature)
-        ]
-        rows, slopes = shape_functions(kind.nodes, gauss), shape_functions(kind.nodes, gauss, 1)
-        _, _, curvature, ds = self.mesh.axis(np.full(kind.quadrature, element), gauss)
+    def _of_strains(self, s: float, columns: tuple[Named, ...], evaluate: Any) -> Quantity:
+        at = self.kinematics.strains(self._inside(s))
 
         def expression(local: Local) -> SX:
-            strain = SX.zeros(3)
-            for k in range(kind.quadrature):
-                at = SX([0.0, curvature[k], 1.0 / ds[k]])
-                strain += share[k] * ca.vertcat(
-                    *strains(kind, rows[k], slopes[k], at, local.q[FRAME:])
-                )
+            strain = at.values(local)
             return evaluate(strain, local.dot(strain), local.data)
 
-        piece = self._element_piece(element)
-        return Quantity(columns, (piece,), expression, self.section_values)
+        section = self.section
+        data = np.array([section.EA, section.GA, section.EI, section.damping])
+        return Quantity(columns, (Piece(self, at.operator),), expression, data)

@@ -5,28 +5,21 @@ Viscous material damping (Kelvin-Voigt) belongs to the section, see `Section.dam
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.beams.floating_frame_element import (
-    FRAME,
-    ElementType,
-    point_motions,
-    shape_functions,
-    split,
-    strains,
-)
+from beamdae.beams.kinematics import Element
 from beamdae.errors import BeamdaeError, non_negative
-from beamdae.parts.bodies import require_name
+from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
 
 
 @dataclass(frozen=True, eq=False)
-class RayleighDamping:
+class RayleighDamping(Part):
     """Proportional damping of a beam: forces -(mass M + stiffness K) v.
 
     The mass part acts on the velocity in the inertial frame, -mass rho A r' per length and
@@ -62,14 +55,14 @@ class RayleighDamping:
         non_negative(self.name, "mass", self.mass)
         non_negative(self.name, "stiffness", self.stiffness)
 
-    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
-        kernel = _rayleigh_kernel(self.beam.mesh.kind)
+    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """The damping of all elements."""
+        kernel = _rayleigh_kernel(self.beam.kinematics.element)
         return [_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
 
 
 @dataclass(frozen=True, eq=False)
-class AirDrag:
+class AirDrag(Part):
     """Quadratic drag on a strip: the force -coefficient |v_n| v_n per length along its normal.
 
     v_n is the component of the velocity (in the inertial frame, still air) along the normal of the
@@ -95,9 +88,9 @@ class AirDrag:
         _require_beam(self.name, self.beam)
         non_negative(self.name, "coefficient", self.coefficient)
 
-    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
-        kernel = _drag_kernel(self.beam.mesh.kind)
+    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """The drag on all elements."""
+        kernel = _drag_kernel(self.beam.kinematics.element)
         return [_statement(self.name, self.beam, kernel, [self.coefficient])]
 
 
@@ -110,44 +103,38 @@ def _statement(
     part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
 ) -> ForceStatement:
     """One copy an element: the data of the element with the coefficients behind them."""
-    elements = beam.mesh.quadrature_data(beam.section_values, np.zeros(2))
-    own = np.repeat(np.array(coefficients)[:, None], beam.mesh.elements, axis=1)
-    piece = Piece(beam, beam.mesh.coordinates)
+    elements = beam.kinematics.data(np.zeros(2))
+    own = np.repeat(np.array(coefficients)[:, None], elements.shape[1], axis=1)
+    piece = Piece(beam, beam.kinematics.operator)
     return ForceStatement(part, kernel, (piece,), np.concatenate([elements, own]))
 
 
 @cache
-def _rayleigh_kernel(kind: ElementType) -> ForceKernel:
-    local = Local(kind.size, kind.n_data + 2)
-    data = split(kind, local.data)
+def _rayleigh_kernel(element: Element) -> ForceKernel:
+    local = Local(element.size, element.n_data + 2)
     on_mass, on_stiffness = local.data[-2], local.data[-1]
-    force, dissipated = SX.zeros(kind.size), SX(0)
-    for motion in point_motions(kind, local, data):
-        rates = ca.vertcat(motion.velocity, motion.spin)
-        resisted = on_mass * motion.weight * data.section[[3, 3, 4]] * rates
+    force, dissipated = SX.zeros(element.size), SX(0)
+    for inertia in element.inertia_points(local):
+        rates = ca.vertcat(inertia.velocity, inertia.spin)
+        resisted = on_mass * inertia.weight * inertia.density * rates
         force += ca.jtimes(rates, local.v, resisted, True)
         dissipated += ca.dot(resisted, rates)
-    linear = replace(kind, strain="linear")
-    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
-    rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
-    for k in range(kind.quadrature):
-        point = data.stiffness[:, k]
-        rates = ca.vertcat(*strains(linear, rows[k], slopes[k], point, local.v[FRAME:]))
-        resisted = on_stiffness * point[0] * data.section[:3] * rates
-        force += ca.jtimes(rates, local.v, resisted, True)
-        dissipated += ca.dot(resisted, rates)
+    for elastic in element.strain_rate_points(local):
+        resisted = on_stiffness * elastic.weight * elastic.stiffness * elastic.rates
+        force += ca.jtimes(elastic.rates, local.v, resisted, True)
+        dissipated += ca.dot(resisted, elastic.rates)
     return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)
 
 
 @cache
-def _drag_kernel(kind: ElementType) -> ForceKernel:
-    local = Local(kind.size, kind.n_data + 1)
+def _drag_kernel(element: Element) -> ForceKernel:
+    local = Local(element.size, element.n_data + 1)
     coefficient = local.data[-1]
-    force, dissipated = SX.zeros(kind.size), SX(0)
-    for motion in point_motions(kind, local, split(kind, local.data)):
-        normal = ca.vertcat(-ca.sin(motion.rotation), ca.cos(motion.rotation))
-        across = ca.dot(normal, motion.velocity)
-        resisted = coefficient * motion.weight * ca.fabs(across) * across
+    force, dissipated = SX.zeros(element.size), SX(0)
+    for point in element.inertia_points(local):
+        normal = ca.vertcat(-ca.sin(point.rotation), ca.cos(point.rotation))
+        across = ca.dot(normal, point.velocity)
+        resisted = coefficient * point.weight * ca.fabs(across) * across
         force += ca.jtimes(across, local.v, resisted, True)
         dissipated += resisted * across
     return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)

@@ -7,13 +7,15 @@ every element of a type, curved or straight, in every beam.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
+from beamdae.beams.shape_functions import shape_functions
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 FRAME = 3
@@ -25,7 +27,7 @@ SECTION = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
 
 
 @dataclass(frozen=True)
-class ElementType:
+class ElementType(Element):
     """What distinguishes one element kernel from another.
 
     Attributes
@@ -63,46 +65,34 @@ class ElementType:
         points = self.mass_quadrature * len(MASS_POINT) + self.quadrature * len(STIFFNESS_POINT)
         return points + len(SECTION) + 2
 
+    def kernel(self) -> ForceKernel:
+        """Virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
+        return beam_kernel(self)
 
-def shape_functions(nodes: int, xi: np.ndarray, derivative: int = 0) -> np.ndarray:
-    """Lagrange shape functions on equidistant nodes of [-1, 1] at `xi`, shape (len(xi), nodes)."""
-    at = np.linspace(-1.0, 1.0, nodes)
-    columns = []
-    for i in range(nodes):
-        others = np.delete(at, i)
-        polynomial = np.poly(others) / np.prod(at[i] - others)
-        columns.append(np.polyval(np.polyder(polynomial, derivative), xi))
-    return np.stack(columns, axis=-1)
+    def inertia_points(self, local: Local) -> list[InertiaPoint]:
+        """How the inertia points move, in the local frame ec of each."""
+        data = split(self, local.data)
+        axis = AxisMotion(local.q, local.v)
+        density = data.section[[3, 3, 4]]
+        return [
+            InertiaPoint(
+                weight,
+                density,
+                axis.velocity(row, reference, to_local),
+                axis.spin(row),
+                axis.rotation(row),
+            )
+            for row, weight, reference, to_local in _mass_points(self, data)
+        ]
 
-
-class Strains(NamedTuple):
-    """Strain measures of eqs. (5) and (6) at a point of the axis, or their rates."""
-
-    axial: SX
-    shear: SX
-    bending: SX
-
-
-def strains(kind: ElementType, row: np.ndarray, slope: np.ndarray, point: SX, nodal: SX) -> Strains:
-    """Axial strain, shear strain 2 eps12 and curvature kappa11 = -phi' (eqs. 5, 6).
-
-    `row`, `slope` are the shape functions and their xi-derivatives at the point, `point` the
-    data (weight, 1/R, dxi/ds), `nodal` the coordinates (u, v, phi) a node.
-    """
-    curvature, dxi_ds = point[1], point[2]
-    u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
-    du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
-    along, across = du - v * curvature, dv + u * curvature
-    quadratic = {
-        "linear": SX(0),
-        "nonlinear": 0.5 * (du**2 + dv**2),
-        "green": 0.5 * (along**2 + across**2),
-    }
-    return Strains(along + quadratic[kind.strain], across - phi, -dphi)
-
-
-def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
-    return sum((float(row[i]) * nodal[NODE * i + component] for i in range(len(row))), start=SX(0))
+    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
+        """Linear strain rates at the stiffness points."""
+        data = split(self, local.data)
+        linear = replace(self, strain="linear")
+        return [
+            StrainRatePoint(weight, data.section[:3], rates)
+            for weight, rates in strain_points(linear, data.stiffness, local.v[FRAME:])
+        ]
 
 
 class Data(NamedTuple):
@@ -126,33 +116,129 @@ def split(kind: ElementType, data: SX) -> Data:
     )
 
 
-class PointMotion(NamedTuple):
-    """Velocity of a point of the axis in its local frame ec, and of its section."""
+@dataclass(frozen=True, eq=False)
+class AxisMotion:
+    """Position, velocity and acceleration of the points of an axis (eqs. 8, 10 at eta = 0).
 
-    weight: SX
-    velocity: SX
-    spin: SX
-    rotation: SX
-
-
-def point_motions(kind: ElementType, local: Local, data: Data) -> list[PointMotion]:
-    """How the inertia points of an element move: the rate of eq. (8) at eta = 0, theta' + phi'.
-
-    `rotation` is phi, of the section relative to the undeformed one.
+    From local coordinates (x0, y0, theta, (u, v, phi) a node) and their rates. A point is given by
+    its shape functions `row`, its undeformed place `reference` in its local frame ec, and the
+    rotation `to_local` from the floating frame to ec; velocities and accelerations are told in ec,
+    where plane rotations commute with interpolation. Accelerations are those relative to free fall.
     """
+
+    q: SX
+    v: Any = None
+    a: Any = None
+    gravity: Any = None
+
+    @cached_property
+    def frame(self) -> SX:
+        """Rotation of the floating frame."""
+        return rotation(ca.cos(self.q[2]), ca.sin(self.q[2]))
+
+    @cached_property
+    def _origin_velocity(self) -> SX:
+        return self.frame.T @ self.v[:2]
+
+    @cached_property
+    def _origin_acceleration(self) -> SX:
+        return self.frame.T @ (self.a[:2] - self.gravity)
+
+    @cached_property
+    def _swing(self) -> SX:
+        """Acceleration of what the frame carries, as a linear map of its place."""
+        return rotation(-(self.v[2] ** 2), self.a[2])
+
+    @cached_property
+    def _relative(self) -> SX:
+        """By the nodal displacements: one linear map at all points, so it can be interpolated."""
+        q, v, a = (_nodal_vectors(z) for z in (self.q, self.v, self.a))
+        return self._swing @ q + 2 * self.v[2] * _turn(v) + a
+
+    def place(self, row: np.ndarray, reference: SX) -> SX:
+        """Place relative to the origin of the frame, in ec."""
+        return reference + _nodal_vectors(self.q) @ row
+
+    def position(self, row: np.ndarray, carried: Any, to_frame: SX) -> SX:
+        """Position in the inertial frame, of a point whose undeformed place in the frame is given.
+
+        `to_frame` is the rotation from ec to the floating frame.
+        """
+        return self.q[:2] + self.frame @ (carried + to_frame @ (_nodal_vectors(self.q) @ row))
+
+    def rotation(self, row: np.ndarray) -> SX:
+        """phi, of the section relative to the undeformed one."""
+        return self.q[FRAME + 2 :: NODE].T @ row
+
+    def velocity(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
+        """Velocity in ec."""
+        carried = to_local @ self._origin_velocity + self.v[2] * _turn(self.place(row, reference))
+        return carried + _nodal_vectors(self.v) @ row
+
+    def spin(self, row: np.ndarray) -> SX:
+        """Theta' + phi' of the section."""
+        return self.v[2] + self.v[FRAME + 2 :: NODE].T @ row
+
+    def acceleration(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
+        """Acceleration relative to free fall, in ec."""
+        carried = to_local @ self._origin_acceleration + self._swing @ reference
+        return carried + self._relative @ row
+
+    def spin_rate(self, row: np.ndarray) -> SX:
+        """Theta'' + phi'' of the section."""
+        return self.a[2] + self.a[FRAME + 2 :: NODE].T @ row
+
+
+def rotation(cosine: SX, sine: SX) -> SX:
+    """Matrix of a plane rotation."""
+    return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
+
+
+def _turn(vectors: SX) -> SX:
+    """The columns turned by 90 degrees."""
+    return ca.vertcat(-vectors[1, :], vectors[0, :])
+
+
+def _nodal_vectors(coordinates: SX) -> SX:
+    """Displacements (u, v) of the nodes, or their rates, as columns."""
+    nodes = (coordinates.shape[0] - FRAME) // NODE
+    return ca.reshape(coordinates[FRAME:], NODE, nodes)[:2, :]
+
+
+def _mass_points(kind: ElementType, data: Data) -> list[tuple[np.ndarray, SX, SX, SX]]:
+    """Shape functions, weight, undeformed place in ec and rotation to ec of each inertia point."""
     xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
-    omega = local.v[2]
-    frame = _rotation(ca.cos(local.q[2]), ca.sin(local.q[2]))
-    origin_velocity = frame.T @ local.v[:2]
-    q, v = (_nodal_vectors(kind, z) for z in (local.q, local.v))
-    phi, dphi = local.q[FRAME + 2 :: NODE].T, local.v[FRAME + 2 :: NODE].T
-    motions = []
-    for k, row in enumerate(shape_functions(kind.nodes, xi)):
-        to_local = _rotation(data.mass[3, k], data.mass[4, k]).T
-        place = data.mass[1:3, k] + q @ row
-        velocity = to_local @ origin_velocity + omega * _turn(place) + v @ row
-        motions.append(PointMotion(data.mass[0, k], velocity, omega + dphi @ row, phi @ row))
-    return motions
+    return [
+        (row, at[0], at[1:3], rotation(at[3], at[4]).T)
+        for row, at in zip(shape_functions(kind.nodes, xi), ca.horzsplit(data.mass), strict=True)
+    ]
+
+
+def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
+    """Weight, and (axial strain, shear strain 2 eps12, curvature kappa11), of the stiffness points.
+
+    Eqs. (5) and (6), kappa11 = -phi'. `points` has a column of `STIFFNESS_POINT` each, `nodal` are
+    the coordinates (u, v, phi) a node.
+    """
+    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
+    rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
+    found = []
+    for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
+        weight, curvature, dxi_ds = point[0], point[1], point[2]
+        u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
+        du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
+        along, across = du - v * curvature, dv + u * curvature
+        quadratic = {
+            "linear": SX(0),
+            "nonlinear": 0.5 * (du**2 + dv**2),
+            "green": 0.5 * (along**2 + across**2),
+        }
+        found.append((weight, ca.vertcat(along + quadratic[kind.strain], across - phi, -dphi)))
+    return found
+
+
+def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
+    return sum((float(row[i]) * nodal[NODE * i + component] for i in range(len(row))), start=SX(0))
 
 
 @cache
@@ -173,71 +259,38 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
 
 
 def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
-    """Everything in the local frame ec of the point, where plane rotations commute with I."""
-    xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
+    """Generalized inertial forces and weight, kinetic and gravity energy."""
     rhoA, rhoI = data.section[3], data.section[4]
-    omega, alpha = local.v[2], local.a[2]
-    frame = _rotation(ca.cos(local.q[2]), ca.sin(local.q[2]))
-    origin_acceleration = frame.T @ (local.a[:2] - data.gravity)
+    axis = AxisMotion(local.q, local.v, local.a, data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
     on_nodes = SX.zeros(NODE * kind.nodes)
-    potential = SX(0)
-    # Rotations commute in the plane, so eq. (10) is one linear map of (q, v, a), the same at every
-    # point, and its nodal values can be interpolated like displacements.
-    swing = _rotation(-(omega**2), alpha)
-    q, v, a = (_nodal_vectors(kind, z) for z in (local.q, local.v, local.a))
-    relative = swing @ q + 2 * omega * _turn(v) + a
-    ddphi = local.a[FRAME + 2 :: NODE].T
-    for k, row in enumerate(shape_functions(kind.nodes, xi)):
-        weight, cos_alpha, sin_alpha = data.mass[0, k], data.mass[3, k], data.mass[4, k]
-        reference = data.mass[1:3, k]
-        to_local = _rotation(cos_alpha, sin_alpha).T
-        place = reference + q @ row
-        force = (weight * rhoA) * (
-            to_local @ origin_acceleration + swing @ reference + relative @ row
-        )
-        moment = weight * rhoI * (alpha + ddphi @ row)
+    kinetic, potential = SX(0), SX(0)
+    for row, weight, reference, to_local in _mass_points(kind, data):
+        force = (weight * rhoA) * axis.acceleration(row, reference, to_local)
+        moment = weight * rhoI * axis.spin_rate(row)
         on_origin += to_local.T @ force
-        on_angle += ca.dot(_turn(place), force) + moment
+        on_angle += ca.dot(_turn(axis.place(row, reference)), force) + moment
         on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
-        height = ca.dot(data.gravity, local.q[:2] + frame @ to_local.T @ place)
-        potential -= weight * rhoA * height
-    kinetic = SX(0)
-    for point in point_motions(kind, local, data):
-        speed2, spin2 = ca.sumsqr(point.velocity), point.spin**2
-        kinetic += 0.5 * point.weight * (rhoA * speed2 + rhoI * spin2)
-    return ca.vertcat(frame @ on_origin, on_angle, on_nodes), kinetic, potential
-
-
-def _rotation(cosine: SX, sine: SX) -> SX:
-    return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
-
-
-def _turn(vectors: SX) -> SX:
-    """The columns turned by 90 degrees."""
-    return ca.vertcat(-vectors[1, :], vectors[0, :])
-
-
-def _nodal_vectors(kind: ElementType, coordinates: SX) -> SX:
-    """Displacements (u, v) of the nodes, or their rates, as columns."""
-    return ca.reshape(coordinates[FRAME:], NODE, kind.nodes)[:2, :]
+        position = axis.position(row, to_local.T @ reference, to_local.T)
+        potential -= weight * rhoA * ca.dot(data.gravity, position)
+        speed2 = ca.sumsqr(axis.velocity(row, reference, to_local))
+        kinetic += 0.5 * weight * (rhoA * speed2 + rhoI * axis.spin(row) ** 2)
+    return ca.vertcat(axis.frame @ on_origin, on_angle, on_nodes), kinetic, potential
 
 
 def _elasticity(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
-    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
-    shapes, slopes = shape_functions(kind.nodes, xi), shape_functions(kind.nodes, xi, 1)
+    """Generalized elastic and damping forces, strain energy and dissipated power."""
     nodal, rates = local.q[FRAME:], local.v[FRAME:]
     stiffness, damping = data.section[:3], data.section[5]
     force = SX.zeros(NODE * kind.nodes)
     stored, dissipated = SX(0), SX(0)
-    for k in range(kind.quadrature):
-        point = data.stiffness[:, k]
-        strain = ca.vertcat(*strains(kind, shapes[k], slopes[k], point, nodal))
+    for weight, strain in strain_points(kind, data.stiffness, nodal):
         section_forces = stiffness * strain
-        stored += 0.5 * point[0] * ca.dot(section_forces, strain)
+        stored += 0.5 * weight * ca.dot(section_forces, strain)
         if kind.damped:
-            viscous = damping * stiffness * ca.jtimes(strain, nodal, rates)
+            strain_rate = ca.jtimes(strain, nodal, rates)
+            viscous = damping * stiffness * strain_rate
             section_forces += viscous
-            dissipated += point[0] * ca.dot(viscous, ca.jtimes(strain, nodal, rates))
-        force += point[0] * ca.jtimes(strain, nodal, section_forces, True)
+            dissipated += weight * ca.dot(viscous, strain_rate)
+        force += weight * ca.jtimes(strain, nodal, section_forces, True)
     return force, stored, dissipated

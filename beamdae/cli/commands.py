@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
-from beamdae.cli.compare import compare
+from beamdae.cli.compare import compare_command
 from beamdae.cli.options import (
     EndTime,
     ModelFile,
@@ -48,7 +48,7 @@ app = typer.Typer(
     cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 
-app.command()(compare)
+app.command("compare")(compare_command)
 
 
 def main() -> None:
@@ -130,7 +130,7 @@ def run(
     )
     say_written(screen, [written, written.with_suffix(".json"), picture])
     if not solution.status.success:
-        typer.echo(f"failed: {solution.status.message}", err=True)
+        typer.echo(f"failed: {solution.status.sentence}", err=True)
         raise typer.Exit(1)
 
 
@@ -138,14 +138,14 @@ def run(
 def check(path: ModelFile, settings: Settings = None, model_name: ModelName = None) -> None:
     """Build a model and find its consistent start, without integrating."""
     model = _model(path, model_name, settings)
+    from beamdae.parts.mechanism import Mechanism
     from beamdae.report import terminal
 
     mechanism = model()
-    parts = getattr(mechanism, "parts", {})
-    beams = {name: part.mesh_errors for name, part in parts.items() if hasattr(part, "mesh")}
+    parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     facts = _start_facts(mechanism, model.t_end)
-    for name, errors in beams.items():
-        facts |= terminal.mesh_facts(name, *errors)
+    for name, part in parts.items():
+        facts |= {f"{name}, {what}": value for what, value in part.facts.items()}
     screen = console()
     screen.print(model.name, style="bold")
     if parts:
@@ -189,7 +189,7 @@ def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
     """Size of the equations of motion and what their consistent start is."""
     import numpy as np
 
-    from beamdae.integrators.marching import plan
+    from beamdae.integrators.drive import plan
     from beamdae.simulation import as_equations
 
     equations = as_equations(mechanism)
@@ -217,7 +217,7 @@ def _model(path: Path, name: str | None, settings: list[str] | None) -> Model:
 def _integrator(name: str, options: dict[str, Any]) -> Any:
     from beamdae.integrators import GeneralizedAlpha, Ida, Radau
 
-    kinds = {"ida": Ida, "radau": Radau, "generalized-alpha": GeneralizedAlpha}
+    kinds: dict[str, Any] = {"ida": Ida, "radau": Radau, "generalized-alpha": GeneralizedAlpha}
     kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:

@@ -30,14 +30,14 @@ from beamdae.errors import BeamdaeError, count
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.studies import Study
-    from beamdae.studies.engine import Progress, Results
+    from beamdae.studies.engine import Results, Standing
 
 _INTERRUPTED = 130
 # More rows than these are for the page, not for the screen.
 _MOST_ROWS = 16
 
 
-def compare(
+def compare_command(
     path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
     settings: Settings = None,
     model_name: ModelName = None,
@@ -119,7 +119,6 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
 def _say(results: Results) -> None:
     """Tables on the screen, and a sentence for each failure."""
     from beamdae.report import terminal
-    from beamdae.studies.engine import NOT_RUN
 
     screen = console()
     screen.print(results.study.name, style="bold")
@@ -133,7 +132,7 @@ def _say(results: Results) -> None:
     if len(results.summary):
         cells = [[terminal.number(x) for x in row] for row in results.summary.to_numpy()]
         screen.print(terminal.listing([str(c) for c in results.summary], cells))
-    tried = results.table[results.table["status"] != NOT_RUN]
+    tried = results.table[results.table["status"] != "interrupted"]
     reasons = terminal.failures(tried)
     for reason in reasons[:_MOST_ROWS]:
         typer.echo(f"failed: {reason}", err=True)
@@ -142,14 +141,19 @@ def _say(results: Results) -> None:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[Progress], None]]:
+def _progress() -> Iterator[Callable[[Standing], None]]:
     """A bar of the runs done on stderr; lines now and then where that is no terminal."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield _Lines()
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     columns: tuple[Any, ...] = (
         BarColumn(),
@@ -161,7 +165,7 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Bar(*columns, console=screen, transient=True) as bar:
+    with Progress(*columns, console=screen, transient=True) as bar:
         task = bar.add_task("", total=None, failed=0, kept=0, running=0)
         yield lambda p: bar.update(
             task,
@@ -181,14 +185,14 @@ class _Lines:
         self._next = 0.0
         self._begin = time.perf_counter()
 
-    def __call__(self, progress: Progress) -> None:
-        if progress.done >= self._next or progress.done == progress.total:
-            fresh, left = progress.done - progress.kept, progress.total - progress.done
+    def __call__(self, standing: Standing) -> None:
+        if standing.done >= self._next or standing.done == standing.total:
+            fresh, left = standing.done - standing.kept, standing.total - standing.done
             elapsed = time.perf_counter() - self._begin
             rest = f", about {elapsed / fresh * left:.0f} s left" if fresh and left else ""
             typer.echo(
-                f"{progress.done} of {progress.total} runs, {progress.running} running, "
-                f"{progress.failed} failed, {progress.kept} kept from before{rest}",
+                f"{standing.done} of {standing.total} runs, {standing.running} running, "
+                f"{standing.failed} failed, {standing.kept} kept from before{rest}",
                 err=True,
             )
-            self._next = progress.done + 0.1 * progress.total
+            self._next = standing.done + 0.1 * standing.total

@@ -96,7 +96,7 @@ def _imported(path: Path) -> ModuleType:
     except BeamdaeError:
         raise
     except (Exception, SystemExit) as problem:
-        raise BeamdaeError(f"{path}: it does not import, {_told(problem, path)}.") from problem
+        raise BeamdaeError(f"{path}: it does not import, {_explained(problem, path)}.") from problem
     finally:
         del sys.modules[name]
     return module
@@ -113,13 +113,13 @@ def _located(model: Model, path: Path) -> Callable[..., Any]:
             raise
         except Exception as problem:
             raise BeamdaeError(
-                f"{model.name}: {path} cannot build it, {_told(problem, path)}."
+                f"{model.name}: {path} cannot build it, {_explained(problem, path)}."
             ) from problem
 
     return build
 
 
-def _told(problem: BaseException, path: Path) -> str:
+def _explained(problem: BaseException, path: Path) -> str:
     """Type, line of the model file and message of an exception."""
     lines = [
         frame.lineno

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -14,13 +17,18 @@ from beamdae.equations.equations_of_motion import (
     ForceTerm,
     Observable,
 )
+from beamdae.equations.fit import require_body_fits, require_pieces_fit, require_statements_fit
 from beamdae.errors import BeamdaeError
+from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
+from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
     ForceStatement,
     Local,
+    Named,
     Piece,
     Quantity,
 )
@@ -28,47 +36,96 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class Owners:
+    """Whose coordinates stand where among those of all; the ground has none."""
+
+    sizes: dict[int, int]
+
+    @cached_property
+    def offsets(self) -> dict[int, int]:
+        """First coordinate of each owner."""
+        starts = np.cumsum([0, *self.sizes.values()])[:-1]
+        return dict(zip(self.sizes, starts.tolist(), strict=True))
+
+    @cached_property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return sum(self.sizes.values())
+
+    def globally(self, pieces: Sequence[Piece]) -> sp.csr_array:
+        """The operators of the pieces on all coordinates, one above the other."""
+        return _stack([self._shifted(piece) for piece in pieces] or [sp.csr_array((0, self.n))])
+
+    def _shifted(self, piece: Piece) -> sp.csr_array:
+        operator = sp.csr_array(piece.operator)
+        offset = self.offsets[id(piece.owner)]
+        parts = (operator.data, operator.indices + offset, operator.indptr)
+        return sp.csr_array(parts, shape=(operator.shape[0], self.n))
+
+
 def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
-    """Equations of motion of a mechanism: the sum of what its parts state."""
-    bodies = [p for p in mechanism.parts.values() if hasattr(p, "coordinate_names")]
-    start = np.cumsum([0, *(len(b.coordinate_names) for b in bodies)])
-    if start[-1] == 0:
+    """Equations of motion of a mechanism: the sum of what its parts state.
+
+    Raises
+    ------
+    BeamdaeError
+        If nothing can move, a part has nothing to say, or states what does not fit its bodies.
+    """
+    parts = list(mechanism.parts.values())
+    for part in parts:
+        require_body_fits(part)
+    owners = _owners(mechanism)
+    if owners.n == 0:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
-    offsets = {id(b): int(s) for b, s in zip(bodies, start[:-1], strict=True)}
-    forces = [
-        statement
-        for part in mechanism.parts.values()
-        if hasattr(part, "force_statements")
-        for statement in part.force_statements(mechanism.gravity)
-    ]
-    constraints = [joint.constraint_statement() for joint in mechanism.joints]
+    forces: list[ForceStatement] = []
+    constraints: list[ConstraintStatement] = []
+    # Points that tell the size of the drawing: those of the bodies, and where they are joined.
+    drawn = [part.outline for part in parts]
+    for part in parts:
+        own_forces, held = list(part.forces(mechanism.gravity)), list(part.constraints())
+        require_statements_fit(part, own_forces, held, owners.sizes)
+        forces += own_forces
+        constraints += held
+        if held:
+            drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
+    for name, quantity in mechanism.observables.items():
+        require_pieces_fit(name, quantity.pieces, owners.sizes)
+    extent = float(np.max(np.ptp(np.concatenate(drawn), axis=0)))
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     return build(
-        q_names=tuple(f"{b.name}.{c}" for b in bodies for c in b.coordinate_names),
-        q0=np.concatenate([b.initial_position for b in bodies]),
-        v0=np.concatenate([b.initial_velocity for b in bodies]),
-        length=_size(mechanism),
+        coordinates=tuple(
+            Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
+        ),
+        q0=np.concatenate([part.initial_position for part in parts]),
+        v0=np.concatenate([part.initial_velocity for part in parts]),
+        length=extent if extent > 0.0 else 1.0,
         breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
         observables=mechanism.observables,
-        offsets=offsets,
+        owners=owners,
     )
 
 
-def _size(mechanism: Mechanism) -> float:
-    """Largest extent of the drawing: bodies and the points they are joined at."""
-    outlines = [p.outline for p in mechanism.parts.values() if hasattr(p, "outline")]
-    points = [[a.point for a in (j.a, j.b)] for j in mechanism.joints]
-    everything = np.concatenate([*outlines, *(np.reshape(p, (-1, 2)) for p in points)])
-    extent = float(np.max(np.ptp(everything, axis=0)))
-    return extent if extent > 0.0 else 1.0
+def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> ca.Function:
+    """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
+    owners = _owners(mechanism)
+    q = ca.SX.sym("q", owners.n)
+    own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
+    found = [place.position(constant(place.operator) @ own[id(place.body)]) for place in places]
+    return ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))])
+
+
+def _owners(mechanism: Mechanism) -> Owners:
+    owners: list[Part] = [mechanism.ground, *mechanism.parts.values()]
+    return Owners({id(part): len(part.coordinates) for part in owners})
 
 
 def build(
     *,
-    q_names: tuple[str, ...],
+    coordinates: tuple[Named, ...],
     q0: Array,
     v0: Array,
     length: float,
@@ -77,58 +134,67 @@ def build(
     forces: list[ForceStatement],
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
-    offsets: dict[int, int],
+    owners: Owners,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
-    n = len(q_names)
-    data: list[Array] = []
-
-    def store(values: Array) -> slice:
-        begin = sum(len(d) for d in data)
-        data.append(np.asarray(values, float).ravel(order="F"))
-        return slice(begin, begin + len(data[-1]))
-
+    numbers = _Numbers()
     force_terms = [
         ForceTerm(
-            s[0].kernel,
-            _stack([_globally(x, n, offsets) for x in s]),
-            store(_joined(s)),
-            sum(x.count for x in s),
+            alike[0].kernel,
+            _stack([owners.globally(statement.pieces) for statement in alike]),
+            numbers.store(np.concatenate([statement.data for statement in alike], axis=1)),
+            sum(statement.count for statement in alike),
         )
-        for s in _by_kernel(forces)
+        for alike in _by_kernel(forces)
     ]
-    constraint_terms: list[ConstraintTerm] = []
-    lam_names: list[str] = []
+    held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
+    ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)]).tolist()
+    constraint_terms = [
+        ConstraintTerm(
+            statement.kernel,
+            owners.globally(statement.pieces),
+            numbers.store(statement.data),
+            slice(first, last),
+        )
+        for statement, (first, last) in zip(constraints, pairwise(ends), strict=True)
+    ]
     rows: dict[str, slice] = {}
-    for statement in constraints:
-        begin = len(lam_names)
-        lam_names += [f"{statement.part}.{name}" for name in statement.names]
-        rows[statement.part] = slice(begin, len(lam_names))
-        operator = _globally(statement, n, offsets)
-        constraint_terms.append(
-            ConstraintTerm(statement.kernel, operator, store(statement.data), rows[statement.part])
-        )
-    resolved = []
-    for name, quantity in observables.items():
-        operator = _globally(quantity, n, offsets)
-        lam_rows = rows[quantity.joint] if quantity.joint else slice(0, 0)
-        function = _quantity_function(quantity, operator.shape[0], lam_rows.stop - lam_rows.start)
-        resolved.append(
-            Observable(name, quantity.columns, function, operator, store(quantity.data), lam_rows)
-        )
+    for statement, term in zip(constraints, constraint_terms, strict=True):
+        # A part may state several constraints, one after the other.
+        rows[statement.part] = slice(rows.get(statement.part, term.rows).start, term.rows.stop)
+    observed = [
+        _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
+    ]
     return EquationsOfMotion(
-        q_names=q_names,
-        lam_names=tuple(lam_names),
+        coordinates=coordinates,
+        multipliers=tuple(held),
         q0=q0,
         v0=v0,
-        p=np.concatenate(data) if data else np.zeros(0),
+        p=numbers.all,
         length=length,
         breakpoints=breakpoints,
         time_scale=time_scale,
-        observables=tuple(resolved),
+        observables=tuple(observed),
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
     )
+
+
+class _Numbers:
+    """The numbers of the model, one after the other."""
+
+    def __init__(self) -> None:
+        self._stored: list[Array] = []
+
+    @property
+    def all(self) -> Array:
+        return np.concatenate([np.zeros(0), *self._stored])
+
+    def store(self, values: Array) -> slice:
+        """Where the values are from now on, column after column."""
+        begin = sum(len(stored) for stored in self._stored)
+        self._stored.append(np.asarray(values, float).ravel(order="F"))
+        return slice(begin, begin + len(self._stored[-1]))
 
 
 def _by_kernel(statements: list[ForceStatement]) -> list[list[ForceStatement]]:
@@ -139,34 +205,27 @@ def _by_kernel(statements: list[ForceStatement]) -> list[list[ForceStatement]]:
     return list(groups.values())
 
 
-def _joined(statements: list[ForceStatement]) -> Array:
-    return np.concatenate([s.data for s in statements], axis=1)
-
-
 def _stack(operators: list[sp.csr_array]) -> sp.csr_array:
     return operators[0] if len(operators) == 1 else sp.csr_array(sp.vstack(operators))
 
 
-def _globally(statement: Any, n: int, offsets: dict[int, int]) -> sp.csr_array:
-    """The pieces' operators on the global coordinates, one above the other."""
-    return _stack(
-        [_shifted(piece, n, offsets) for piece in statement.pieces] or [sp.csr_array((0, n))]
-    )
-
-
-def _shifted(piece: Piece, n: int, offsets: dict[int, int]) -> sp.csr_array:
-    operator = sp.csr_array(piece.operator)
-    offset = offsets.get(id(piece.owner), 0)
-    parts = (operator.data, operator.indices + offset, operator.indptr)
-    return sp.csr_array(parts, shape=(operator.shape[0], n))
-
-
-def _quantity_function(quantity: Quantity, size: int, n_multipliers: int) -> ca.Function:
-    local = Local(size, len(quantity.data), n_multipliers)
+def _observable(
+    name: str, quantity: Quantity, owners: Owners, numbers: _Numbers, rows: dict[str, slice]
+) -> Observable:
+    if quantity.joint is not None and quantity.joint not in rows:
+        raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
+    lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
+    operator = owners.globally(quantity.pieces)
+    local = Local(operator.shape[0], len(quantity.data), lam_rows.stop - lam_rows.start)
     value = ca.densify(SX(quantity.expression(local)))
     if value.shape != (len(quantity.columns), 1):
+        columns = ", ".join(column.name for column in quantity.columns)
         raise BeamdaeError(
-            f"a quantity must give one value for each of {quantity.columns}, "
+            f"{name}: the quantity must give one value for each of {columns}, "
             f"got shape {value.shape}."
         )
-    return ca.Function("observed", [local.time, local.q, local.v, local.data, local.lam], [value])
+    inputs = [local.time, local.q, local.v, local.data, local.lam]
+    function = ca.Function("observed", inputs, [value])
+    return Observable(
+        name, quantity.columns, function, operator, numbers.store(quantity.data), lam_rows
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, once
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.compiled import Compiled
@@ -28,7 +29,6 @@ _RIGID_TIME = 1.0
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 _MASS = np.array([0.0, 0.0, 1.0])
 _CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
-_POWER_ITERATIONS = 12
 # Numbers of a law that are rounded by hand do not meet exactly; this much [m or rad] is no jump.
 _JUMP = 1e-3
 # A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
@@ -43,67 +43,33 @@ class Starter:
 
     @cached_property
     def _constraints(self) -> Compiled:
-        """(time, q, v, a, p) -> g, g_dot, g_ddot and G."""
-        e = self.equations
-        time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
-        p = MX.sym("p", len(e.p))
-        levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
-        total = SparseSum((e.m, e.n))
-        for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
-            total.add(block)
-        outputs = [*levels, ca.densify(total.matrix())]
-        return Compiled(ca.Function("constraints", [time, q, v, a, p], outputs), e.p)
+        return Compiled(_constraints_function(self.equations), self.equations.p)
 
     @cached_property
     def _saddle(self) -> tuple[Compiled, Factorization, sp.csc_array]:
-        """(time, q, v, a, c) -> F and non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]]."""
-        e = self.equations
-        time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
-        p, c = MX.sym("p", len(e.p)), MX.sym("c", 3)
-        total = SparseSum((e.n + e.m, e.n + e.m))
-        stiffness, rates = e.tangent(time, q, v, a, p, c[1], c[2])
-        for block in stiffness:
-            total.add(block.scaled(c[0]))
-        for block in rates:
-            total.add(block)
-        for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
-            total.add(block, e.n, 0)
-            total.add(block.transposed, 0, e.n)
-        pattern, nonzeros = total.assemble()
-        force = ca.densify(e.force(time, q, v, a, p))
-        function = ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros])
-        return Compiled(function, e.p), factorization(pattern), pattern
+        function, pattern = _saddle_function(self.equations)
+        return Compiled(function, self.equations.p), factorization(pattern), pattern
 
     def forces(self, time: Array, state: State, a: Array) -> Array:
         """F at accelerations `a`, in place of those of the state."""
         return self._saddle[0](time, state.q, state.v, a, _MASS)[0].copy()
 
-    def fastest_mode(self, time: Array, state: State) -> tuple[float, float]:
-        """Estimate the highest natural frequency [rad/s] and the damping ratio of its mode.
-
-        Of the jointed mechanism; a few steps of power iteration with M^-1 K under the constraints.
-        """
+    def linearized(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
+        """Stiffness dF/dq, damping dF/dv and mass dF/da, sparse (n, n) each."""
         e = self.equations
-        function, solver, pattern = self._saddle
+        function, _, pattern = self._saddle
         matrices = []
         for c in np.eye(3):
             nonzeros = function(time, state.q, state.v, state.a, c)[1].copy()
             whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
             matrices.append(sp.csc_array(whole[: e.n, : e.n]))
-        stiffness, damping, mass = matrices
-        self._factorized(time, state.q, state.v, _MASS)
-        x = np.cos(np.arange(e.n) ** 2.0)
-        for _ in range(_POWER_ITERATIONS):
-            x = solver.solve(np.concatenate([stiffness @ x, np.zeros(e.m)]))[: e.n]
-            size = np.max(np.abs(x))
-            if not size > 0.0:
-                return 0.0, 0.0
-            x /= size
-        inertia = float(x @ (mass @ x))
-        frequency = np.sqrt(abs(float(x @ (stiffness @ x))) / inertia)
-        if frequency == 0.0:
-            return 0.0, 0.0
-        return float(frequency), float(x @ (damping @ x)) / (2.0 * frequency * inertia)
+        return tuple(matrices)
+
+    def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
+        """Accelerations that forces bring about in the jointed mechanism: f -> a."""
+        e = self.equations
+        solver, _ = self._factorized(time, state.q, state.v, _MASS)
+        return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
     def constraint_matrix(self, time: Array, q: Array) -> Array:
         """G = dg/dq, dense (m, n)."""
@@ -112,7 +78,7 @@ class Starter:
         return self._constraints(time, q, still, still)[3].reshape(e.m, e.n, order="F").copy()
 
     def state(self, time: Array, q: Array, v: Array) -> State:
-        """Consistent state nearest to (q, v) at time = (t, phase).
+        """Consistent state nearest to (q, v) at time = (t, branch).
 
         Positions move as little as the joints allow, measured by inertia and stiffness; velocities
         are projected in the metric of the mass matrix; accelerations and multipliers solve
@@ -128,11 +94,11 @@ class Starter:
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
 
-    def require_continuous(self, phase_before: float, time: Array, q: Array) -> None:
-        """Refuse a law that makes positions jump at time = (t, phase) after `phase_before`."""
+    def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
+        """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""
         e = self.equations
         still = np.zeros(e.n)
-        before = self._constraints(np.array([time[0], phase_before]), q, still, still)[0].copy()
+        before = self._constraints(np.array([time[0], branch_before]), q, still, still)[0].copy()
         jump = np.abs(self._constraints(time, q, still, still)[0] - before)
         if e.m > 0 and np.max(jump) > _JUMP * min(1.0, e.length):
             name = e.lam_names[int(np.argmax(jump))]
@@ -256,3 +222,35 @@ class Starter:
             f"{names}: these constraints depend on each other at t = {time[0]:g}, "
             f"remove {e.m - rank} of them."
         )
+
+
+@once
+def _constraints_function(e: EquationsOfMotion) -> ca.Function:
+    """(time, q, v, a, p) -> g, g_dot, g_ddot and G."""
+    time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
+    p = MX.sym("p", len(e.p))
+    levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
+    total = SparseSum((e.m, e.n))
+    for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
+        total.add(block)
+    outputs = [*levels, ca.densify(total.matrix())]
+    return ca.Function("constraints", [time, q, v, a, p], outputs)
+
+
+@once
+def _saddle_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_array]:
+    """(time, q, v, a, c, p) -> F and non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]]; pattern."""
+    time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
+    p, c = MX.sym("p", len(e.p)), MX.sym("c", 3)
+    total = SparseSum((e.n + e.m, e.n + e.m))
+    stiffness, damping_and_mass = e.tangent(time, q, v, a, p, c[1], c[2])
+    for block in stiffness:
+        total.add(block.scaled(c[0]))
+    for block in damping_and_mass:
+        total.add(block)
+    for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
+        total.add(block, e.n, 0)
+        total.add(block.transposed, 0, e.n)
+    pattern, nonzeros = total.assemble()
+    force = ca.densify(e.force(time, q, v, a, p))
+    return ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros]), pattern

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assemble import build
+from beamdae.equations.assemble import Owners, build
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, finite, positive
 from beamdae.symbolic.statements import (
@@ -21,6 +21,7 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
+    Named,
     Piece,
     Quantity,
 )
@@ -44,6 +45,9 @@ class ConstrainedSystem:
         Start; made consistent with the constraints.
     names
         Names of the coordinates; default q0, q1, ...
+    units
+        Their units, such as "m" and "rad"; default "-". Angles ("rad") are of size 1, all others
+        of the size of the largest of them at the start: scales follow from units, never from names.
     observe
         Further columns by name: expressions in t, q and v.
     breakpoints
@@ -71,6 +75,7 @@ class ConstrainedSystem:
     v0: Any
     constraints: Any = None
     names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
     observe: dict[str, Any] = field(default_factory=dict)
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
@@ -84,27 +89,26 @@ class ConstrainedSystem:
         names = tuple(self.names) or tuple(f"q{i}" for i in range(n))
         if len(names) != n:
             raise BeamdaeError(f"ConstrainedSystem: names must have {n} entries, got {len(names)}.")
+        coordinates = self._coordinates(names)
         columns = [*names, *self.observe]
         if len(set(columns)) < len(columns):
             raise BeamdaeError(f"ConstrainedSystem: names must differ, got {', '.join(columns)}.")
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
         constraints = self._constraint_statements(piece)
-        observables = {
-            "": Quantity(tuple((name, "-") for name in names), (piece,), lambda local: local.q)
-        }
+        observables = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
         for name, expression in self.observe.items():
             observables[name] = self._quantity(name, expression, piece)
         return build(
-            q_names=names,
+            coordinates=coordinates,
             q0=q0,
             v0=v0,
-            length=float(np.max(np.abs(q0))) or 1.0,
+            length=_length(q0, coordinates),
             breakpoints=self._checked_breakpoints(),
             time_scale=self.time_scale,
             forces=[self._force_statement(piece)],
             constraints=constraints,
             observables=observables,
-            offsets={id(self): 0},
+            owners=Owners({id(self): n}),
         )
 
     def _check_symbols(self) -> None:
@@ -125,6 +129,19 @@ class ConstrainedSystem:
             raise BeamdaeError(
                 f"ConstrainedSystem: observe must give expressions by name, got {self.observe!r}."
             )
+
+    def _coordinates(self, names: tuple[str, ...]) -> tuple[Named, ...]:
+        units = tuple(self.units) if self.units else ("-",) * len(names)
+        if isinstance(self.units, str) or len(units) != len(names):
+            raise BeamdaeError(
+                f"ConstrainedSystem: units must have {len(names)} entries, got {self.units!r}."
+            )
+        for unit in units:
+            if not isinstance(unit, str) or not unit:
+                raise BeamdaeError(
+                    f"ConstrainedSystem: units must be texts such as 'm' and 'rad', got {unit!r}."
+                )
+        return tuple(Named(name, unit) for name, unit in zip(names, units, strict=True))
 
     def _checked_breakpoints(self) -> tuple[float, ...]:
         times = tuple(finite("ConstrainedSystem", "breakpoints", b) for b in self.breakpoints)
@@ -185,8 +202,15 @@ class ConstrainedSystem:
         g = ca.reshape(self._in(local, self.constraints, "constraints"), m, 1)
         if ca.depends_on(g, local.v):
             raise BeamdaeError("ConstrainedSystem: constraints must not depend on v.")
-        names = tuple(f"g{i}" for i in range(m))
-        return [ConstraintStatement("constraint", ConstraintKernel(local, g), (piece,), names)]
+        held = tuple(Named(f"g{i}", "-") for i in range(m))
+        return [ConstraintStatement("constraint", ConstraintKernel(local, g), (piece,), held)]
 
     def _quantity(self, name: str, expression: Any, piece: Piece) -> Quantity:
-        return Quantity((("", "-"),), (piece,), lambda local: self._in(local, expression, name))
+        own = (Named("", "-"),)
+        return Quantity(own, (piece,), lambda local: self._in(local, expression, name))
+
+
+def _length(q0: np.ndarray, coordinates: tuple[Named, ...]) -> float:
+    """Size of the coordinates that are no angles: the largest at the start, or 1."""
+    sizes = [abs(x) for x, c in zip(q0.tolist(), coordinates, strict=True) if c.unit != "rad"]
+    return max(sizes, default=0.0) or 1.0

@@ -6,20 +6,23 @@ them into residuals, `compiled` turns those into numpy functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.sparse_sums import Block, gather, scatter
-from beamdae.symbolic.statements import ConstraintKernel, ForceKernel
+from beamdae.symbolic.statements import ConstraintKernel, ForceKernel, Named
 
 Array = np.ndarray
 MX = ca.MX
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Observable:
     """Named columns with units, and the function that gives them."""
 
     name: str
-    columns: tuple[tuple[str, str], ...]
+    columns: tuple[Named, ...]
     function: ca.Function
     operator: sp.csr_array
     data: slice
@@ -56,20 +59,22 @@ class Observable:
     @property
     def headers(self) -> list[str]:
         """CSV headers 'name.suffix [unit]'."""
-        dotted = [".".join(filter(None, (self.name, suffix))) for suffix, _ in self.columns]
-        return [f"{name} [{unit}]" for name, (_, unit) in zip(dotted, self.columns, strict=True)]
+        return [
+            Named(".".join(filter(None, (self.name, column.name))), column.unit).header
+            for column in self.columns
+        ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0 with everything integrators ask of them.
 
     Attributes
     ----------
-    q_names, lam_names
-        'part.coordinate' of each coordinate and constraint.
+    coordinates, multipliers
+        'part.coordinate' and unit of each coordinate and multiplier.
     q0, v0
-        Start as drawn; `initial.Starter` makes it consistent.
+        Start as drawn; `consistent_start.Starter` makes it consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length
@@ -80,8 +85,8 @@ class EquationsOfMotion:
         Shortest time [s] over which a law changes, or None.
     """
 
-    q_names: tuple[str, ...]
-    lam_names: tuple[str, ...]
+    coordinates: tuple[Named, ...]
+    multipliers: tuple[Named, ...]
     q0: Array
     v0: Array
     p: Array
@@ -91,21 +96,32 @@ class EquationsOfMotion:
     observables: tuple[Observable, ...]
     forces: tuple[ForceTerm, ...] = field(repr=False)
     joints: tuple[ConstraintTerm, ...] = field(repr=False)
+    _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.q_names)
+        return len(self.coordinates)
 
     @property
     def m(self) -> int:
         """Number of constraints."""
-        return len(self.lam_names)
+        return len(self.multipliers)
+
+    @cached_property
+    def q_names(self) -> tuple[str, ...]:
+        """'part.coordinate' of each coordinate."""
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    @cached_property
+    def lam_names(self) -> tuple[str, ...]:
+        """'part.constraint' of each multiplier."""
+        return tuple(multiplier.name for multiplier in self.multipliers)
 
     @cached_property
     def position_scales(self) -> Array:
         """Natural size of each coordinate: the characteristic length, or 1 for an angle."""
-        angle = np.array([_is_angle(name) for name in self.q_names], bool)
+        angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         return np.where(angle, 1.0, self.length)
 
     # Symbolic pieces ------------------------------------------------------------------------
@@ -135,14 +151,14 @@ class EquationsOfMotion:
     ) -> tuple[list[Block], list[Block]]:
         """Blocks of dF/dq and of c_v dF/dv + c_a dF/da."""
         stiffness: list[Block] = []
-        rates: list[Block] = []
+        damping_and_mass: list[Block] = []
         for term in self.forces:
             function = self._map(term.kernel.tangent_function, term.count, [0, 5, 6])
             inputs = self._force_inputs(term, time, (q, v, a), p)
             blocks = function(*inputs, c_v, c_a)
-            for target, values in zip((stiffness, rates), blocks, strict=True):
+            for target, values in zip((stiffness, damping_and_mass), blocks, strict=True):
                 target.append(Block(values, term.operator, term.operator, term.count))
-        return stiffness, rates
+        return stiffness, damping_and_mass
 
     def energies(self, time: MX, q: MX, v: MX, p: MX) -> MX:
         """(kinetic, strain, gravity energy [J], power of the loads, dissipated power [W])."""
@@ -223,6 +239,19 @@ class EquationsOfMotion:
         return ca.vertcat(*columns) if columns else MX.zeros(0)
 
 
-def _is_angle(name: str) -> bool:
-    coordinate = name.rsplit(".", 1)[-1]
-    return coordinate in ("angle", "theta") or coordinate.startswith("phi")
+def once(
+    build: Callable[Concatenate[EquationsOfMotion, P], T],
+) -> Callable[Concatenate[EquationsOfMotion, P], T]:
+    """Decorate what is built from equations of motion: built once for the same ones, kept on them.
+
+    What it gives has to be immutable: runs share it.
+    """
+
+    @wraps(build)
+    def kept(equations: EquationsOfMotion, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (build, args, tuple(sorted(kwargs.items())))
+        if key not in equations._derived:
+            equations._derived[key] = build(equations, *args, **kwargs)
+        return equations._derived[key]
+
+    return kept

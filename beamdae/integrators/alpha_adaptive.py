@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha_step import Motion, Stepper
-from beamdae.integrators.marching import Watch
+from beamdae.integrators.drive import StepError, fitted
 from beamdae.integrators.modified_newton import NewtonError
-from beamdae.results.solution import Status
-from beamdae.results.trajectory import Segment
+from beamdae.results.solution import Statistics
 
 Array = np.ndarray
 
@@ -41,22 +41,22 @@ def local_tolerance(rtol: float) -> float:
     return _CALIBRATION * rtol**1.5
 
 
-class StepSize:
-    """The step: kept while it serves, so that its factors are."""
+class PatientStepSize:
+    """The step: kept while it serves, so that its factors are.
+
+    Attributes
+    ----------
+    next
+        Step to try [s].
+    """
 
     def __init__(self, first: float, largest: float) -> None:
-        self._h = min(first, largest)
+        self.next = min(first, largest)
         self._largest = largest
         self._forget()
 
     def _forget(self) -> None:
         self._seen, self._worst = 0, 0.0
-
-    def fitted(self, remaining: float) -> float:
-        """The step to try; the last two before the end of an interval are equal."""
-        if remaining <= self._h * (1.0 + 1e-9):
-            return remaining
-        return min(self._h, 0.5 * remaining)
 
     def accept(self, h: float, error: float) -> None:
         """Hear of the error of a step over its tolerance; grows the step now and then."""
@@ -66,7 +66,7 @@ class StepSize:
             return
         growth = min(_possible(self._worst), _MOST_GROWTH)
         if growth >= _LEAST_GROWTH:
-            self._h = min(h * growth, self._largest)
+            self.next = min(h * growth, self._largest)
         self._forget()
 
     def reject(self, h: float, error: float | None) -> float:
@@ -74,9 +74,9 @@ class StepSize:
         shrinkage = _FAILED_SHRINKAGE
         if error is not None:
             shrinkage = max(min(_possible(error), _LEAST_SHRINKAGE), _MOST_SHRINKAGE)
-        self._h = h * shrinkage
+        self.next = h * shrinkage
         self._forget()
-        return self._h
+        return self.next
 
 
 def _possible(error: float) -> float:
@@ -85,11 +85,10 @@ def _possible(error: float) -> float:
 
 
 @dataclass
-class AdaptiveRun:
-    """Segments with steps that keep the estimated error of each below `tolerance`.
+class AdaptiveSteps:
+    """Steps that keep the estimated error of each below `tolerance`.
 
-    Steps begin with `first` in every segment and stay between a billionth of the run and
-    `largest`.
+    They begin with `first` in every interval and stay between a billionth of the run and `largest`.
     """
 
     stepper: Stepper
@@ -98,60 +97,60 @@ class AdaptiveRun:
     largest: float
     duration: float
     tolerance: float
-    max_steps: int | None
-    watch: Watch
-    taken: int = 0
-    rejected: int = 0
+    _rejected: int = field(default=0, init=False)
+    steps_between_looks: ClassVar[int] = 64
 
-    def __call__(
-        self, start: float, end: float, phase: float, state: State
-    ) -> tuple[Segment, Status]:
-        """Steps from `start` to `end`, and why no more."""
-        t, rows = [start], [state]
-        try:
-            stop = self._march(t, rows, end, phase)
-        except KeyboardInterrupt:
-            stop = f"interrupted at t = {t[-1]:.6g} s"
-        states = State(*(np.array(x) for x in zip(*rows, strict=True)))
-        return Segment(np.array(t), states, phase), Status(stop is None, stop or "reached the end")
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The tolerance of a step."""
+        return {"local_tolerance": self.tolerance}
 
-    def _march(self, t: list[float], rows: list[State], end: float, phase: float) -> str | None:
-        """Append steps up to the end; returns why no more."""
-        size = StepSize(self.first, self.largest)
-        motion: Motion | None = None
-        while t[-1] < end:
-            now, remaining = t[-1], end - t[-1]
-            if self.taken == self.max_steps:
-                return f"max_steps = {self.taken} taken, stopped at t = {now:.6g} s"
-            h = size.fitted(remaining)
-            time = np.array([now, phase])
-            error, reason = None, "the error test failed"
+    @property
+    def counts(self) -> Statistics:
+        """What it cost."""
+        return replace(self.stepper.counts, rejected_steps=self._rejected)
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval."""
+        self._t, self._end, self._branch, self._start = start, end, branch, state
+        self._size = PatientStepSize(self.first, self.largest)
+        self._motion: Motion | None = None
+
+    def step(self) -> tuple[float, State]:
+        """One step that passes the error test."""
+        reason = ""
+        while True:
+            remaining = self._end - self._t
+            h = fitted(self._size.next, remaining)
+            t = self._end if h == remaining else self._t + h
+            error = None
             try:
-                before = (
-                    self.stepper.start(time, rows[0], h, self.cured)
-                    if motion is None
-                    else self.stepper.resume(time, motion, h)
-                )
-                time[0] = end if h == remaining else now + h
-                after = self.stepper.advance(time, before)
-                error = self.stepper.error(before, after) / self.tolerance
+                after, error = self._attempt(t, h)
             except NewtonError as problem:
                 reason = problem.reason
             except BeamdaeError as problem:
-                return f"stopped at t = {now:.6g} s: {problem}"
-            if error is None or not error <= 1.0:
-                self.rejected += 1
-                if size.reject(h, error) < _SMALLEST * self.duration:
-                    return (
-                        f"stopped at t = {now:.6g} s: {reason} even with a step of {h:.2g} s; "
-                        "check laws and start values, or loosen rtol"
-                    )
-                continue
-            size.accept(h, error)
-            motion = after
-            t.append(float(time[0]))
-            rows.append(after.state)
-            self.taken += 1
-            if self.taken % self.watch.interval == 0 and (stop := self.watch(t[-1])):
-                return stop
-        return None
+                raise StepError(str(problem)) from problem
+            if error is not None:
+                if error <= 1.0:
+                    break
+                reason = "the error test failed"
+            self._rejected += 1
+            if self._size.reject(h, error) < _SMALLEST * self.duration:
+                raise StepError(
+                    f"{reason} even with a step of {h:.2g} s; "
+                    "check laws and start values, or loosen rtol"
+                )
+        self._size.accept(h, error)
+        self._t, self._motion = t, after
+        return t, after.state
+
+    def _attempt(self, t: float, h: float) -> tuple[Motion, float]:
+        """Motion after a step to t, and its error over the tolerance."""
+        time = np.array([self._t, self._branch])
+        before = (
+            self.stepper.start(time, self._start, h, self.cured)
+            if self._motion is None
+            else self.stepper.resume(time, self._motion, h)
+        )
+        after = self.stepper.advance(np.array([t, self._branch]), before)
+        return after, self.stepper.error(before, after) / self.tolerance

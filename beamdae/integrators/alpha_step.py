@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
 from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.results.solution import Statistics
 
 Array = np.ndarray
 
@@ -103,7 +104,7 @@ class Stepper:
         self._h = 0.0
 
     def start(self, time: Array, state: State, h: float, cured: bool) -> Motion:
-        """Motion to start from at time = (t, phase) with the step `h`.
+        """Motion to start from at time = (t, branch) with the step `h`.
 
         Of the jerk only what the joints prescribe enters, and modes too stiff for the step respond
         to a load that is there at once as they would after the step: both would ring otherwise.
@@ -147,7 +148,7 @@ class Stepper:
         return motion._replace(v=v, a=a, h=h)
 
     def advance(self, time: Array, motion: Motion) -> Motion:
-        """The motion one step later, at time = (t, phase).
+        """The motion one step later, at time = (t, branch).
 
         Raises
         ------
@@ -189,6 +190,11 @@ class Stepper:
         """
         jump = (after.a - before.a) * self._newton.weights
         return abs(self._member.defect) * self._h**2 * float(np.max(np.abs(jump)))
+
+    @property
+    def counts(self) -> Statistics:
+        """What it cost."""
+        return self._newton.counts
 
     def _restart(self, h: float, lam: Array) -> None:
         """Set the step, forget the factors, and guess the multipliers."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.consistent_start import Starter
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import FirstOrder, State
+from beamdae.equations.formulations import FirstOrder, Formulation, State
+from beamdae.equations.spectrum import Mode
 
 Array = np.ndarray
 
@@ -50,10 +50,9 @@ class Scales:
     force: float
 
 
-def scales(
-    equations: EquationsOfMotion, starter: Starter, time: Array, state: State, duration: float
-) -> Scales:
+def scales(starter: Starter, time: Array, state: State, duration: float) -> Scales:
     """Natural sizes from the consistent start, the laws' time scale and the length of the run."""
+    equations = starter.equations
     position = equations.position_scales
     candidates = [
         1.0 / duration,
@@ -105,28 +104,27 @@ class ErrorControl:
         if self.policy in ("velocities", "all"):
             atol[n : 2 * n] = tolerance * scales.position * scales.rate
         if self.policy == "all":
-            impulses = form.form == "stabilized-index1"
-            atol[2 * n :] = tolerance * scales.force / (scales.rate if impulses else 1.0)
+            rate = scales.rate if form.formulation.impulses else 1.0
+            atol[2 * n :] = tolerance * scales.force / rate
         return atol
 
 
 def resolve(
     policy: str,
     max_order: int | str,
-    form: str,
+    formulation: Formulation,
     rate: float,
-    fastest_mode: Callable[[], tuple[float, float]],
+    fastest_mode: Callable[[], Mode],
 ) -> ErrorControl:
     """Resolve "auto": which components are tested, and the highest order.
 
-    `rate` is that of the motion, `fastest_mode` gives the frequency [rad/s] and the damping ratio
-    of the fastest natural mode.
+    `rate` is that of the motion, `fastest_mode` gives the fastest natural mode.
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
     20 to 1000 times as much. BDF of order 3 to 5 is unstable next to the imaginary axis, where
     undamped modes sit: the order stops at 2 unless all but the slowest modes are overdamped, as
-    material damping makes them if there is enough of it. On "index3" only positions
+    material damping makes them if there is enough of it. On index 3 only positions
     are tested, the error of velocities grows there as the step falls; multipliers never are, they
     stall "ggl" and "index2".
     """
@@ -142,7 +140,7 @@ def resolve(
         choice, order, reason = "positions", 2, "modes below the fastest are lightly damped"
     else:
         choice, order, reason = "positions", 2, "fast modes are undamped"
-    if form == "index3":
+    if formulation.index == 3:
         choice = "positions"
     reason = f"{reason} (fastest {frequency:.3g} rad/s, damping ratio {damping:.2g})"
     return ErrorControl(

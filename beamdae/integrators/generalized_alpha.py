@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import time as clock
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State, step_equations
+from beamdae.equations.formulations import State
+from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, count, finite, one_of, positive
-from beamdae.integrators.alpha_adaptive import AdaptiveRun, local_tolerance
+from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
-from beamdae.integrators.marching import Progress, Watch, longest_step, plan, reached
-from beamdae.integrators.modified_newton import ModifiedNewton, NewtonError
-from beamdae.results.solution import Solution, Status
-from beamdae.results.trajectory import Segment
-from beamdae.symbolic.factorizations import single_threaded
+from beamdae.integrators.drive import Route, StepError, drive
+from beamdae.integrators.integrator import Accuracy, Integrator, Progress
+from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.results.solution import Solution, Statistics
 
 Array = np.ndarray
 _MOST_STEPS = 1e9
 
 
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(Integrator):
     """Second-order one-step integrator with controllable damping of high frequencies.
 
     (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n with Newmark's
@@ -139,117 +138,75 @@ class GeneralizedAlpha:
         return self._member.beta
 
     @property
+    def accuracy(self) -> Accuracy:
+        """The step, or the relative tolerance if there is one."""
+        return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
+
+    @property
+    def order(self) -> int:
+        """2 in the step, 1 where the family is "newmark" with rho_inf < 1; 1 in rtol."""
+        damped = self.family == "newmark" and self.rho_inf < 1.0
+        return 1 if self.rtol is not None or damped else 2
+
+    @property
     def label(self) -> str:
         """Short name for tables."""
         family = "" if self.family == "generalized-alpha" else f"family={self.family}, "
-        size = f"step={self.step:g}" if self.rtol is None else f"rtol={self.rtol:g}"
-        return f"GeneralizedAlpha({family}{size})"
+        name, value = self.accuracy
+        return f"GeneralizedAlpha({family}{name}={value:g})"
 
-    @single_threaded
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; `times` ascend and are the output times [s].
+        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        return drive(self, equations, times, self._method, progress)
 
-        A run that fails returns what it reached, with the reason as its status.
-
-        Raises
-        ------
-        BeamdaeError
-            If the model has no consistent start.
-        """
-        begin = clock.perf_counter()
+    def _method(self, route: Route) -> FixedSteps | AdaptiveSteps:
         index3 = self.formulation == "index3"
-        form = step_equations(equations, not index3)
+        form = step_equations(route.equations, not index3)
         newton = ModifiedNewton(form, self.newton_tolerance, self.linear_solver)
-        route = plan(equations, times)
+        cured = self.start == "cured"
         stepper = Stepper(self._member, newton, route.starter, index3)
-        setup_time = clock.perf_counter() - begin
-
-        begin = clock.perf_counter()
-        watch = Watch(progress, self.time_limit, begin)
-        settings: dict[str, Any] = {"integrator": "GeneralizedAlpha", **asdict(self)}
-        run: _FixedRun | AdaptiveRun
         if self.rtol is None:
-            run = _FixedRun(stepper, self.start == "cured", self.step, watch)
-        else:
-            run = self._adaptive(stepper, equations, float(times[-1] - times[0]), watch)
-            settings["local_tolerance"] = run.tolerance
-        trajectory, status = route.march(run)
-        wall_time = clock.perf_counter() - begin
-        statistics = newton.statistics(trajectory.steps, setup_time, wall_time)
-        return Solution(
-            equations,
-            trajectory,
-            reached(times, trajectory),
-            status,
-            replace(statistics, rejected_steps=run.rejected),
-            settings,
-        )
-
-    def _adaptive(
-        self, stepper: Stepper, equations: EquationsOfMotion, duration: float, watch: Watch
-    ) -> AdaptiveRun:
-        assert self.rtol is not None
-        return AdaptiveRun(
-            stepper,
-            self.start == "cured",
-            self.step,
-            longest_step(equations, duration),
-            duration,
-            local_tolerance(self.rtol),
-            self.max_steps,
-            watch,
+            return FixedSteps(stepper, cured, self.step)
+        tolerance = local_tolerance(self.rtol)
+        return AdaptiveSteps(
+            stepper, cured, self.step, route.longest_step, route.duration, tolerance
         )
 
 
-@dataclass
-class _FixedRun:
-    """Segments with a constant step."""
+class FixedSteps:
+    """Steps of equal length in each interval, as near to the one wanted as its end allows."""
 
-    stepper: Stepper
-    cured: bool
-    step: float
-    watch: Watch
-    rejected: ClassVar[int] = 0
+    steps_between_looks: ClassVar[int] = 64
+    resolved: ClassVar[dict[str, Any]] = {}
 
-    def __call__(
-        self, start: float, end: float, phase: float, state: State
-    ) -> tuple[Segment, Status]:
-        wanted = np.ceil((end - start) / self.step - 1e-6)
-        steps = int(max(min(wanted, _MOST_STEPS), 1))
-        try:
-            if wanted > _MOST_STEPS:
-                raise MemoryError
-            t = np.linspace(start, end, steps + 1)
-            rows = State(*(np.empty((steps + 1, len(x))) for x in state))
-        except MemoryError:
-            reason = f"{wanted:.3g} steps from t = {start:g} s need more memory than there is"
-            rows = State(*(x[None] for x in state))
-            at_start = Segment(np.array([start]), rows, phase)
-            return at_start, Status(False, f"{reason}; take a larger step")
-        for row, x in zip(rows, state, strict=True):
-            row[0] = x
-        taken, stopped = self._march(t, phase, rows)
-        status = Status(stopped is None, stopped or "reached the end")
-        return Segment(t[: taken + 1], State(*(x[: taken + 1] for x in rows)), phase), status
+    def __init__(self, stepper: Stepper, cured: bool, step: float) -> None:
+        self._stepper, self._cured, self._step = stepper, cured, step
 
-    def _march(self, t: Array, phase: float, rows: State) -> tuple[int, str | None]:
-        """Fill the rows; returns how many steps were taken, and why no more."""
-        h = (t[-1] - t[0]) / (len(t) - 1)
-        time = np.array([t[0], phase])
-        motion = self.stepper.start(time, State(*(x[0] for x in rows)), h, self.cured)
-        for k in range(1, len(t)):
-            time[0] = t[k]
-            try:
-                motion = self.stepper.advance(time, motion)
-                stop = self.watch(t[k]) if k % self.watch.interval == 0 else None
-            except NewtonError as problem:
-                return k - 1, f"stopped at t = {t[k - 1]:.6g} s: {problem}"
-            except KeyboardInterrupt:
-                return k - 1, f"interrupted at t = {t[k - 1]:.6g} s"
-            for row, x in zip(rows, motion.state, strict=True):
-                row[k] = x
-            if stop is not None:
-                return k, stop
-        return len(t) - 1, None
+    @property
+    def counts(self) -> Statistics:
+        """What it cost."""
+        return self._stepper.counts
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval."""
+        wanted = np.ceil((end - start) / self._step - 1e-6)
+        if wanted > _MOST_STEPS:
+            raise StepError(
+                f"{wanted:.3g} steps need more memory than there is; take a larger step"
+            )
+        self._start, self._end = start, end
+        self._count = int(max(wanted, 1))
+        self._h = (end - start) / self._count
+        self._taken = 0
+        self._time = np.array([start, branch])
+        self._motion = self._stepper.start(self._time, state, self._h, self._cured)
+
+    def step(self) -> tuple[float, State]:
+        """One step."""
+        self._taken += 1
+        last = self._taken == self._count
+        self._time[0] = self._end if last else self._taken * self._h + self._start
+        self._motion = self._stepper.advance(self._time, self._motion)
+        return float(self._time[0]), self._motion.state

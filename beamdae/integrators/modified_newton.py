@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from beamdae.equations.formulations import StepEquations
+from beamdae.equations.step_equations import StepEquations
+from beamdae.integrators.drive import StepError
 from beamdae.results.solution import Statistics
 from beamdae.symbolic.compiled import Compiled
 from beamdae.symbolic.factorizations import SingularMatrixError, factorization
@@ -22,7 +23,7 @@ _KEEP_RATE = 0.05
 _SLOW_RATE = 0.2
 
 
-class NewtonError(ArithmeticError):
+class NewtonError(StepError):
     """The iteration did not converge, even with a new factorization.
 
     `reason` is the message without the advice.
@@ -119,15 +120,13 @@ class ModifiedNewton:
             previous = size
         return False
 
-    def statistics(self, steps: int, setup_time: float, wall_time: float) -> Statistics:
+    @property
+    def counts(self) -> Statistics:
         """What it cost."""
         return Statistics(
-            steps=steps,
             residual_calls=self._residual.calls,
             jacobian_calls=self._jacobian.calls,
             factorizations=self._linear.factorizations,
             solves=self._linear.solves,
             newton_failures=self.failures,
-            setup_time=setup_time,
-            wall_time=wall_time,
         )

@@ -80,9 +80,9 @@ class Collocation:
         self.reason = ""
         self.restart(0.0)
 
-    def restart(self, phase: float) -> None:
+    def restart(self, branch: float) -> None:
         """Begin a smooth interval, without factors and without a step before."""
-        self._times[:, 1] = phase
+        self._times[:, 1] = branch
         self._before: tuple[float, Array] | None = None
         self._factorized = 0.0
         self.iterations, self.rate = 0, 1.0
@@ -196,18 +196,13 @@ class Collocation:
         )
         return False
 
-    def statistics(
-        self, steps: int, rejected_steps: int, setup_time: float, wall_time: float
-    ) -> Statistics:
+    @property
+    def counts(self) -> Statistics:
         """What it cost; residuals are counted by stage, factorizations as real and complex ones."""
         return Statistics(
-            steps=steps,
-            rejected_steps=rejected_steps,
             residual_calls=3 * self._residual.calls,
             jacobian_calls=self._jacobian.calls,
             factorizations=self._real.factorizations + self._complex.factorizations,
             solves=self._real.solves + self._complex.solves,
             newton_failures=self.failures,
-            setup_time=setup_time,
-            wall_time=wall_time,
         )

@@ -95,7 +95,7 @@ class Tolerance:
 
 
 @dataclass
-class StepSize:
+class PredictiveStepSize:
     """The next step: predicted from the last two errors, and within what Newton's iteration can do.
 
     h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)); Gustafsson, ACM

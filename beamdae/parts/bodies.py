@@ -1,147 +1,27 @@
-"""Attachments, the ground, rigid bodies and point masses."""
+"""The ground, rigid bodies and point masses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, finite, non_negative, point, positive
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
+from beamdae.parts.attachments import Attachment, require_attachment, rotate
+from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 
 Array = np.ndarray
 
 
-class Body(Protocol):
-    """What a mechanism asks of a body: coordinates and the forces it states in them."""
-
-    name: str
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """One name a coordinate."""
-
-    @property
-    def initial_position(self) -> Array:
-        """Coordinates in the reference drawing, shape (size,)."""
-
-    @property
-    def initial_velocity(self) -> Array:
-        """Their rates at the start, shape (size,); made consistent with the joints later."""
-
-    @property
-    def outline(self) -> Array:
-        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
-
-    def force_statements(self, gravity: Array) -> list[ForceStatement]:
-        """The body's inertia, elasticity, damping and weight."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Attachment:
-    """A material point of a body, named by where it sits in the reference drawing.
-
-    Attributes
-    ----------
-    body
-        The body it belongs to.
-    point
-        Its place (x, y) in the reference drawing [m].
-    inclination
-        Angle of the section (or the body) there in the reference drawing [rad].
-    operator
-        Rows that pick its local coordinates from those of the body.
-    kinematics
-        Local coordinates -> (position in the inertial frame, turn since the reference drawing).
-    """
-
-    body: Any
-    point: tuple[float, float]
-    inclination: float
-    operator: sp.csr_array
-    kinematics: Callable[[SX], tuple[SX, SX]]
-
-    @property
-    def size(self) -> int:
-        """Number of local coordinates."""
-        return self.operator.shape[0]
-
-    @property
-    def piece(self) -> Piece:
-        """Where the local coordinates come from."""
-        return Piece(self.body, self.operator)
-
-    def position(self, q: SX) -> SX:
-        """Position (x, y) in the inertial frame [m] from the local coordinates."""
-        return self.kinematics(q)[0]
-
-    def turn(self, q: SX) -> SX:
-        """Rotation of the section since the reference drawing [rad] from the local coordinates."""
-        return self.kinematics(q)[1]
-
-    def __repr__(self) -> str:
-        return f"{self.body.name} at ({self.point[0]:.6g}, {self.point[1]:.6g})"
-
-
-def require_attachment(part: str, name: str, value: Any) -> Attachment:
-    """Return `value` if it is an attachment."""
-    if not isinstance(value, Attachment):
-        raise BeamdaeError(f"{part}: {name} must be an attachment such as beam.end, got {value!r}.")
-    return value
-
-
-def require_angle(part: str, attachment: Attachment) -> None:
-    """Refuse a particle where an angle is held, driven or loaded."""
-    if isinstance(attachment.body, PointMass):
-        raise BeamdaeError(f"{part}: {attachment} is a particle and has no angle.")
-
-
-def rotate(angle: Any, vector: Any) -> SX:
-    """The plane vector turned by `angle` [rad]."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
-
-
-def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it is a text that can name a part."""
-    if not isinstance(name, str) or not name.strip():
-        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {name!r}.")
-    return name
-
-
 @dataclass(frozen=True, eq=False)
-class Ground:
+class Ground(Part):
     """The inertial frame; it has no coordinates."""
 
     name: str = "ground"
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """One name a coordinate."""
-        return ()
-
-    @property
-    def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
-        return np.zeros(0)
-
-    @property
-    def initial_velocity(self) -> Array:
-        """Their rates at the start."""
-        return np.zeros(0)
-
-    @property
-    def outline(self) -> Array:
-        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
-        return np.zeros((0, 2))
-
-    def force_statements(self, gravity: Array) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
-        return []
 
     def at(self, x: float, y: float) -> Attachment:
         """The fixed point (x, y) [m]."""
@@ -150,9 +30,13 @@ class Ground:
             self, place, 0.0, sp.csr_array((0, 0)), lambda q: (SX(list(place)), SX(0))
         )
 
+    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
+        """The fixed points something is attached to."""
+        return Drawing("ground", list(attached))
+
 
 @dataclass(frozen=True, eq=False)
-class RigidBody:
+class RigidBody(Part):
     """Rigid body with the coordinates (x, y, angle) of its center of mass.
 
     Parameters
@@ -185,9 +69,9 @@ class RigidBody:
         finite(self.name, "angular_velocity", self.angular_velocity)
 
     @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """One name a coordinate."""
-        return ("x", "y", "angle")
+    def coordinates(self) -> tuple[Named, ...]:
+        """Place of the center of mass, and angle."""
+        return (Named("x", "m"), Named("y", "m"), Named("angle", "rad"))
 
     @property
     def initial_position(self) -> Array:
@@ -201,7 +85,7 @@ class RigidBody:
 
     @property
     def outline(self) -> Array:
-        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
+        """The center of mass."""
         return np.array([self.center])
 
     def at(self, x: float, y: float) -> Attachment:
@@ -216,8 +100,8 @@ class RigidBody:
             lambda q: (q[:2] + rotate(q[2], arm), q[2]),
         )
 
-    def force_statements(self, gravity: Array) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Inertia and weight."""
         local = Local(3, 4)
         mass, inertia, weight = local.data[0], local.data[1], local.data[2:]
         force = ca.vertcat(mass * (local.a[:2] - weight), inertia * local.a[2])
@@ -227,9 +111,17 @@ class RigidBody:
         piece = Piece(self, sp.eye_array(3, format="csr"))
         return [ForceStatement(self.name, ForceKernel(local, force, energies), (piece,), data)]
 
+    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
+        """The points where something is attached, and the center if these are fewer than two."""
+        places = list(attached)
+        center = self.at(*self.center)
+        if len(places) < 2 and center.point not in {a.point for a in places}:
+            places.append(center)
+        return Drawing("rigid", places)
+
 
 @dataclass(frozen=True, eq=False)
-class PointMass:
+class PointMass(Part):
     """Particle of `mass` [kg]: fixed `on` an attachment, or free and starting `at` a point.
 
     A free particle has the coordinates (x, y) and can be joined to others by its `.point`; a fixed
@@ -255,9 +147,9 @@ class PointMass:
             positive(self.name, "mass", self.mass)
 
     @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """One name a coordinate."""
-        return () if self.on is not None else ("x", "y")
+    def coordinates(self) -> tuple[Named, ...]:
+        """Place of a free particle."""
+        return () if self.at is None else (Named("x", "m"), Named("y", "m"))
 
     @property
     def initial_position(self) -> Array:
@@ -271,7 +163,7 @@ class PointMass:
 
     @property
     def outline(self) -> Array:
-        """Points (n, 2) of the reference drawing that tell how large the body is [m]."""
+        """Where a free particle is."""
         return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)
 
     @property
@@ -280,10 +172,11 @@ class PointMass:
         if self.on is not None:
             return self.on
         assert self.at is not None
-        return Attachment(self, self.at, 0.0, sp.eye_array(2, format="csr"), lambda q: (q, SX(0)))
+        operator = sp.eye_array(2, format="csr")
+        return Attachment(self, self.at, 0.0, operator, lambda q: (q, SX(0)), has_angle=False)
 
-    def force_statements(self, gravity: Array) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Inertia and weight."""
         where = self.point
         local = Local(where.size, 3)
         mass, weight = local.data[0], local.data[1:]
@@ -295,3 +188,7 @@ class PointMass:
         data = np.array([[self.mass], [gravity[0]], [gravity[1]]])
         kernel = ForceKernel(local, force, energies)
         return [ForceStatement(self.name, kernel, (where.piece,), data)]
+
+    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
+        """A point."""
+        return Drawing("point", [self.point])

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, one_of
-from beamdae.parts.bodies import Attachment, require_angle, require_attachment, require_name, rotate
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.laws import Law, as_law
+from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 
@@ -23,7 +25,7 @@ def _load(part: str, on: Attachment, local: Local, work: SX, load: SX) -> ForceS
 
 
 @dataclass(frozen=True, eq=False)
-class Force:
+class Force(Part):
     """Force (Fx, Fy) [N] on an attachment.
 
     Parameters
@@ -48,29 +50,29 @@ class Force:
         require_attachment(self.name, "on", self.on)
         one_of(self.name, "axes", self.axes, ("inertial", "body"))
         try:
-            x, y = self.law
+            _, _ = self.law
         except (TypeError, ValueError):
             raise BeamdaeError(
                 f"{self.name}: law must be a pair of laws (Fx, Fy), got {self.law!r}."
             ) from None
-        object.__setattr__(self, "law", (as_law(self.name, x), as_law(self.name, y)))
+        _ = self.laws
 
-    @property
+    @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time of the part."""
-        return tuple(self.law)
+        """Both components over time."""
+        return tuple(as_law(self.name, component) for component in self.law)
 
-    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
+    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """The load."""
         local = Local(self.on.size)
-        load = ca.vertcat(*(law(local.time) for law in self.law))
+        load = ca.vertcat(*(law(local.time) for law in self.laws))
         if self.axes == "body":
             load = rotate(self.on.turn(local.q), load)
         return [_load(self.name, self.on, local, self.on.position(local.q), load)]
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class Moment(Part):
     """Moment [N m], counter-clockwise positive, on an attachment; `law` a number or law of t."""
 
     name: str
@@ -81,14 +83,15 @@ class Moment:
         require_name("Moment", self.name)
         require_attachment(self.name, "on", self.on)
         require_angle(self.name, self.on)
-        object.__setattr__(self, "law", as_law(self.name, self.law))
+        _ = self.laws
 
-    @property
+    @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time of the part."""
-        return (self.law,)
+        """The moment over time."""
+        return (as_law(self.name, self.law),)
 
-    def force_statements(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """What the part adds to the equations of motion."""
+    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """The load."""
         local = Local(self.on.size)
-        return [_load(self.name, self.on, local, self.on.turn(local.q), self.law(local.time))]
+        (law,) = self.laws
+        return [_load(self.name, self.on, local, self.on.turn(local.q), law(local.time))]

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, point
-from beamdae.parts.bodies import Attachment, require_angle, require_attachment, require_name, rotate
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.statements import SX, ConstraintKernel, ConstraintStatement, Local, Quantity
+from beamdae.parts.part import Part, require_name
+from beamdae.symbolic.statements import (
+    SX,
+    ConstraintKernel,
+    ConstraintStatement,
+    Local,
+    Named,
+    Quantity,
+)
 
 # Relative to the size of the bodies: what rounding a drawing's numbers by hand may cost.
 _MEETING_TOLERANCE = 1e-6
@@ -34,20 +42,12 @@ def _require_meeting(part: str, a: Attachment, b: Attachment) -> None:
         )
 
 
-def _statement(
-    part: str, attachments: tuple[Attachment, ...], names: tuple[str, ...], constraint: Any
-) -> ConstraintStatement:
-    """Constraint statement of `constraint(local, qs)`, qs the local coordinates by attachment."""
-    local = Local(sum(a.size for a in attachments), 0, len(names))
-    ends = np.cumsum([0, *(a.size for a in attachments)])
-    qs = [local.q[int(i) : int(j)] for i, j in pairwise(ends)]
-    kernel = ConstraintKernel(local, constraint(local, qs))
-    return ConstraintStatement(part, kernel, tuple(a.piece for a in attachments), names)
-
-
 @dataclass(frozen=True, eq=False)
-class Joint:
-    """Two attachments, `a` and `b`, tied together; reactions are those on the body of `b`."""
+class Joint(Part):
+    """Two attachments, `a` and `b`, tied together; reactions are those on the body of `b`.
+
+    A joint states `multipliers`, `reactions` and `constraint`; everything else follows.
+    """
 
     name: str
     a: Attachment
@@ -64,17 +64,34 @@ class Joint:
     @property
     def reaction(self) -> Quantity:
         """Force [N] and moment [N m] of the joint on the body of `b`, as far as it holds them."""
-        size = len(self.reaction_columns)
-        return Quantity(self.reaction_columns, (), lambda local: -local.lam[:size], joint=self.name)
+        columns = tuple(
+            Named(name, held.unit)
+            for name, held in zip(self.reactions, self.multipliers, strict=True)
+        )
+        return Quantity(columns, (), lambda local: -local.lam, joint=self.name)
 
     @property
-    def reaction_columns(self) -> tuple[tuple[str, str], ...]:
-        """Suffix and unit of each reaction."""
+    def multipliers(self) -> tuple[Named, ...]:
+        """What each constraint holds, and the unit of its multiplier: "N" or "N m"."""
         raise NotImplementedError
 
-    def constraint_statement(self) -> ConstraintStatement:
-        """The constraints as a local statement."""
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """What each multiplier is called as a reaction."""
         raise NotImplementedError
+
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint g from the local coordinates of both attachments, and from local.time."""
+        raise NotImplementedError
+
+    def constraints(self) -> list[ConstraintStatement]:
+        """The constraint as a local statement."""
+        size = self.a.size
+        local = Local(size + self.b.size, 0, len(self.multipliers))
+        g = self.constraint(local, local.q[:size], local.q[size:])
+        kernel = ConstraintKernel(local, g)
+        pieces = (self.a.piece, self.b.piece)
+        return [ConstraintStatement(self.name, kernel, pieces, self.multipliers)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +103,18 @@ class Revolute(Joint):
         _require_meeting(self.name, self.a, self.b)
 
     @property
-    def reaction_columns(self) -> tuple[tuple[str, str], ...]:
-        """Suffix and unit of each reaction."""
-        return (("Fx", "N"), ("Fy", "N"))
+    def multipliers(self) -> tuple[Named, ...]:
+        """What each constraint holds."""
+        return (Named("x", "N"), Named("y", "N"))
 
-    def constraint_statement(self) -> ConstraintStatement:
-        """The constraints as a local statement."""
-        return _statement(
-            self.name,
-            (self.a, self.b),
-            ("x", "y"),
-            lambda local, q: self.b.position(q[1]) - self.a.position(q[0]),
-        )
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """What each multiplier is called as a reaction."""
+        return ("Fx", "Fy")
+
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint from the local coordinates of both attachments."""
+        return self.b.position(q_b) - self.a.position(q_a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,20 +128,19 @@ class Weld(Joint):
         _require_meeting(self.name, self.a, self.b)
 
     @property
-    def reaction_columns(self) -> tuple[tuple[str, str], ...]:
-        """Suffix and unit of each reaction."""
-        return (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
+    def multipliers(self) -> tuple[Named, ...]:
+        """What each constraint holds."""
+        return (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
 
-    def constraint_statement(self) -> ConstraintStatement:
-        """The constraints as a local statement."""
-        return _statement(
-            self.name,
-            (self.a, self.b),
-            ("x", "y", "angle"),
-            lambda local, q: ca.vertcat(
-                self.b.position(q[1]) - self.a.position(q[0]), self.b.turn(q[1]) - self.a.turn(q[0])
-            ),
-        )
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """What each multiplier is called as a reaction."""
+        return ("Fx", "Fy", "M")
+
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint from the local coordinates of both attachments."""
+        gap = self.b.position(q_b) - self.a.position(q_a)
+        return ca.vertcat(gap, self.b.turn(q_b) - self.a.turn(q_a))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,26 +155,27 @@ class Driver(Joint):
         require_angle(self.name, self.b)
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the angle [rad] over time.")
-        object.__setattr__(self, "law", as_law(self.name, self.law))
+        _ = self.laws
 
-    @property
+    @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time of the part."""
-        return (self.law,)
+        """The angle over time."""
+        return (as_law(self.name, self.law),)
 
     @property
-    def reaction_columns(self) -> tuple[tuple[str, str], ...]:
-        """Suffix and unit of each reaction."""
-        return (("M", "N m"),)
+    def multipliers(self) -> tuple[Named, ...]:
+        """What each constraint holds."""
+        return (Named("angle", "N m"),)
 
-    def constraint_statement(self) -> ConstraintStatement:
-        """The constraints as a local statement."""
-        return _statement(
-            self.name,
-            (self.a, self.b),
-            ("angle",),
-            lambda local, q: self.b.turn(q[1]) - self.a.turn(q[0]) - self.law(local.time),
-        )
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """What each multiplier is called as a reaction."""
+        return ("M",)
+
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint from the local coordinates of both attachments."""
+        (law,) = self.laws
+        return self.b.turn(q_b) - self.a.turn(q_a) - law(local.time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,15 +206,16 @@ class PointOnLine(Joint):
         return np.array([-dy, dx]) / np.hypot(dx, dy)
 
     @property
-    def reaction_columns(self) -> tuple[tuple[str, str], ...]:
-        """Suffix and unit of each reaction."""
-        return (("F", "N"),)
+    def multipliers(self) -> tuple[Named, ...]:
+        """What each constraint holds."""
+        return (Named("normal", "N"),)
 
-    def constraint_statement(self) -> ConstraintStatement:
-        """The constraints as a local statement."""
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """What each multiplier is called as a reaction."""
+        return ("F",)
 
-        def constraint(local: Local, q: list[SX]) -> SX:
-            normal = rotate(self.a.turn(q[0]), self._normal)
-            return ca.dot(normal, self.b.position(q[1]) - self.a.position(q[0]))
-
-        return _statement(self.name, (self.a, self.b), ("normal",), constraint)
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint from the local coordinates of both attachments."""
+        normal = rotate(self.a.turn(q_a), self._normal)
+        return ca.dot(normal, self.b.position(q_b) - self.a.position(q_a))

@@ -112,7 +112,7 @@ def _require_smooth(part: str, function: ca.Function) -> None:
 
 
 def _checked(part: str, law: Law, start: float) -> ca.Function:
-    """The law as a function of (t, phase)."""
+    """The law as a function of (t, branch)."""
     time = SX.sym("t", 2)
     try:
         value = law(time)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from beamdae.parts.bodies import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.statements import SX, Local, Quantity
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 
 def motion(attachment: Attachment) -> Quantity:
     """Position, angle and their rates of an attachment, in the inertial frame."""
     has_angle = not SX(attachment.turn(SX.sym("q", attachment.size))).is_constant()
-    columns = [("x", "m"), ("y", "m"), ("x_dot", "m/s"), ("y_dot", "m/s")]
-    if has_angle:
-        columns.insert(2, ("angle", "rad"))
-        columns.append(("angle_dot", "rad/s"))
+    place = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] if has_angle else [])]
+    columns = (*place, *(column.rate for column in place))
 
     def expression(local: Local) -> SX:
         place = attachment.position(local.q)
@@ -23,7 +21,7 @@ def motion(attachment: Attachment) -> Quantity:
             place = ca.vertcat(place, attachment.inclination + attachment.turn(local.q))
         return ca.vertcat(place, local.dot(place))
 
-    return Quantity(tuple(columns), (attachment.piece,), expression)
+    return Quantity(columns, (attachment.piece,), expression)
 
 
 def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
@@ -44,4 +42,5 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
         carried = on.position(q_on) + rotate(on.turn(q_on), arm)
         return ca.vertcat(of.position(q_of) - carried, of.turn(q_of) - on.turn(q_on))
 
-    return Quantity((("u", "m"), ("v", "m"), ("phi", "rad")), (of.piece, on.piece), expression)
+    columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
+    return Quantity(columns, (of.piece, on.piece), expression)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.results.headers import Header
+from beamdae.results.headers import LEDGER_COLUMNS, Header, observed_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,14 +104,15 @@ def characteristic_columns(table: pd.DataFrame) -> list[str]:
     for columns in groups.values():
         if {Header.of(c).suffix for c in columns} & {"u", "v", "phi"}:
             return columns[:3]
-    motions = [c for columns in groups.values() for c in columns if c.endswith(("[m]", "[rad]"))]
-    return (motions or [c for columns in groups.values() for c in columns])[:3]
+    moving = [column for columns in groups.values() for column in columns]
+    motions = [column for column in moving if Header.of(column).unit in ("m", "rad")]
+    return (motions or moving)[:3]
 
 
 def _groups(table: pd.DataFrame) -> dict[tuple[str, str], list[str]]:
     """Columns that share a panel, by observable and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for column in _moving(table) or [c for c in map(str, table) if c.startswith("energy.")]:
+    for column in _moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
     return dict(list(groups.items())[:_PANELS])
@@ -119,9 +120,7 @@ def _groups(table: pd.DataFrame) -> dict[tuple[str, str], list[str]]:
 
 def _moving(table: pd.DataFrame) -> list[str]:
     """Observed columns that are neither rates nor still."""
-    columns = [
-        c for c in map(str, table) if not c.startswith(("t [", "energy.")) and "_dot [" not in c
-    ]
+    columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     size = {c: float(np.ptp(table[c].to_numpy())) for c in columns}
     largest = max(size.values(), default=0.0)
     return [c for c in columns if size[c] > 1e-9 * largest] or columns

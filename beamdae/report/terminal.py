@@ -64,7 +64,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     s = {name: number(value) for name, value in summary.items()}
     shown = {k: v for k, v in settings.items() if v is not None and k != "integrator"}
     return {
-        "status": str(s["status"]),
+        "status": str(s["reason"]),
         "time reached": f"{number(summary['last_time'], 6)} s",
         "integrator": f"{settings.get('integrator', '')} "
         + ", ".join(f"{name}={number(value)}" for name, value in shown.items()),
@@ -76,14 +76,6 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         "drift": f"{s['max_position_drift']} in positions, {s['max_velocity_drift']} in velocities",
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy turned over",
-    }
-
-
-def mesh_facts(beam: str, length: float, curvature: float) -> dict[str, Any]:
-    """How well the elements of a beam follow its curve."""
-    return {
-        f"mesh of {beam}": f"arc length within {number(length)} (relative), "
-        f"curvature times length within {number(curvature)}"
     }
 
 
@@ -109,8 +101,6 @@ def comparison_table(table: pd.DataFrame) -> Table:
         cells = {name: number(row[name]) for name in shown}
         if row.get("below resolution", False):
             cells["error [-]"] = f"< {number(10.0 * row['reference uncertainty [-]'])}"
-        # The sentence of a failure is too long for a cell, it follows below the table.
-        cells["status"] = "ok" if row["status"] == "ok" else "failed"
         result.add_row(row["label"], *cells.values())
     return result
 
@@ -119,7 +109,7 @@ def failures(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
     where = failed["group"] + ", " + failed["label"]
-    return [f"{i}: {s}" for i, s in zip(where, failed["status"], strict=True)]
+    return [f"{i}: {s}" for i, s in zip(where, failed["reason"], strict=True)]
 
 
 def listing(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

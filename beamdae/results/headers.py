@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
+
+from beamdae.equations.measures import ENERGIES, WORKS
 
 
 class Header(NamedTuple):
@@ -18,3 +21,16 @@ class Header(NamedTuple):
         dotted, _, unit = column.removesuffix("]").rpartition(" [")
         name, _, suffix = dotted.rpartition(".")
         return cls(name or suffix, suffix, unit)
+
+
+# What tables hold besides the observed columns.
+LEDGER_COLUMNS = tuple(
+    f"energy.{name.replace(' ', '_')} [J]" for name in (*ENERGIES, *WORKS, "imbalance")
+)
+DRIFT_COLUMNS = ("drift.position", "drift.velocity")
+
+
+def observed_columns(table: Iterable[object]) -> list[str]:
+    """The observed columns of a table that may have time, energies and drift as well."""
+    others = {"t [s]", *LEDGER_COLUMNS, *DRIFT_COLUMNS}
+    return [str(column) for column in table if str(column) not in others]

@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Segment:
+class Interval:
     """Accepted steps between two breakpoints.
 
     Attributes
@@ -22,21 +22,21 @@ class Segment:
         Times (k,) of the steps, ascending.
     state
         State rows (k, .) at these times.
-    phase
-        A time inside the segment; laws choose their branch by it.
+    branch
+        A time inside the interval; laws choose their piece by it.
     """
 
     t: Array
     state: State
-    phase: float
+    branch: float
 
     @property
     def times(self) -> Array:
-        """(t, phase) rows for compiled functions."""
-        return _with_phase(self.t, self.phase)
+        """(t, branch) rows for compiled functions."""
+        return _with_branch(self.t, self.branch)
 
     def at(self, t: Array) -> State:
-        """State at times inside the segment.
+        """State at times inside the interval.
 
         Quintic Hermite interpolation of (q, v, a), order 6 in q; cubic spline of lam.
         """
@@ -81,35 +81,35 @@ def accumulate(t: Array, rates: Array) -> Array:
     return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def _with_phase(t: Array, phase: float | Array) -> Array:
-    return np.stack([t, np.broadcast_to(phase, np.shape(t))], axis=-1)
+def _with_branch(t: Array, branch: float | Array) -> Array:
+    return np.stack([t, np.broadcast_to(branch, np.shape(t))], axis=-1)
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """All accepted steps of a run."""
 
-    segments: tuple[Segment, ...]
+    intervals: tuple[Interval, ...]
 
     @property
     def end(self) -> float:
         """Last time reached."""
-        return float(self.segments[-1].t[-1])
+        return float(self.intervals[-1].t[-1])
 
     @property
     def steps(self) -> int:
         """Number of accepted steps."""
-        return sum(len(s.t) - 1 for s in self.segments)
+        return sum(len(s.t) - 1 for s in self.intervals)
 
     def which(self, times: Array) -> Array:
-        """Index of the segment of each time; a breakpoint belongs to what came before it."""
-        starts = np.array([s.t[0] for s in self.segments])
+        """Index of the interval of each time; a breakpoint belongs to what came before it."""
+        starts = np.array([s.t[0] for s in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
     def at(self, times: Array) -> tuple[Array, State]:
-        """(t, phase) rows and states at ascending times within the run."""
+        """(t, branch) rows and states at ascending times within the run."""
         which = self.which(times)
-        phases = np.array([s.phase for s in self.segments])[which]
-        parts = [s.at(times[which == k]) for k, s in enumerate(self.segments)]
+        branches = np.array([s.branch for s in self.intervals])[which]
+        parts = [s.at(times[which == k]) for k, s in enumerate(self.intervals)]
         state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-        return _with_phase(times, phases), state
+        return _with_branch(times, branches), state

@@ -17,9 +17,10 @@ import cloudpickle
 import numpy as np
 
 from beamdae.errors import BeamdaeError
-from beamdae.integrators import GeneralizedAlpha, Ida, Radau
+from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.model_functions import Model
-from beamdae.results.solution import Solution, versions
+from beamdae.results.files import versions
+from beamdae.results.solution import Solution
 from beamdae.simulation import simulate
 
 
@@ -34,23 +35,29 @@ class Case:
     parameters
         Values in place of its defaults.
     integrator
-        Ida(...), GeneralizedAlpha(...) or Radau(...).
+        Ida(...), GeneralizedAlpha(...), Radau(...) or any other `Integrator`.
     """
 
     model: Model
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    integrator: Any = field(default_factory=Ida)
+    integrator: Integrator = field(default_factory=Ida)
 
-    @property
-    def family(self) -> str:
-        """Name of the integrator."""
-        return type(self.integrator).__name__
+    def __post_init__(self) -> None:
+        if not isinstance(self.integrator, Integrator):
+            raise BeamdaeError(
+                f"Case: integrator must be one such as Ida(rtol=1e-5), got {self.integrator!r}."
+            )
 
     @property
     def changed(self) -> dict[str, Any]:
         """Settings of the integrator that differ from their defaults."""
-        settings = {f.name: (getattr(self.integrator, f.name), f.default) for f in _settings(self)}
-        return {name: value for name, (value, default) in settings.items() if value != default}
+        chosen = {f.name: (getattr(self.integrator, f.name), f.default) for f in self._settings}
+        return {name: value for name, (value, default) in chosen.items() if value != default}
+
+    @property
+    def _settings(self) -> list[Any]:
+        # A limit of time changes nothing of the numbers.
+        return [f for f in fields(self.integrator) if f.name != "time_limit"]  # type: ignore[arg-type]
 
     @property
     def label(self) -> str:
@@ -61,15 +68,10 @@ class Case:
 
     @property
     def series(self) -> str:
-        """The label without step and tolerance: runs that differ in nothing else make a curve."""
-        kept = [f"{k}={v}" for k, v in self.changed.items() if k not in ("step", "rtol")]
-        adaptive = ", adaptive" if self.family == "GeneralizedAlpha" and self.tolerance else ""
-        return f"{self.family}({', '.join(kept)}){adaptive}" if kept else f"{self.family}{adaptive}"
-
-    @property
-    def tolerance(self) -> float | None:
-        """Relative tolerance of an adaptive integrator."""
-        return getattr(self.integrator, "rtol", None)
+        """The label with the name of step or tolerance alone: runs that make one curve."""
+        refined = self.integrator.accuracy.name
+        kept = [f"{k}={v}" for k, v in self.changed.items() if k != refined]
+        return f"{self.integrator.method}({', '.join([refined, *kept])})"
 
     @property
     def group(self) -> str:
@@ -94,26 +96,22 @@ class Case:
 
     def fingerprint(self, t_end: float, output_step: float) -> str:
         """Hash of all the result depends on."""
-        settings = asdict(self.integrator)
-        return _digest([self.mechanism(), self.family, settings, t_end, output_step])
+        settings = asdict(self.integrator)  # type: ignore[call-overload]
+        return _digest([self.mechanism(), self.integrator.method, settings, t_end, output_step])
 
 
 def _digest(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, default=_told)
+    text = json.dumps(content, sort_keys=True, default=_identified)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def _told(value: Any) -> Any:
+def _identified(value: Any) -> Any:
     """What JSON cannot say of a value, so that different values are told apart."""
     if isinstance(value, np.ndarray):
         return [str(value.dtype), value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
     if isinstance(value, np.generic):
         return value.item()
     return [type(value).__name__, hashlib.sha256(cloudpickle.dumps(value)).hexdigest()]
-
-
-def _settings(case: Case) -> list[Any]:
-    return [f for f in fields(case.integrator) if f.name != "time_limit"]
 
 
 def _source(model: Model) -> list[Any]:
@@ -147,7 +145,7 @@ def _text(path: Path, changed: int) -> str:
     return path.read_text()
 
 
-def default_integrators() -> tuple[Any, ...]:
+def default_integrators() -> tuple[Integrator, ...]:
     """The integrators a model is compared with unless others are named."""
     return (
         Ida(rtol=1e-4),

@@ -15,9 +15,9 @@ from beamdae.studies.case import Case
 from beamdae.studies.deviations import compared
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.work import Outcome, by_time, values
+from beamdae.studies.work import NOT_RUN, Outcome, by_time, values
 
-Progress = Callable[[str, float], None]
+CaseProgress = Callable[[str, float], None]
 
 
 def compare(
@@ -26,7 +26,7 @@ def compare(
     columns: Sequence[str] = (),
     t_end: float | None = None,
     output_step: float | None = None,
-    progress: Progress | None = None,
+    progress: CaseProgress | None = None,
 ) -> pd.DataFrame:
     """Run cases one after the other and tabulate cost and quality, a failed run is a row as well.
 
@@ -80,24 +80,23 @@ def compare(
         raise BeamdaeError(f"compare: reference must be a Case or a Solution, got {reference!r}.")
     rows, interrupted = [], False
     for case in cases:
-        outcome = Outcome("not run, the study was interrupted")
+        outcome = NOT_RUN
         if not interrupted:
             outcome = _outcome(case, t_end, output_step, progress)
-            interrupted = outcome.status.startswith("interrupted")
+            interrupted = outcome.status.kind == "interrupted"
         known = None if reference is None else _reference(reference, outcome, columns)
         rows.append(row(case, case.group, outcome, known))
     return case_table(rows)
 
 
 def _outcome(
-    case: Case, t_end: float | None, output_step: float | None, progress: Progress | None
+    case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Outcome:
     try:
         solution = case.solve(t_end, output_step, _named(progress, case.label))
     except BeamdaeError as problem:
-        return Outcome(str(problem))
-    status = "ok" if solution.status.success else solution.status.message
-    return Outcome(status, values(solution), by_time(solution))
+        return Outcome.failed(str(problem))
+    return Outcome(solution.status, values(solution), by_time(solution))
 
 
 def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> Reference:
@@ -113,16 +112,16 @@ def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> 
 
 
 def _solved(
-    case: Case, t_end: float | None, output_step: float | None, progress: Progress | None
+    case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Solution:
     label = case.integrator.label
     solution = case.solve(t_end, output_step, _named(progress, f"reference {label}"))
     if not solution.status.success:
         raise BeamdaeError(
-            f"{case.model.name}: the reference failed, {label}: {solution.status.message}."
+            f"{case.model.name}: the reference failed, {label}: {solution.status.sentence}."
         )
     return solution
 
 
-def _named(progress: Progress | None, label: str) -> Callable[[float], None] | None:
+def _named(progress: CaseProgress | None, label: str) -> Callable[[float], None] | None:
     return None if progress is None else partial(progress, label)

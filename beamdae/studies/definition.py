@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from beamdae.errors import BeamdaeError, count, positive
-from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.studies.case import Case
 from beamdae.studies.work import Limits, Task
 
@@ -29,8 +29,7 @@ class Study:
     references
         Two integrators of different kind. The first gives the reference of each group of cases
         that differ in their integrator alone; how far the second is from it is its uncertainty.
-        A fixed-step GeneralizedAlpha is run with half its step as well and extrapolated
-        (Richardson).
+        One that goes by its step is run with half of it as well and extrapolated (Richardson).
     columns
         Observed columns errors are taken over; default: positions and angles that move.
     t_end, output_step
@@ -47,7 +46,7 @@ class Study:
 
     name: str
     cases: tuple[Case, ...]
-    references: tuple[Any, Any] = REFERENCES
+    references: tuple[Integrator, Integrator] = REFERENCES
     columns: tuple[str, ...] = ()
     t_end: float | None = None
     output_step: float | None = None
@@ -62,11 +61,11 @@ class Study:
         for setting in ("t_end", "output_step"):
             if getattr(self, setting) is not None:
                 positive(self.name, setting, getattr(self, setting))
-        kinds = [type(one) for one in self.references]
-        if len(kinds) != 2 or kinds[0] is kinds[1]:
-            names = ", ".join(kind.__name__ for kind in kinds)
+        methods = [integrator.method for integrator in self.references]
+        if len(methods) != 2 or methods[0] == methods[1]:
             raise BeamdaeError(
-                f"{self.name}: references must be two integrators of different kind, got {names}."
+                f"{self.name}: references must be two integrators of different kind, "
+                f"got {', '.join(methods)}."
             )
         self._check_cases()
 
@@ -112,7 +111,7 @@ class Study:
 
 def study(
     *,
-    references: tuple[Any, Any] = REFERENCES,
+    references: tuple[Integrator, Integrator] = REFERENCES,
     columns: Iterable[str] = (),
     t_end: float | None = None,
     output_step: float | None = None,

@@ -8,15 +8,11 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, nearest
+from beamdae.results.headers import Header, observed_columns
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6
-_POSITIONS, _REACTIONS = ("[m]", "[rad]"), ("[N]", "[N m]")
-
-
-def observed(table: pd.DataFrame) -> list[str]:
-    """The observed columns of a table that has energies and drift as well."""
-    return [str(c) for c in table if not str(c).startswith(("energy.", "drift."))]
+_POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
 
 
 def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -> None:
@@ -40,9 +36,9 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     BeamdaeError
         If a column does not exist or does not move.
     """
-    present = observed(reference)
+    present = observed_columns(reference)
     require_columns("compare", columns, present)
-    candidates = list(columns) or [c for c in present if c.endswith(_POSITIONS)] or present
+    candidates = list(columns) or [c for c in present if Header.of(c).unit in _POSITIONS] or present
     if not candidates:
         raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
     moving = _moving(reference, candidates, 0.0 if columns else _AT_REST)
@@ -56,12 +52,13 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
 
 def reactions(reference: pd.DataFrame) -> list[str]:
     """The forces and moments that are not zero throughout."""
-    return _moving(reference, [c for c in observed(reference) if c.endswith(_REACTIONS)], _AT_REST)
+    forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTIONS]
+    return _moving(reference, forces, _AT_REST)
 
 
 def _moving(table: pd.DataFrame, columns: Sequence[str], least: float) -> list[str]:
     amplitude = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
-    largest = amplitude.groupby(lambda name: name.rsplit("[", 1)[-1]).transform("max")
+    largest = amplitude.groupby(lambda name: Header.of(name).unit).transform("max")
     return [str(c) for c in amplitude.index[amplitude > least * largest]]
 
 

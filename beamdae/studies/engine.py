@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
+from beamdae.results.solution import Status
 from beamdae.simulation import as_equations
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
@@ -19,13 +20,11 @@ from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed, group_key, groups, reference_tasks
 from beamdae.studies.store import Store
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
-from beamdae.studies.work import Outcome, Task
-
-NOT_RUN = "not run, the study was interrupted"
+from beamdae.studies.work import NOT_RUN, Outcome, Task
 
 
 @dataclass(frozen=True)
-class Progress:
+class Standing:
     """How far a study is.
 
     Attributes
@@ -76,7 +75,7 @@ class Results:
 
     def outcome(self, case: Case) -> Outcome:
         """The outcome of a case."""
-        return self.outcomes.get(self.study.task(case).key, Outcome(NOT_RUN))
+        return self.outcomes.get(self.study.task(case).key, NOT_RUN)
 
     @property
     def failed(self) -> bool:
@@ -110,7 +109,7 @@ def run(
     study: Study,
     folder: Path,
     executor: Executor,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[Standing], None] | None = None,
 ) -> Results:
     """Run the cases of a study and their references, and write its tables to `folder`.
 
@@ -167,11 +166,12 @@ def _row(
     study: Study, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
 ) -> dict[str, Any]:
     task, group = study.task(case), group_key(study, case)
-    outcome = outcomes.get(task.key, Outcome(NOT_RUN))
+    outcome = outcomes.get(task.key, NOT_RUN)
     try:
         found = row(case, group, outcome, references[group])
     except BeamdaeError as problem:
-        found = row(case, group, Outcome(str(problem), outcome.values), NO_REFERENCE)
+        failed = Outcome(Status("failed", str(problem)), outcome.values)
+        found = row(case, group, failed, NO_REFERENCE)
     has_rows = outcome.table is not None
     return found | {"trajectory": f"trajectories/{task.key}.csv" if has_rows else ""}
 
@@ -194,27 +194,27 @@ def _perform(
     outcomes: dict[str, Outcome],
     store: Store,
     executor: Executor,
-    progress: Callable[[Progress], None] | None,
+    progress: Callable[[Standing], None] | None,
 ) -> bool:
     """Do what is not there yet and add it; returns whether it was interrupted."""
     missing = [task for task in tasks if task.key not in outcomes]
     kept = len(outcomes)
-    failed = sum(outcome.status != "ok" for outcome in outcomes.values())
+    failed = sum(not outcome.status.success for outcome in outcomes.values())
     if progress is not None:
         busy = min(executor.workers, len(missing))
-        progress(Progress(len(tasks), kept, failed, kept, busy, ""))
+        progress(Standing(len(tasks), kept, failed, kept, busy, ""))
     if not missing:
         return False
     try:
         for task, outcome, keep in executor.outcomes(missing):
             outcomes[task.key] = outcome
-            if keep and not outcome.status.startswith("interrupted"):
+            if keep and outcome.status.kind != "interrupted":
                 store.keep(task, outcome)
-            failed += outcome.status != "ok"
+            failed += not outcome.status.success
             if progress is not None:
                 label = f"{task.case.group}, {task.case.label}"
                 busy = min(executor.workers, len(tasks) - len(outcomes))
-                progress(Progress(len(tasks), len(outcomes), failed, kept, busy, label))
+                progress(Standing(len(tasks), len(outcomes), failed, kept, busy, label))
     except KeyboardInterrupt:
         return True
     return False

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.results.solution import versions
+from beamdae.results.files import versions
+from beamdae.results.headers import observed_columns
 from beamdae.studies.case import Case
-from beamdae.studies.deviations import deviations, observed
+from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.references import Reference, group_key
 from beamdae.studies.tables import COST, ERROR
@@ -111,25 +112,27 @@ def _case(
         "group": str(row["group"]),
         "label": results.study.tag(case),
         "series": case.series,
-        "family": case.family,
-        "status": str(row["status"]),
-        "values": {key: _plain(row[key]) for key in keys} | _told(row, reference),
-        "error": _plain(row.get(ERROR)),
-        "cost": _plain(row.get(COST)),
+        "family": case.integrator.method,
+        "status": str(row["reason"]) or "ok",
+        "values": {key: _entry(row[key]) for key in keys}
+        | {"status": str(row["reason"]) or "ok"}
+        | _unresolved(row, reference),
+        "error": _entry(row.get(ERROR)),
+        "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
-        "limited": "limit" in str(row["status"]) or "no progress" in str(row["status"]),
+        "limited": row["status"] == "limited",
         "curves": _curves(outcome, reference),
     }
 
 
-def _told(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
+def _unresolved(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
     """The error in the table, where the reference cannot resolve it."""
     if reference is None or not row.get("below resolution", False):
         return {}
     return {ERROR: f"< {reference.resolves:.2g}"}
 
 
-def _plain(value: Any) -> Any:
+def _entry(value: Any) -> Any:
     if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
         return None
     return value.item() if isinstance(value, np.generic) else value
@@ -144,7 +147,7 @@ def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | N
     rows = table.iloc[chosen]
     curves = {
         "t": _rounded(rows.index.to_numpy()),
-        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed(table)},
+        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed_columns(table)},
         "energy": {k: _rounded(rows[c].to_numpy()) for k, c in _ENERGIES.items() if c in rows},
         "position drift": _rounded(rows["drift.position"].to_numpy()),
         "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),

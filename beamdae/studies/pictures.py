@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from beamdae.report import pictures
-from beamdae.studies.deviations import deviations, observed
+from beamdae.results.headers import observed_columns
+from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.tables import COST, ERROR
 
@@ -54,7 +55,7 @@ def _of_one_group(results: Results) -> list[Path]:
 
 
 def _columns(table: pd.DataFrame) -> pd.DataFrame:
-    return table[observed(table)].reset_index()
+    return table[observed_columns(table)].reset_index()
 
 
 def _work_precision(results: Results) -> Figure:

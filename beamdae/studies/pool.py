@@ -11,6 +11,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from beamdae.errors import BeamdaeError
+from beamdae.results.solution import Status
 from beamdae.studies.work import Outcome, Task, perform
 
 # A run that has not ended by its own time limit after so many seconds more is killed.
@@ -54,7 +55,7 @@ class LocalPool:
                 try:
                     waiting[submit(task)] = (task, 1)
                 except Exception as problem:  # Whatever a model holds that cannot be sent.
-                    yield task, Outcome(f"it cannot be sent to a process: {problem}"), False
+                    yield task, Outcome.failed(f"it cannot be sent to a process: {problem}"), False
             while waiting:
                 for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                     task, tries = waiting.pop(future)
@@ -65,11 +66,12 @@ class LocalPool:
                             waiting[submit(task)] = (task, tries + 1)
                         else:
                             reason = f"its process died {tries} times ({problem})"
-                            yield task, Outcome(reason), False
+                            yield task, Outcome.failed(reason), False
                     except TimeoutError:
-                        yield task, Outcome("killed, it did not end at its time limit"), True
+                        reason = "killed, it did not end at its time limit"
+                        yield task, Outcome(Status("limited", reason)), True
                     except Exception as problem:  # The end of one case is not that of a study.
-                        yield task, Outcome(f"{type(problem).__name__}: {problem}"), False
+                        yield task, Outcome.failed(f"{type(problem).__name__}: {problem}"), False
 
 
 @contextmanager
@@ -117,9 +119,9 @@ class DaskPool:
                 try:
                     yield task, future.result(), True
                 except (KilledWorker, CancelledError) as problem:
-                    yield task, Outcome(f"its workers died ({problem})"), False
+                    yield task, Outcome.failed(f"its workers died ({problem})"), False
                 except Exception as problem:  # The end of one case is not that of a study.
-                    yield task, Outcome(f"{type(problem).__name__}: {problem}"), False
+                    yield task, Outcome.failed(f"{type(problem).__name__}: {problem}"), False
         finally:
             self._client.cancel(list(futures))
             self._client.close()

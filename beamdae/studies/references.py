@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.integrators import GeneralizedAlpha
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compared, deviations
@@ -77,8 +76,9 @@ def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
     methods = []
     for integrator in study.references:
         steps = [integrator]
-        if isinstance(integrator, GeneralizedAlpha) and integrator.rtol is None:
-            steps.append(replace(integrator, step=0.5 * integrator.step))
+        name, value = integrator.accuracy
+        if name == "step":
+            steps.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
         methods.append(
             [study.task(replace(cases[0], integrator=one), reference=True) for one in steps]
         )
@@ -94,9 +94,10 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
     for tasks in methods:
         for task in tasks:
             outcome = outcomes[task.key]
-            if outcome.status != "ok":
-                return _none(labels, f"no reference, {task.case.label}: {outcome.status}")
-    truth, witness = (_rows([outcomes[task.key] for task in tasks]) for tasks in methods)
+            if not outcome.status.success:
+                reason = outcome.status.sentence
+                return _none(labels, f"no reference, {task.case.label}: {reason}")
+    truth, witness = (_rows(tasks, outcomes) for tasks in methods)
     try:
         columns = compared(truth, study.columns)
     except BeamdaeError as problem:
@@ -128,10 +129,11 @@ def _named(tasks: list[Task], study: Study) -> str:
     return label if len(tasks) == 1 else f"{label}, extrapolated"
 
 
-def _rows(outcomes: list[Outcome]) -> pd.DataFrame:
-    """Rows of one run, or of two with steps h and h/2 extrapolated (Richardson, order 2)."""
-    tables = [outcome.table for outcome in outcomes if outcome.table is not None]
+def _rows(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.DataFrame:
+    """Rows of one run, or of two with steps h and h/2 extrapolated (Richardson)."""
+    found = [outcomes[task.key].table for task in tasks]
+    tables = [table for table in found if table is not None]
     if len(tables) == 1:
         return tables[0]
     coarse, fine = tables
-    return fine + (fine - coarse) / 3.0
+    return fine + (fine - coarse) / (2.0 ** tasks[0].case.integrator.order - 1.0)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass
+from operator import methodcaller
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
+from beamdae.results.solution import Status
 from beamdae.studies.work import Outcome, Task
 
 
@@ -33,14 +33,16 @@ class Store:
         if outcome.table is not None:
             _write(self.trajectory(task.key), outcome.table.to_csv())
         record = {
-            "status": outcome.status,
-            "values": _plain(outcome.values),
+            "status": asdict(outcome.status),
+            "values": outcome.values,
             "rows": None if outcome.table is None else len(outcome.table),
             "frames": outcome.frames,
             "limits": asdict(task.limits),
             "repetitions": task.repetitions,
         }
-        _write(self._record(task.key), json.dumps(record, indent=1) + "\n")
+        # Numbers of numpy are told as their own.
+        text = json.dumps(record, indent=1, default=methodcaller("item"))
+        _write(self._record(task.key), text + "\n")
 
     def outcome(self, task: Task) -> Outcome | None:
         """The outcome of a task, if there is one that serves.
@@ -55,14 +57,15 @@ class Store:
                 table = pd.read_csv(self.trajectory(task.key), index_col=0)
                 if len(table) != record["rows"]:
                     return None
-            failed = record["status"] != "ok"
+            status = Status(**record["status"])
+            failed = not status.success
             if failed and record["limits"] != asdict(task.limits):
                 return None
             if not failed and record["repetitions"] < task.repetitions:
                 return None
             if not failed and task.animated and record["frames"] is None:
                 return None
-            return Outcome(record["status"], record["values"], table, record["frames"])
+            return Outcome(status, record["values"], table, record["frames"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
@@ -75,7 +78,3 @@ def _write(path: Path, text: str) -> None:
         scratch.replace(path)
     except OSError as problem:
         raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}

@@ -14,20 +14,25 @@ from beamdae.studies.work import COUNTS, MEASURES, Outcome
 
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
 ERROR, COST = "error [-]", "wall time [s]"
+# What integrators are refined by, a column each.
+REFINED = ("rtol", "step")
 _PARAMETER = "parameter: "
 
 
 def row(case: Case, group: str, outcome: Outcome, reference: Reference | None) -> dict[str, Any]:
     """The row of a case: what it was, what it cost, how well it did."""
+    accuracy = case.integrator.accuracy
     values: dict[str, Any] = {
         "model": case.model.name,
-        **{_PARAMETER + name: _plain(value) for name, value in case.parameters.items()},
+        **{_PARAMETER + name: _cell(value) for name, value in case.parameters.items()},
         "group": group,
-        "integrator": case.family,
+        "integrator": case.integrator.method,
         "label": case.label,
         "series": case.series,
         "settings": ", ".join(f"{k}={v}" for k, v in case.changed.items()),
-        "status": outcome.status,
+        **{name: accuracy.value if accuracy.name == name else np.nan for name in REFINED},
+        "status": outcome.status.kind,
+        "reason": "" if outcome.status.success else outcome.status.sentence,
         "reached [s]": np.nan,
         **dict.fromkeys(COUNTS),
         **dict.fromkeys(MEASURES, np.nan),
@@ -45,7 +50,7 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
         return columns
     error = deviations(outcome.table, reference.table, reference.columns)
     columns[ERROR] = float(error.to_numpy().max())
-    complete = outcome.status == "ok"
+    complete = outcome.status.success
     columns["below resolution"] = bool(complete and columns[ERROR] < reference.resolves)
     forces = reactions(reference.table)
     if forces:
@@ -58,7 +63,7 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     return columns
 
 
-def _plain(value: Any) -> Any:
+def _cell(value: Any) -> Any:
     return value if isinstance(value, (bool, int, float, str)) else str(value)
 
 
@@ -119,26 +124,18 @@ def _best(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     return lines
 
 
-def parameter(label: str) -> float:
-    """Step or tolerance in a label, whichever the integrator goes by."""
-    for name in ("rtol=", "step="):
-        if name in label:
-            return float(label.split(name)[1].split(",")[0].rstrip(")"))
-    return np.nan
-
-
 def _orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Slope of the error over step or tolerance, fitted to all runs of a series."""
     lines = []
     for series, runs in rows.groupby("series", sort=False):
-        size = np.array([parameter(label) for label in runs["label"]])
         error = runs[ERROR].to_numpy()
-        if len(np.unique(size)) < 2 or np.isnan(size).any() or np.min(error) <= 0.0:
-            continue
-        order = float(np.polyfit(np.log(size), np.log(error), 1)[0])
-        what = "order in rtol" if "rtol=" in runs["label"].iloc[0] else "order in step"
-        at = f"{size.max():g} to {size.min():g}"
-        lines.append(_line(group, what, at, str(series), order, "-"))
+        for name in REFINED:
+            size = runs[name].to_numpy(float)
+            if len(np.unique(size)) < 2 or np.isnan(size).any() or np.min(error) <= 0.0:
+                continue
+            order = float(np.polyfit(np.log(size), np.log(error), 1)[0])
+            at = f"{size.max():g} to {size.min():g}"
+            lines.append(_line(group, f"order in {name}", at, str(series), order, "-"))
     return lines
 
 

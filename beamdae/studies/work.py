@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time as clock
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.shapes import frame_times, shapes
-from beamdae.results.solution import Solution
+from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 
@@ -67,7 +67,7 @@ class Outcome:
     Attributes
     ----------
     status
-        "ok", or the sentence that says why not.
+        How it ended.
     values
         Cost and quality by column of the case table.
     table
@@ -76,10 +76,18 @@ class Outcome:
         Shapes of the bodies over time, for an animation; None if none was asked for.
     """
 
-    status: str
+    status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
     table: pd.DataFrame | None = None
     frames: dict[str, Any] | None = None
+
+    @classmethod
+    def failed(cls, sentence: str) -> Outcome:
+        """One without anything to show."""
+        return cls(Status("failed", sentence))
+
+
+NOT_RUN = Outcome(Status("interrupted", "not run, the study was interrupted"))
 
 
 def perform(packed: bytes) -> Outcome:
@@ -87,11 +95,11 @@ def perform(packed: bytes) -> Outcome:
     try:
         return _performed(cloudpickle.loads(packed))
     except BeamdaeError as problem:
-        return Outcome(str(problem))
+        return Outcome.failed(str(problem))
     except MemoryError:
-        return Outcome("it needs more memory than there is")
+        return Outcome.failed("it needs more memory than there is")
     except Exception as problem:  # Whatever a model raises is the end of its case alone.
-        return Outcome(f"{type(problem).__name__}: {problem}")
+        return Outcome.failed(f"{type(problem).__name__}: {problem}")
 
 
 def _performed(task: Task) -> Outcome:
@@ -100,9 +108,6 @@ def _performed(task: Task) -> Outcome:
     # Neighboring cases differ in the integrator alone: their equations are built once.
     equations = _equations(_Recipe(task.case.mechanism(), task.case))
     integrator = task.case.integrator
-    limits = [x for x in (integrator.time_limit, task.limits.time) if x is not None]
-    if limits:
-        integrator = replace(integrator, time_limit=min(limits))
     solutions = []
     for _ in range(task.repetitions):
         watch = _Watchman(task.limits, task.t_end)
@@ -110,7 +115,6 @@ def _performed(task: Task) -> Outcome:
         if not solutions[-1].status.success:
             break
     solution = solutions[-1]
-    status = "ok" if solution.status.success else solution.status.message
     times = [s.statistics.wall_time for s in solutions]
     found = values(solution) | {"wall time [s]": float(np.median(times))}
     table = by_time(solution)
@@ -118,7 +122,7 @@ def _performed(task: Task) -> Outcome:
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
-    return Outcome(status, found, table, frames)
+    return Outcome(solution.status, found, table, frames)
 
 
 def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
@@ -182,20 +186,22 @@ def values(solution: Solution) -> dict[str, Any]:
 
 
 class _Watchman:
-    """Ends a run that takes more memory or makes less progress than it may."""
+    """Ends a run that takes more time or memory, or makes less progress, than it may."""
 
     def __init__(self, limits: Limits, t_end: float) -> None:
         self._limits = limits
         self._least = 1e-5 * t_end
         self._reached = 0.0
-        self._since = clock.perf_counter()
+        self._begin = self._since = clock.perf_counter()
 
     def __call__(self, t: float) -> str | None:
         """The reason to stop at time t, if there is one."""
         now = clock.perf_counter()
         if t - self._reached >= self._least:
             self._reached, self._since = t, now
-        patience, memory = self._limits.patience, self._limits.memory
+        limit, patience, memory = self._limits.time, self._limits.patience, self._limits.memory
+        if limit is not None and now - self._begin > limit:
+            return f"time limit of {limit:g} s"
         if patience is not None and now - self._since > patience:
             return f"no progress for {patience:g} s"
         if memory is not None and peak_memory() > memory:

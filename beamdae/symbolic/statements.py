@@ -25,7 +25,7 @@ SX = ca.SX
 class Local:
     """Symbols of one local statement.
 
-    `time` is (t, phase): laws read their values at t and choose their branch by phase, a time
+    `time` is (t, branch): laws read their values at t and choose their piece by branch, a time
     inside the smooth interval under integration, so that an integrator can end a step exactly on a
     breakpoint.
     """
@@ -36,7 +36,7 @@ class Local:
 
     @cached_property
     def time(self) -> SX:
-        """(t, phase)."""
+        """(t, branch)."""
         return SX.sym("time", 2)
 
     @cached_property
@@ -74,6 +74,23 @@ class Local:
         dot = self.dot(expression)
         moved = ca.jtimes(dot, self.q, self.v) + ca.jtimes(dot, self.v, self.a) if self.size else 0
         return moved + ca.jtimes(dot, self.time, SX([1, 0]))
+
+
+class Named(NamedTuple):
+    """A name and its unit: of a coordinate, a multiplier or an observed column."""
+
+    name: str
+    unit: str
+
+    @property
+    def header(self) -> str:
+        """'name [unit]', as tables have it."""
+        return f"{self.name} [{self.unit}]"
+
+    @property
+    def rate(self) -> Named:
+        """Its rate of change."""
+        return Named(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
 
 
 class Piece(NamedTuple):
@@ -123,8 +140,8 @@ class ForceKernel:
         moved = ca.substitute(
             self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c_v * d, x.a + c_a * d)
         )
-        rates = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
-        outputs = [ca.densify(ca.jacobian(self.force, x.q)), ca.densify(rates)]
+        damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
+        outputs = [ca.densify(ca.jacobian(self.force, x.q)), ca.densify(damping_and_mass)]
         inputs = [x.time, x.q, x.v, x.a, x.data, c_v, c_a]
         return self._final(ca.Function("tangent", inputs, ca.cse(outputs)))
 
@@ -228,12 +245,12 @@ class ConstraintKernel:
 
 @dataclass(frozen=True)
 class ConstraintStatement:
-    """One joint's constraints; `names` says what each holds, one word a row of g."""
+    """Constraints of one part; `multipliers` names what each row of g holds, in the unit of lam."""
 
     part: str
     kernel: ConstraintKernel
     pieces: tuple[Piece, ...]
-    names: tuple[str, ...]
+    multipliers: tuple[Named, ...]
     data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
 
 
@@ -244,7 +261,7 @@ class Quantity:
     Attributes
     ----------
     columns
-        (suffix, unit) of each value; an empty suffix stands for the observable's own name.
+        What each value is; an empty name stands for the observable's own.
     pieces
         Where the local coordinates come from.
     expression
@@ -252,11 +269,11 @@ class Quantity:
     data
         Values of local.data, shape (n_data,).
     joint
-        Name of the joint whose multipliers are local.lam, or None.
+        Name of the part whose multipliers are local.lam, or None.
     """
 
-    columns: tuple[tuple[str, str], ...]
+    columns: tuple[Named, ...]
     pieces: tuple[Piece, ...]
     expression: Callable[[Local], SX]
     data: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    joint: Any = None
+    joint: str | None = None

@@ -21,10 +21,13 @@ from support import (
 )
 
 import beamdae as bd
-from beamdae.beams.floating_frame_element import ElementType, beam_kernel, shape_functions
+from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.floating_frame_element import ElementType, beam_kernel
 from beamdae.beams.mesh import Mesh
+from beamdae.beams.shape_functions import shape_functions
 from beamdae.equations.consistent_start import Starter
-from beamdae.equations.formulations import FIRST_ORDER, first_order, step_equations
+from beamdae.equations.formulations import FIRST_ORDER, first_order
+from beamdae.equations.step_equations import step_equations
 
 every_variant = pytest.mark.parametrize("variant", VARIANTS, ids=str)
 # Nodes and Gauss points: of each element the reduced and the full quadrature.
@@ -48,6 +51,16 @@ EA = SOFT.E * 0.9
 @cache
 def alone(variant, elements=2, gravity=(0.0, 0.0)):
     return Numeric(free_beam(variant, elements=elements, gravity=gravity))
+
+
+def element_data(kind, elements, shape, section, gravity):
+    """Numbers of the elements on ARC in a tangent frame, with these values of the section."""
+    quadrature = "full" if kind.quadrature == kind.nodes else "reduced"
+    mesh = Mesh(ARC, elements, kind.nodes, shape)
+    any_section = bd.Section(SOFT, area=0.9, second_moment=0.05)
+    data = FloatingFrame("beam", mesh, any_section, quadrature=quadrature).data(gravity)
+    data[-8:-2] = np.reshape(section, (6, 1))
+    return data
 
 
 def own_quadrature(curve, elements, shape, nodes):
@@ -120,11 +133,11 @@ def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, node
     kind = ElementType(nodes, quadrature, strain="linear")
     energies = []
     for elements in (1, 2, 4):
-        mesh = Mesh(ARC, kind, elements, shape, "cartesian", "tangent")
-        data = mesh.quadrature_data(np.array([60.0, 20.0, 3.0, 1.0, 0.1, 0.0]), np.zeros(2))
+        mesh = Mesh(ARC, elements, nodes, shape).seen_from(ARC.start, ARC.angle)
+        data = element_data(kind, elements, shape, [60.0, 20.0, 3.0, 1.0, 0.1, 0.0], np.zeros(2))
         total = 0.0
         for e in range(elements):
-            _, alpha, _, _ = mesh.axis(np.full(nodes, e), np.linspace(-1.0, 1.0, nodes))
+            alpha = mesh.axis(np.full(nodes, e), np.linspace(-1.0, 1.0, nodes)).angle
             nodal = np.stack([np.cos(alpha), -np.sin(alpha), 0.0 * alpha], axis=-1).ravel()
             q = np.concatenate([np.zeros(3), nodal])
             total += float(beam_kernel(kind).energy_function([0, 0], q, 0.0 * q, data[:, e])[1])
@@ -225,8 +238,7 @@ def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
     )
     inputs = [x.time, x.q, x.v, x.a, x.data]
     both = ca.Function("both", inputs, [kernel.force, expected])
-    mesh = Mesh(ARC, kind, 2, shape, "cartesian", "tangent")
-    data = mesh.quadrature_data(np.array([54.0, 17.0, 3.0, 1.2, 0.1, 0.03]), np.array([0.3, -2.0]))
+    data = element_data(kind, 2, shape, [54.0, 17.0, 3.0, 1.2, 0.1, 0.03], np.array([0.3, -2.0]))
     rng = np.random.default_rng(5)
     for e in range(2):
         q, v, a = rng.standard_normal((3, kind.size))
@@ -239,9 +251,8 @@ def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
 @every_shape
 def test_kinetic_energy_is_that_of_the_moving_material_points(kind, shape):
     """Velocities by differencing the positions of points, r = r0 + A (s0 + A_alpha u)."""
-    mesh = Mesh(ARC, kind, 1, shape, "cartesian", "tangent")
     rhoA, rhoI = 1.2, 0.1
-    data = mesh.quadrature_data(np.array([54.0, 17.0, 3.0, rhoA, rhoI, 0.0]), np.zeros(2))
+    data = element_data(kind, 1, shape, [54.0, 17.0, 3.0, rhoA, rhoI, 0.0], np.zeros(2))
     place, tangent, weight = own_quadrature(ARC, 1, shape, kind.nodes)
     turned = _rotation(-ARC.angle)
     place, tangent = (place - ARC.start) @ turned.T, tangent @ turned.T
@@ -328,8 +339,7 @@ def published_inertia(place, tangent, weight, rhoA, q, v, a):
 def test_inertia_without_rotary_part_is_the_published_one(kind, shape):
     """Appendix of Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, for I = 0."""
     rhoA = 1.2
-    mesh = Mesh(ARC, kind, 1, shape, "cartesian", "tangent")
-    data = mesh.quadrature_data(np.array([0.0, 0.0, 0.0, rhoA, 0.0, 0.0]), np.zeros(2))[:, 0]
+    data = element_data(kind, 1, shape, [0.0, 0.0, 0.0, rhoA, 0.0, 0.0], np.zeros(2))[:, 0]
     place, tangent, weight = own_quadrature(ARC, 1, shape, kind.nodes)
     back = _rotation(-ARC.angle)
     place, tangent = (place - ARC.start) @ back.T, tangent @ back.T

@@ -60,6 +60,11 @@ def rotation(angle):
     return np.array([[c, -s], [s, c]])
 
 
+def mesh_errors(body):
+    """Largest relative error of arc length, largest error of curvature times length."""
+    return tuple(body.facts.values())
+
+
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 @every_curve
 def test_mesh_errors_of_curved_elements(curve, quadrature):
@@ -68,7 +73,7 @@ def test_mesh_errors_of_curved_elements(curve, quadrature):
     Arc of 72 degrees, 2 to 32 elements: length 2.3e-5, 1.5e-6, 9.2e-8, 5.7e-9, 3.6e-10; curvature
     times length at 3 points 2.5e-2, 6.3e-3, 1.6e-3, 4.0e-4, 9.9e-5.
     """
-    errors = [beam(curve, n, quadrature=quadrature).mesh_errors for n in (16, 32, 64)]
+    errors = [mesh_errors(beam(curve, n, quadrature=quadrature)) for n in (16, 32, 64)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     # Lengths are rounded at 1e-14, the last error is 1e-12 or more.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
@@ -86,7 +91,7 @@ def test_mesh_errors_of_quadratic_elements(curve, quadrature):
     64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9, curvature times length 7.5e-2, 3.7e-2,
     1.9e-2.
     """
-    errors = [beam(curve, n, quadrature=quadrature, nodes=3).mesh_errors for n in (16, 32, 64)]
+    errors = [mesh_errors(beam(curve, n, quadrature=quadrature, nodes=3)) for n in (16, 32, 64)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     # Lengths are rounded at 1e-14, the last error is 5e-13 or more.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
@@ -100,16 +105,16 @@ def test_two_nodes_make_an_element_straight(curve, frame, quadrature):
     curved, straight = (
         beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
     )
-    section, gravity = np.arange(6.0), np.zeros(2)
+    gravity = np.zeros(2)
     # The end of a chord, or its start and the way to it: rounding.
     for got, expected in [
-        (curved.mesh.coordinates.toarray(), straight.mesh.coordinates.toarray()),
+        (curved.kinematics.operator.toarray(), straight.kinematics.operator.toarray()),
         (
-            curved.mesh.quadrature_data(section, gravity),
-            straight.mesh.quadrature_data(section, gravity),
+            curved.kinematics.data(gravity),
+            straight.kinematics.data(gravity),
         ),
-        (curved.mesh_errors, straight.mesh_errors),
-        (curved.mesh_errors[0], beam(curve, 5, "straight", frame).mesh_errors[0]),
+        (mesh_errors(curved), mesh_errors(straight)),
+        (curved.mesh.length_error, beam(curve, 5, "straight", frame).mesh.length_error),
     ]:
         assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
 
@@ -118,11 +123,11 @@ def test_elements_of_two_nodes_meet_at_kinks():
     match = "beam: straight elements meet at kinks, continuity must be 'cartesian'"
     with pytest.raises(bd.BeamdaeError, match=match):
         beam(ARC, 2, continuity="local", nodes=2)
-    assert beam(ARC, 2, continuity="local", nodes=3).mesh.continuity == "local"
+    assert beam(ARC, 2, continuity="local", nodes=3).kinematics.continuity == "local"
 
 
 def test_mesh_errors_of_an_arc():
-    length_error, curvature_error = beam(bd.Arc(radius=1.6, length=2.0), 8).mesh_errors
+    length_error, curvature_error = mesh_errors(beam(bd.Arc(radius=1.6, length=2.0), 8))
     # Measured; a slip in the nodes or in the shape functions changes them by factors.
     assert_allclose(length_error, 9.19e-8, rtol=0.01)
     assert_allclose(curvature_error, 1.580e-3, rtol=0.01)
@@ -131,7 +136,7 @@ def test_mesh_errors_of_an_arc():
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
     for n in (2, 4, 8):
-        length_error, curvature_error = beam(ARC, n, "straight", quadrature=quadrature).mesh_errors
+        length_error, curvature_error = mesh_errors(beam(ARC, n, "straight", quadrature=quadrature))
         half = 0.5 * ARC.length / (n * ARC.radius)
         # Chord over arc, to rounding.
         assert_allclose(length_error, 1.0 - np.sin(half) / half, rtol=1e-9)
@@ -141,7 +146,7 @@ def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 @every_shape
 def test_a_line_has_no_mesh_errors(shape, quadrature):
-    errors = beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature).mesh_errors
+    errors = mesh_errors(beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature))
     assert_allclose(errors, 0.0, atol=1e-13)  # rounding
 
 
@@ -149,8 +154,8 @@ def test_a_line_has_no_mesh_errors(shape, quadrature):
 @every_frame
 @every_curve
 def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
-    mesh = beam(curve, 3, "curved", frame, nodes=nodes).mesh
-    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+    frame = beam(curve, 3, "curved", frame, nodes=nodes).kinematics
+    found = frame.carried.node_points @ rotation(frame.angle).T + frame.origin
     step = nodes - 1
     on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
@@ -162,8 +167,8 @@ def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
 @every_frame
 @every_curve
 def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
-    mesh = beam(curve, 3, "straight", frame, nodes=nodes).mesh
-    found = mesh.node_points @ rotation(mesh.frame_angle).T + mesh.origin
+    frame = beam(curve, 3, "straight", frame, nodes=nodes).kinematics
+    found = frame.carried.node_points @ rotation(frame.angle).T + frame.origin
     ends = curve.point(np.linspace(0.0, curve.length, 4))
     for e in range(3):
         for i in range(nodes):
@@ -173,14 +178,14 @@ def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame,
 
 @every_curve
 def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
-    mesh = beam(curve, 40).mesh
+    frame = beam(curve, 40).kinematics
     element, xi = np.arange(40), np.linspace(-1.0, 1.0, 40)
-    at, angle, _, ds = mesh.axis(element, xi)
+    at, angle, _, ds = frame.carried.axis(element, xi)
     s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
-    on_curve = (curve.point(s) - mesh.origin) @ rotation(mesh.frame_angle)
+    on_curve = (curve.point(s) - frame.origin) @ rotation(frame.angle)
     # Cubic interpolation over 1/40 of the length: fourth order in place, third in direction.
     assert_allclose(at, on_curve, atol=1e-5)
-    assert_allclose(angle, curve.tangent_angle(s) - mesh.frame_angle, atol=1e-4)
+    assert_allclose(angle, curve.tangent_angle(s) - frame.angle, atol=1e-4)
     assert_allclose(ds, 0.5 * curve.length / 40, rtol=1e-4)
 
 
@@ -190,7 +195,7 @@ def test_kinks_between_curved_elements_are_of_third_order(nodes):
     for n in (4, 8, 16):
         mesh = beam(ARC, n, nodes=nodes).mesh
         element = np.arange(n)
-        left, right = (mesh.axis(element, np.full(n, xi))[1] for xi in (1.0, -1.0))
+        left, right = (mesh.axis(element, np.full(n, xi)).angle for xi in (1.0, -1.0))
         kinks.append(np.abs(left[:-1] - right[1:]).max())
     # 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 with 3: the slope of
     # quadratics is off by h^2, the same on both sides of a node.
@@ -203,24 +208,24 @@ def test_kinks_between_curved_elements_are_of_third_order(nodes):
 @every_curve
 def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame, nodes):
     body = beam(curve, 3, shape, frame, nodes=nodes)
-    mesh = body.mesh
-    assert mesh.coordinates.shape == (3 * mesh.kind.size, len(body.coordinate_names))
-    assert len(set(body.coordinate_names)) == len(body.coordinate_names)
-    assert len(body.initial_position) == len(body.coordinate_names)
+    operator, size = body.kinematics.operator, body.kinematics.element.size
+    assert operator.shape == (3 * size, len(body.coordinates))
+    assert len(set(body.coordinates)) == len(body.coordinates)
+    assert len(body.initial_position) == len(body.coordinates)
     # Three of the nodal ones are fixed: a rigid motion is that of the frame.
-    assert len(body.coordinate_names) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
-    frame_rows = mesh.coordinates.toarray().reshape(3, mesh.kind.size, -1)[:, :FRAME]
+    assert len(body.coordinates) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
+    frame_rows = operator.toarray().reshape(3, size, -1)[:, :FRAME]
     assert_allclose(frame_rows, np.broadcast_to(np.eye(3, frame_rows.shape[2]), frame_rows.shape))
 
 
 def local_fields(body, q):
     """(u, v, phi) of each element's nodes in the element's own frames, and their angles."""
-    mesh = body.mesh
-    local = (mesh.coordinates @ q).reshape(mesh.elements, mesh.kind.size)[:, FRAME:]
-    nodal = local.reshape(mesh.elements, mesh.kind.nodes, NODE)
-    xi = np.linspace(-1.0, 1.0, mesh.kind.nodes)
+    mesh, frame = body.kinematics.carried, body.kinematics
+    local = (frame.operator @ q).reshape(mesh.elements, frame.element.size)[:, FRAME:]
+    nodal = local.reshape(mesh.elements, mesh.nodes, NODE)
+    xi = np.linspace(-1.0, 1.0, mesh.nodes)
     angles = np.stack(
-        [mesh.axis(np.arange(mesh.elements), np.full(mesh.elements, x))[1] for x in xi]
+        [mesh.axis(np.arange(mesh.elements), np.full(mesh.elements, x)).angle for x in xi]
     )
     return nodal, angles.T
 
@@ -257,14 +262,15 @@ def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
     rng = np.random.default_rng(3)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
-    tangent = ARC.tangent_angle(mesh.node_arc_lengths) - mesh.frame_angle
+    tangent = ARC.tangent_angle(mesh.node_arc_lengths) - body.kinematics.angle
+    coordinates = [coordinate.name for coordinate in body.coordinates]
     for e in range(3):
         for i in range(nodes):
             node = (nodes - 1) * e + i
             if node == 0:
                 continue
             names = (f"u{node}", f"v{node}")
-            given = q[[body.coordinate_names.index(name) for name in names]]
+            given = q[[coordinates.index(name) for name in names]]
             vector = rotation(angles[e, i]) @ nodal[e, i, :2]
             assert_allclose(vector, rotation(tangent[node]) @ given, atol=1e-14 * 10)  # rounding
 
@@ -283,22 +289,22 @@ def test_tangent_frame_rides_on_the_start_section(curve, shape):
 @every_curve
 def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
     body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
-    mesh = body.mesh
+    frame_angle, mesh = body.kinematics.angle, body.kinematics.carried
     rng = np.random.default_rng(2)
     q = rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
     tip = mesh.node_points[-1, -1] + rotation(angles[-1, -1]) @ nodal[-1, -1, :2]
     chord = np.linalg.norm(curve.point(curve.length) - curve.point(0.0))
-    along = q[body.coordinate_names.index("chord")]
+    along = q[[coordinate.name for coordinate in body.coordinates].index("chord")]
     off = 0.0
     if continuity == "local":
         # (u, v) of the curve's tangent are taken for those of the axis, off by a small angle.
-        off = abs(angles[-1, -1] - (curve.tangent_angle(curve.length) - mesh.frame_angle))
+        off = abs(angles[-1, -1] - (curve.tangent_angle(curve.length) - frame_angle))
         assert off < 0.03
     assert_allclose(nodal[0, 0, :2], 0.0, atol=0.0)
     assert_allclose(tip, (chord + along, 0.0), atol=20 * 1e-14 + off * abs(along))
     direction = curve.point(curve.length) - curve.point(0.0)
-    assert_allclose(mesh.frame_angle, np.arctan2(direction[1], direction[0]), rtol=1e-14)
+    assert_allclose(frame_angle, np.arctan2(direction[1], direction[0]), rtol=1e-14)
 
 
 @every_shape
@@ -317,4 +323,4 @@ def test_chord_frame_is_refused_for_a_ring():
     with pytest.raises(bd.BeamdaeError, match=r"hoop: frame 'chord' needs a curve whose ends lie"):
         bd.Beam("hoop", ring, SECTION, frame="chord")
     # Fewer elements than the ring has turns to resolve are no excuse to fail otherwise.
-    assert beam(ring, 8, frame="tangent").mesh.frame_angle == 0.0
+    assert beam(ring, 8, frame="tangent").kinematics.angle == 0.0

@@ -19,7 +19,7 @@ def test_one_body_is_a_beam_of_that_name():
     mech, (beam,) = cut(1, elements=3, strain="linear")
     assert list(mech.parts) == ["rod"]
     assert beam.mesh.elements == 3
-    assert beam.mesh.kind.strain == "linear"
+    assert beam.kinematics.strain == "linear"
     assert beam.curve is ARC
 
 
@@ -27,7 +27,7 @@ def test_several_bodies_follow_each_other_along_the_curve():
     mech, beams = cut(3, elements=2, frame="chord")
     assert list(mech.parts) == ["rod 1", "rod 2", "rod 3", "rod 1 to rod 2", "rod 2 to rod 3"]
     assert [beam.mesh.elements for beam in beams] == [2, 2, 2]
-    assert {beam.mesh.frame for beam in beams} == {"chord"}
+    assert {beam.kinematics.frame for beam in beams} == {"chord"}
     assert_allclose([beam.length for beam in beams], ARC.length / 3.0, rtol=1e-14)  # rounding
     ends = [beams[0].start.point, *(beam.end.point for beam in beams)]
     assert_allclose(ends, ARC.point(np.linspace(0.0, ARC.length, 4)), atol=1e-14)

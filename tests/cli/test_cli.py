@@ -289,7 +289,7 @@ def test_check_tells_size_and_start(command):
     assert rows["degrees of freedom"] == "10"
     assert "found" in rows["consistent start"]
     assert "Revolute" in result.stdout
-    assert "mesh of beam" in result.stdout
+    assert "beam, largest relative error of arc length" in result.stdout
 
 
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])

@@ -28,7 +28,7 @@ def system(**changes):
 
 def run(model, t_end=0.5):
     solution = bd.simulate(model, bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-9), t_end)
-    assert solution.status.success, solution.status.message
+    assert solution.status.success, solution.status.sentence
     return solution
 
 
@@ -119,11 +119,9 @@ def test_the_names_appear_in_messages_and_coordinates():
     solution = run(system(names=("x", "y")), t_end=0.01)
     assert list(solution.coordinates().columns) == [
         "t [s]",
-        "x",
-        "y",
-        "x_dot",
-        "y_dot",
-        "lam.constraint.g0",
+        *("x [-]", "y [-]"),
+        *("x_dot [1/s]", "y_dot [1/s]"),
+        "lam.constraint.g0 [-]",
     ]
 
 

@@ -23,7 +23,7 @@ def turned(law):
 def test_a_driver_whose_angle_jumps_ends_the_run(integrator):
     solution = bd.simulate(turned(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
     assert not solution.status.success
-    assert "positions jump at t = 0.3 s" in solution.status.message
+    assert "positions jump at t = 0.3 s" in solution.status.sentence
     assert_allclose(solution.t[-1], 0.3, rtol=1e-12)
 
 
@@ -104,5 +104,5 @@ def test_regression_drift_at_a_breakpoint_is_not_taken_for_a_jump():
 @every_integrator
 def test_a_jump_names_the_joint_and_its_size(integrator):
     solution = bd.simulate(turned(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
-    assert "motor.angle" in solution.status.message
-    assert "by 0.8" in solution.status.message
+    assert "motor.angle" in solution.status.sentence
+    assert "by 0.8" in solution.status.sentence

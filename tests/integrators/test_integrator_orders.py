@@ -25,7 +25,7 @@ def largest_errors(case, steps, **settings):
     # What Newton's iteration leaves adds up in lam where rho_inf is near 1.
     integrator = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-10, **settings)
     solution = bd.simulate(equations, integrator, t_end, output_step=step)
-    assert solution.status.success, solution.status.message
+    assert solution.status.success, solution.status.sentence
     known = answer(solution.t)
     found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
     return np.array([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
@@ -92,7 +92,7 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
     for count in (steps, 2 * steps):
         step = t_end / count
         solution = bd.simulate(equations, bd.Radau(0.1, max_step=step), t_end, output_step=step)
-        (segment,) = solution.trajectory.segments
+        (segment,) = solution.trajectory.intervals
         assert_allclose(np.diff(segment.t), step, rtol=1e-9)
         known = answer(solution.t)
         found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
@@ -111,7 +111,7 @@ def test_steps_of_ida_grow_with_the_tolerance_as_its_order_says(max_order, tight
             rtol=rtol, error_control="positions", max_order=max_order, max_steps=100_000
         )
         solution = bd.simulate(SWING, integrator, 1.0)
-        assert solution.status.success, solution.status.message
+        assert solution.status.success, solution.status.sentence
         steps.append(solution.statistics.steps)
         tolerances.append(solution.integrator["local_tolerance"])
     growth = np.log(steps[1] / steps[0]) / np.log(tolerances[0] / tolerances[1])

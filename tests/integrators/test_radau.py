@@ -159,7 +159,7 @@ def test_an_iteration_that_never_converges_is_a_status(monkeypatch):
     monkeypatch.setattr(radau_newton, "_UNKNOWN_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
-    assert "t = 0 s: Newton's iteration did not converge" in solution.status.message
+    assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence
     assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
 
 
@@ -181,7 +181,7 @@ def test_undamped_fast_modes_are_passed_over():
     assert solution.status.success
     assert solution.integrator["error_control"] == "positions"
     # Axial vibrations at 2.5e5 rad/s, in a run of 2 s.
-    assert np.median(np.diff(solution.trajectory.segments[0].t)) * 2.5e5 > 1000.0
+    assert np.median(np.diff(solution.trajectory.intervals[0].t)) * 2.5e5 > 1000.0
     assert solution.statistics.steps < 150
 
 
@@ -244,7 +244,7 @@ def test_a_step_newton_cannot_take_is_a_status():
     )
     solution = bd.simulate(torn, bd.Radau(1e-5, max_steps=5000), 10.0)
     assert not solution.status.success
-    assert "stopped at t = 1 s" in solution.status.message
+    assert "stopped at t = 1 s" in solution.status.sentence
     assert np.all(np.isfinite(solution.q))
 
 

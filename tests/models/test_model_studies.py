@@ -26,7 +26,7 @@ def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
     (study,) = studies(path).values()
     assert study.name == path.stem
     assert len(study.cases) >= 60
-    assert {case.family for case in study.cases} == {"Ida", "Radau", "GeneralizedAlpha"}
+    assert {case.integrator.method for case in study.cases} == {"Ida", "Radau", "GeneralizedAlpha"}
     assert {case.parameters["elements"] for case in study.cases} == {4, 8}
     assert {case.parameters["damping"] > 0.0 for case in study.cases} == {True, False}
 

@@ -106,7 +106,7 @@ def test_reported_reaction_is_the_load_on_b_and_against_a(name, variant):
     rng = np.random.default_rng(2)
     q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
     lam = rng.standard_normal(numeric.m)
-    columns = [suffix for suffix, _ in joint.reaction_columns]
+    columns = [column.name for column in joint.reaction.columns]
     found = dict(zip(columns, numeric.observed("reaction", q=q, lam=lam), strict=True))
     loaded = bd.Mechanism(gravity=tuple(mech.gravity))
     loaded.ground = mech.ground
@@ -303,4 +303,4 @@ def test_hand_rounded_coordinates_meet():
     _, disk, beam = parts()
     x, y = TIP
     joint = bd.Revolute("pin", disk.at(round(x, 7), round(y, 7)), beam.end)
-    assert joint.reaction_columns == (("Fx", "N"), ("Fy", "N"))
+    assert joint.reaction.columns == (("Fx", "N"), ("Fy", "N"))

@@ -22,7 +22,7 @@ def test_parts_keep_their_order_and_are_found_by_name():
     pin = mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), bob.point))
     assert list(mech.parts) == ["wheel", "bob", "pin"]
     assert mech.part("wheel") is wheel
-    assert mech.joints == [pin]
+    assert mech.part("pin") is pin
     equations = bd.equations_of_motion(mech)
     assert equations.q_names == ("wheel.x", "wheel.y", "wheel.angle", "bob.x", "bob.y")
     assert equations.lam_names == ("pin.x", "pin.y")
@@ -58,10 +58,16 @@ def test_parts_of_unknown_bodies_are_refused():
     assert list(mech.parts) == ["stranger"]
 
 
-@pytest.mark.parametrize("thing", ["disk", 3.0, None, ARC, bd.Mechanism().ground])
+@pytest.mark.parametrize("thing", ["disk", 3.0, None, ARC, bd.RigidBody])
 def test_only_parts_can_be_added(thing):
-    with pytest.raises(bd.BeamdaeError, match="Mechanism: only parts can be added, got"):
+    match = "Mechanism: only parts can be added, subclasses of beamdae.Part, got"
+    with pytest.raises(bd.BeamdaeError, match=match):
         bd.Mechanism().add(thing)
+
+
+def test_the_ground_is_there_already():
+    with pytest.raises(bd.BeamdaeError, match="the name 'ground' is taken"):
+        bd.Mechanism().add(bd.Mechanism().ground)
 
 
 def test_observing():
@@ -140,7 +146,7 @@ def test_free_and_fixed_point_masses():
     assert_allclose(-numeric.force(), [5.0, -10.0, -6.0, 4.0, -8.0], atol=1e-14)
     assert free.point.point == (5.0, 6.0)
     massless = bd.PointMass("nothing", 0.0, on=body.at(0.0, 0.0))
-    assert massless.coordinate_names == ()
+    assert massless.coordinates == ()
 
 
 def test_characteristic_length_is_the_extent_of_the_drawing():

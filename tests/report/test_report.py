@@ -67,7 +67,8 @@ def test_comparison_marks_what_the_reference_cannot_tell():
         {
             "group": ["arm"] * 3,
             "label": ["A(step=1)", "B(step=2)", "C(step=3)"],
-            "status": ["ok", "ok", "stopped at t = 1 s"],
+            "status": ["ok", "ok", "failed"],
+            "reason": ["", "", "stopped at t = 1 s"],
             "steps": pd.array([10, 20, None], dtype="Int64"),
             "error [-]": [1e-2, 1e-6, math.nan],
             "below resolution": [False, True, False],

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from published_cases import pendulum
 
 import beamdae as bd
-from beamdae.results.solution import versions
+from beamdae.results.files import versions
 
 WORKS = ["work_of_loads", "work_of_drivers", "dissipated"]
 LEDGER = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity", *WORKS, "imbalance")]
@@ -214,11 +214,11 @@ def test_coordinates_are_named_by_part():
     coordinates = solution.coordinates()
     assert list(coordinates.columns) == [
         "t [s]",
-        *("bar.x", "bar.y", "bar.angle"),
-        *("bar.x_dot", "bar.y_dot", "bar.angle_dot"),
-        *("lam.hinge.x", "lam.hinge.y"),
+        *("bar.x [m]", "bar.y [m]", "bar.angle [rad]"),
+        *("bar.x_dot [m/s]", "bar.y_dot [m/s]", "bar.angle_dot [rad/s]"),
+        *("lam.hinge.x [N]", "lam.hinge.y [N]"),
     ]
-    assert_allclose(coordinates["bar.angle_dot"], solution.v[:, 2], rtol=0.0, atol=0.0)
+    assert_allclose(coordinates["bar.angle_dot [rad/s]"], solution.v[:, 2], rtol=0.0, atol=0.0)
 
 
 @bd.model(t_end=0.2)
@@ -273,7 +273,8 @@ def test_a_failed_run_has_all_of_this_as_well(tmp_path):
     table = pd.read_csv(failing.to_csv(tmp_path / "failed.csv"))
     sidecar = json.loads((tmp_path / "failed.json").read_text())
     assert sidecar["result"]["success"] is False
-    assert "t = 0.5" in sidecar["result"]["status"]
+    assert sidecar["result"]["status"] == "failed"
+    assert "t = 0.5" in sidecar["result"]["reason"]
     assert_allclose(table["t [s]"].iloc[-1], 0.5, rtol=1e-12)
     assert np.all(np.isfinite(table.to_numpy()))
 

@@ -172,7 +172,8 @@ def test_errors_fall_with_the_step(fine):
 
 def test_model_without_start_is_a_row():
     table = bd.compare([bd.Case(doubled, {}, ALPHA), bd.Case(swing, {}, ALPHA)])
-    assert "depend on each other" in table["status"][0]
+    assert table["status"][0] == "failed"
+    assert "depend on each other" in table["reason"][0]
     assert np.isnan(table["reached [s]"][0])
     assert table["steps"].isna().tolist() == [True, False]
     assert table["status"][1] == "ok"
@@ -181,7 +182,8 @@ def test_model_without_start_is_a_row():
 def test_failed_run_is_a_row_and_compares_where_it_got_to():
     reference = bd.Case(torn, {"limit": 1.0}, ALPHA)
     (row,) = bd.compare([bd.Case(torn, {}, ALPHA)], reference).to_dict("records")
-    assert row["status"].startswith("stopped at t = 0.2 s")
+    assert row["status"] == "failed"
+    assert row["reason"].startswith("stopped at t = 0.2 s")
     assert row["reached [s]"] == pytest.approx(0.2)
     assert 0.0 < row["error [-]"] < 1.0
     assert np.isnan(row["error of bob.angle [rad], end"])
@@ -209,7 +211,9 @@ def test_interrupted_comparison_keeps_what_it_has():
         raise KeyboardInterrupt
 
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))] * 2
-    first, second = bd.compare(cases, progress=interrupt)["status"]
+    table = bd.compare(cases, progress=interrupt)
+    assert list(table["status"]) == ["interrupted"] * 2
+    first, second = table["reason"]
     assert first.startswith("interrupted at t = ")
     assert second == "not run, the study was interrupted"
 

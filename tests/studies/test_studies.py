@@ -139,6 +139,8 @@ def test_crossover_is_where_another_series_becomes_the_fastest():
                 "group": "g",
                 "status": "ok",
                 "label": f"{series}(step={h:g})",
+                "rtol": np.nan,
+                "step": h,
                 "series": series,
                 "error [-]": h**order,
                 "wall time [s]": cost / h,
@@ -193,7 +195,8 @@ def test_failures_are_rows_with_a_sentence(tmp_path):
     ]
     results = done(made(cases), tmp_path)
     assert results.table["status"][0] == "ok"
-    sentences = list(results.table["status"][1:])
+    assert list(results.table["status"][1:]) == ["failed", "failed", "limited"]
+    sentences = list(results.table["reason"][1:])
     assert sentences[0].startswith("stopped at t = 0.2 s: the residual is not finite")
     assert "stopped at" in sentences[1]
     assert sentences[2].startswith("time limit of 0.01 s, stopped at")
@@ -209,7 +212,7 @@ def test_whatever_a_model_raises_ends_its_case_alone(tmp_path):
     table = done(made(cases), tmp_path, workers=1).table
     assert table["status"][0] == "ok"
     # CPython 3.14 says it without the word float.
-    assert re.fullmatch("ZeroDivisionError: (float )?division by zero", table["status"][1])
+    assert re.fullmatch("ZeroDivisionError: (float )?division by zero", table["reason"][1])
 
 
 @pytest.mark.parametrize(
@@ -224,7 +227,8 @@ def test_a_case_that_hits_a_limit_is_a_row_saying_so(tmp_path, limits, words):
     # So small a step that 64 of them do not move by a hundred-thousandth of the run.
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-8))]
     table = done(made(cases, t_end=0.4, limits=limits), tmp_path, workers=1).table
-    assert table["status"][0].startswith(words)
+    assert table["status"][0] == "limited"
+    assert table["reason"][0].startswith(words)
 
 
 @pytest.mark.slow(reason="processes die and are started again")
@@ -234,7 +238,7 @@ def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
     always = bd.Case(deadly, {"marker": str(tmp_path / "more"), "tries": 99}, ALPHA)
     results = done(made([*SWINGS[:2], once, always], t_end=0.1), tmp_path / "out")
     assert list(results.table["status"][:2]) == ["ok", "ok"]
-    assert results.table["status"][3].startswith("its process died 2 times")
+    assert results.table["reason"][3].startswith("its process died 2 times")
     # The reference of `once` met the marker first; one of the runs died, none was lost.
     assert results.table["status"][2] == "ok"
     assert marker.read_text() == "x"
@@ -280,7 +284,7 @@ def test_damaged_results_are_computed_again(tmp_path):
     store, task = Store(tmp_path), study.task(SWINGS[0])
     done(study, tmp_path, workers=1)
     known = store.outcome(task)
-    assert known.status == "ok"
+    assert known.status.success
     lines = store.trajectory(task.key).read_text().splitlines()
     store.trajectory(task.key).write_text("\n".join(lines[:50]))
     assert store.outcome(task) is None
@@ -294,7 +298,7 @@ def test_damaged_results_are_computed_again(tmp_path):
 def test_a_failure_under_other_limits_is_tried_again(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-5))]
     first = done(made(cases, limits=Limits(time=1e-3)), tmp_path, workers=1)
-    assert first.table["status"][0].startswith("time limit")
+    assert first.table["reason"][0].startswith("time limit")
     second = done(made(cases, limits=Limits(time=60.0)), tmp_path, workers=1)
     assert list(second.table["status"]) == ["ok"]
 
@@ -337,11 +341,11 @@ def test_a_case_that_is_a_reference_as_well_is_run_once_and_animated(tmp_path):
 
 def test_parameters_stand_together_and_give_way_to_columns():
     cases = [bd.Case(swing, {"mass": 1.0}), bd.Case(swing, {"torque": 2.0})]
-    table = case_table([row(case, "g", Outcome("no"), None) for case in cases])
+    table = case_table([row(case, "g", Outcome.failed("no"), None) for case in cases])
     assert list(table)[:4] == ["model", "mass", "torque", "group"]
     tricky = replace(swing, parameters={"steps": 3, "shape": [1, 2]})
     (line,) = case_table(
-        [row(bd.Case(tricky, {"steps": 5, "shape": [3, 4]}), "g", Outcome("no"), None)]
+        [row(bd.Case(tricky, {"steps": 5, "shape": [3, 4]}), "g", Outcome.failed("no"), None)]
     ).to_dict("records")
     assert line["parameter steps"] == 5
     assert line["shape"] == "[3, 4]"
@@ -390,7 +394,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path):
     assert process.returncode == 130, errors
     assert "start the same command again" in errors
     first = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
-    assert "not run, the study was interrupted" in set(first["status"])
+    assert "not run, the study was interrupted" in set(first["reason"])
     kept = len(list(outcomes.glob("*.json")))
     again = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert again.returncode == 0, again.stderr
@@ -440,7 +444,7 @@ def test_columns_are_checked_before_the_work_is_done(tmp_path):
 
 
 def test_outcomes_of_nothing():
-    lines = [row(SWINGS[0], "g", Outcome("it does not build"), NOT_RUN)]
+    lines = [row(SWINGS[0], "g", Outcome.failed("it does not build"), NOT_RUN)]
     table = case_table(lines)
     assert table["steps"].isna().all()
     assert len(summary(table)) == 0

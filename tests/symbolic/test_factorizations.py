@@ -165,7 +165,7 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
 
     own = Sundials(first_order(case.equations, formulation), given)
     t, y = own.run(t_end)
-    (segment,) = solution.trajectory.segments
+    (segment,) = solution.trajectory.intervals
     counts = solution.statistics
     # Newton's iterates differ by rounding times the condition of the iteration matrix, and every
     # step is chosen from the one before: the first steps agree to rounding, and counts and the

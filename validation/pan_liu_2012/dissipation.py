@@ -60,7 +60,7 @@ def tables() -> dict[str, pd.DataFrame]:
     for name, integrator in integrators().items():
         solution = run(integrator)
         line: dict[str, object] = {"integrator": name, "reached [s]": solution.trajectory.end}
-        line["status"] = "ok" if solution.status.success else solution.status.message
+        line["status"] = "ok" if solution.status.success else solution.status.sentence
         line["steps"] = solution.statistics.steps
         line["wall time [s]"] = solution.statistics.wall_time
         if solution.status.success:

@@ -20,7 +20,7 @@ def solved(mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any) 
     """A run that reached its end."""
     solution = bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows)
     if not solution.status.success:
-        raise RuntimeError(f"{integrator.label}: {solution.status.message}")
+        raise RuntimeError(f"{integrator.label}: {solution.status.sentence}")
     return solution
 
 

@@ -33,6 +33,7 @@ _GROUP: dict[str, Any] = {"label": "", "reference": None, "frames": None}
 _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
+    "series": None,
     "status": "ok",
     "values": {},
     "error": None,
@@ -50,8 +51,6 @@ _PAGE: dict[str, Any] = {
     "columns": [],
     "cases": [],
 }
-# What distinguishes the runs of a series in their labels.
-_REFINED = re.compile(r"\b(rtol|step)=[-+.\de]+")
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:
@@ -71,7 +70,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
           and "status". The label of a case (key "label") and its status come first, named or not.
         - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
-          work-precision plot joins; default the label without rtol and step), "status" ("ok" or a
+          work-precision plot joins; default none), "status" ("ok" or a
           sentence), "values" by column, "error", "cost" [s], "below" (the error is less than the
           reference resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it
           "observed" by name, "error", "energy" by name ("imbalance" is drawn by its size),
@@ -116,7 +115,7 @@ def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
     page = {**_PAGE, **page}
     groups = [_GROUP | group for group in page["groups"]]
     known = _unique("group", groups)
-    cases = [_CASE | {"series": _series(case.get("label", ""))} | case for case in page["cases"]]
+    cases = [_CASE | case for case in page["cases"]]
     _unique("case", cases)
     for case in cases:
         if case.get("group") not in known:
@@ -134,12 +133,6 @@ def _unique(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
             raise BeamdaeError(f"page: the id {entry['id']!r} of a {kind} is taken.")
         known.add(entry["id"])
     return known
-
-
-def _series(label: str) -> str | None:
-    """The label without what is refined along a series; None where nothing is."""
-    series, found = _REFINED.subn(r"\1", label)
-    return series if found else None
 
 
 def _frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:

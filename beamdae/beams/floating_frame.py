@@ -1,0 +1,256 @@
+"""The kinematics of Pan & Liu (2012): small strains relative to a floating frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.beams.floating_frame_element import (
+    FRAME,
+    NODE,
+    AxisMotion,
+    ElementType,
+    rotation,
+    strain_points,
+)
+from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues
+from beamdae.beams.mesh import Mesh
+from beamdae.beams.sections import Section
+from beamdae.beams.shape_functions import shape_functions
+from beamdae.curves.plane_curves import turned
+from beamdae.errors import BeamdaeError, one_of
+from beamdae.parts.attachments import rotate
+from beamdae.symbolic.statements import SX, Local, Named
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FloatingFrame(Kinematics):
+    """Displacements and section rotations relative to a frame that rides on the beam.
+
+    Coordinates: (x0, y0, theta) of the frame and the free ones of (u, v, phi) at the nodes,
+    displacements in the local tangent frame and section rotation relative to the undeformed one.
+    `strain`, `continuity`, `quadrature` and `frame` are explained at `Beam`.
+    """
+
+    name: str
+    mesh: Mesh
+    section: Section
+    strain: str = "nonlinear"
+    continuity: str = "cartesian"
+    quadrature: str = "reduced"
+    frame: str = "tangent"
+
+    def __post_init__(self) -> None:
+        one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear"))
+        one_of(self.name, "continuity", self.continuity, ("cartesian", "local"))
+        one_of(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        one_of(self.name, "frame", self.frame, ("tangent", "chord"))
+        kinked = self.mesh.shape == "straight" or self.mesh.nodes == 2
+        if kinked and self.continuity == "local":
+            raise BeamdaeError(
+                f"{self.name}: straight elements meet at kinks, continuity must be 'cartesian'."
+            )
+        _ = self.angle
+
+    @cached_property
+    def element(self) -> ElementType:
+        """The type of all elements."""
+        nodes = self.mesh.nodes
+        points = nodes if self.quadrature == "full" else nodes - 1
+        return ElementType(nodes, points, self.strain, damped=self.section.damping > 0.0)
+
+    @cached_property
+    def origin(self) -> tuple[float, float]:
+        """Reference position of the frame's origin, the start point [m]."""
+        x, y = np.asarray(self.mesh.curve.point(0.0), float)
+        return float(x), float(y)
+
+    @cached_property
+    def angle(self) -> float:
+        """Reference angle of the frame [rad]."""
+        curve = self.mesh.curve
+        if self.frame == "tangent":
+            return float(curve.tangent_angle(0.0))
+        chord = curve.point(curve.length) - np.asarray(self.origin)
+        if np.hypot(*chord) < 1e-6 * curve.length:
+            raise BeamdaeError(
+                f"{self.name}: frame 'chord' needs a curve whose ends lie apart, use "
+                "frame='tangent' for a ring."
+            )
+        return float(np.arctan2(chord[1], chord[0]))
+
+    @cached_property
+    def carried(self) -> Mesh:
+        """The mesh as the frame carries it."""
+        return self.mesh.seen_from(self.origin, self.angle)
+
+    @cached_property
+    def coordinates(self) -> tuple[Named, ...]:
+        """Frame, and free nodal coordinates."""
+        frame = (Named("x0", "m"), Named("y0", "m"), Named("theta", "rad"))
+        nodal = [
+            Named(f"{name}{i}", unit)
+            for i in range(self.mesh.node_count)
+            for name, unit in (("u", "m"), ("v", "m"), ("phi", "rad"))
+        ]
+        if self.frame == "tangent":
+            return (*frame, *nodal[NODE:])
+        return (*frame, *nodal[2:-3], Named("chord", "m"), nodal[-1])
+
+    @property
+    def initial_position(self) -> Array:
+        """Coordinates in the reference drawing."""
+        return self._undeformed([*self.origin, self.angle])
+
+    def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
+        """Rates of the frame, without any of the deformation."""
+        return self._undeformed([*velocity, angular_velocity])
+
+    def _undeformed(self, frame: list[float]) -> Array:
+        return np.concatenate([frame, np.zeros(len(self.coordinates) - FRAME)])
+
+    @cached_property
+    def operator(self) -> sp.csr_array:
+        """From the beam's coordinates to those of all elements, shape (elements * size, n).
+
+        Nodal coordinates are (u, v, phi) in the tangent frame of the curve at the node. The axes of
+        two neighboring elements meet at a small angle, of the order of the cube of their length (of
+        their length for straight ones): with "cartesian" continuity each turns the nodal
+        displacement into its own direction there, with "local" continuity it is taken over as it
+        is.
+        """
+        mesh, kind = self.carried, self.element
+        element = np.repeat(np.arange(mesh.elements), kind.nodes)
+        local = np.tile(np.arange(kind.nodes), mesh.elements)
+        node = mesh.element_nodes.ravel()
+        turn = self._kink(element, node)
+        row = element * kind.size + FRAME + NODE * local
+        column = NODE * node
+        c, s = np.cos(turn), np.sin(turn)
+        entries = [(0, 0, c), (0, 1, s), (1, 0, -s), (1, 1, c), (2, 2, np.ones_like(c))]
+        rows = np.concatenate([row + i for i, _, _ in entries])
+        columns = np.concatenate([column + j for _, j, _ in entries])
+        values = np.concatenate([value for _, _, value in entries])
+        shape = (mesh.elements * kind.size, NODE * mesh.node_count)
+        nodal = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape)) @ self._free
+        frame = sp.csr_array(np.tile(np.eye(kind.size, FRAME), (mesh.elements, 1)))
+        operator = sp.csr_array(sp.hstack([frame, nodal]))
+        operator.eliminate_zeros()
+        return operator
+
+    def _kink(self, element: Array, node: Array) -> Array:
+        """Angle from the curve's tangent at a node to the element's own axis there."""
+        if self.continuity == "local":
+            return np.zeros(len(element))
+        mesh = self.carried
+        xi = np.tile(np.linspace(-1.0, 1.0, mesh.nodes), mesh.elements)
+        return mesh.axis(element, xi).angle - mesh.tangent_angle(mesh.node_arc_lengths[node])
+
+    @property
+    def _free(self) -> sp.csr_array:
+        """From the free nodal coordinates to all of them: the conditions of the floating frame."""
+        size = NODE * self.mesh.node_count
+        eye = sp.eye_array(size, format="csr")
+        if self.frame == "tangent":
+            return sp.csr_array(eye[:, NODE:])
+        angle = float(self.carried.tangent_angle(self.mesh.curve.length))
+        along = sp.coo_array(
+            ([np.cos(angle), -np.sin(angle)], ([size - 3, size - 2], [0, 0])), shape=(size, 1)
+        )
+        return sp.csr_array(sp.hstack([eye[:, 2 : size - 3], along, eye[:, size - 1 :]]))
+
+    def data(self, gravity: Array) -> Array:
+        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
+        x = self.section
+        values = [x.EA, x.GA, x.EI, x.rhoA, x.rhoI, x.damping, *gravity]
+        weight, at = self.carried.gauss(self.element.mass_quadrature)
+        reference = turned(at.place, -at.angle).T
+        mass = [weight, *reference, np.cos(at.angle), np.sin(at.angle)]
+        weight, at = self.carried.gauss(self.element.quadrature)
+        stiffness = [weight, at.curvature, 1.0 / at.ds]
+        elements = self.mesh.elements
+        points = [np.stack(x, axis=-1).reshape(elements, -1).T for x in (mass, stiffness)]
+        return np.concatenate([*points, np.repeat(np.array(values)[:, None], elements, axis=1)])
+
+    def _located(self, s: float) -> tuple[Array, float, sp.csr_array]:
+        """Shape functions of the element at s, angle of its axis in the frame, its coordinates."""
+        element, xi = self.mesh.locate(s)
+        row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
+        angle = float(self.carried.axis(np.array([element]), np.array([xi])).angle[0])
+        size = self.element.size
+        return row, angle, self.operator[element * size : (element + 1) * size]
+
+    def material_point(self, s: float) -> MaterialPoint:
+        """The section at arc length s [m], with the coordinates of the nodes it depends on."""
+        row, angle, operator = self._located(s)
+        nodes = np.flatnonzero(np.abs(row) > 1e-12)
+        local = [np.arange(FRAME), *(FRAME + NODE * i + np.arange(NODE) for i in nodes)]
+        drawn = np.asarray(self.mesh.curve.point(s), float)
+        carried = turned(drawn - np.asarray(self.origin), -self.angle)
+        to_frame = rotation(np.cos(angle), np.sin(angle))
+
+        def motion(q: SX) -> tuple[SX, SX]:
+            axis = AxisMotion(q)
+            turn = q[2] - self.angle + axis.rotation(row[nodes])
+            return axis.position(row[nodes], carried, to_frame), turn
+
+        return MaterialPoint(
+            (float(drawn[0]), float(drawn[1])),
+            angle + self.angle,
+            operator[np.concatenate(local)],
+            motion,
+        )
+
+    @property
+    def floating_frame(self) -> MaterialPoint:
+        """Origin and angle of the frame."""
+        rows = sp.eye_array(FRAME, len(self.coordinates), format="csr")
+        return MaterialPoint(self.origin, self.angle, rows, lambda q: (q[:2], q[2] - self.angle))
+
+    def strains(self, s: float) -> PointValues:
+        """Strains at arc length s, eqs. (5) and (6).
+
+        Taken from the stiffness quadrature points, where those of an element are most accurate, and
+        interpolated.
+        """
+        element, xi = self.mesh.locate(s)
+        _, _, operator = self._located(s)
+        points = self.element.quadrature
+        gauss, _ = np.polynomial.legendre.leggauss(points)
+        share = [
+            float(np.prod([(xi - x) / (gauss[k] - x) for x in np.delete(gauss, k)]))
+            for k in range(points)
+        ]
+        at = self.carried.axis(np.full(points, element), gauss)
+        data = SX(np.stack([np.zeros(points), at.curvature, 1.0 / at.ds]))
+
+        def values(local: Local) -> SX:
+            found = strain_points(self.element, data, local.q[FRAME:])
+            total = SX.zeros(3)
+            for part, (_, strain) in zip(share, found, strict=True):
+                total += part * strain
+            return total
+
+        return PointValues(operator, values)
+
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """(u, v, phi) at arc length s, components in the axes "inertial", "frame" or "local"."""
+        row, angle, operator = self._located(s)
+
+        def values(local: Local) -> SX:
+            nodal = ca.reshape(local.q[FRAME:], NODE, self.mesh.nodes) @ row
+            turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[axes]
+            return ca.vertcat(rotate(turn, nodal), nodal[2])
+
+        return PointValues(operator, values)
+
+    @property
+    def curvature_error(self) -> float:
+        """Largest error of curvature at the stiffness quadrature points, times the length."""
+        return self.carried.curvature_error(self.element.quadrature)

@@ -1,0 +1,188 @@
+"""What a beam asks of its kinematics, and what damping asks of its elements.
+
+A kinematics says how the points of a beam follow from its coordinates: in a floating frame
+(`floating_frame`), or otherwise. Beams, damping, loads, observables and drawings know this
+interface alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.beams.mesh import Mesh
+from beamdae.errors import BeamdaeError
+from beamdae.symbolic.statements import SX, ForceKernel, Local, Named
+
+Array = np.ndarray
+
+
+class InertiaPoint(NamedTuple):
+    """A point at which inertia is integrated.
+
+    Attributes
+    ----------
+    weight
+        Length of axis it stands for [m].
+    density
+        (rhoA, rhoA, rhoI), of the rates below.
+    velocity
+        Of the axis, (2,) [m/s], in some orthogonal axes.
+    spin
+        Of the section [rad/s].
+    rotation
+        Of the section relative to those axes: its normal is (-sin, cos) in them [rad].
+    """
+
+    weight: SX
+    density: SX
+    velocity: SX
+    spin: SX
+    rotation: SX
+
+
+class StrainRatePoint(NamedTuple):
+    """A point at which elasticity is integrated.
+
+    Attributes
+    ----------
+    weight
+        Length of axis it stands for [m].
+    stiffness
+        (EA, GA, EI).
+    rates
+        Rates of axial strain, shear strain and curvature of the undeformed beam, linear in the
+        velocities.
+    """
+
+    weight: SX
+    stiffness: SX
+    rates: SX
+
+
+class Element(ABC):
+    """One element type in symbols: all numbers are inputs (`local.data`), it is hashable."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of local coordinates."""
+
+    @property
+    @abstractmethod
+    def n_data(self) -> int:
+        """Numbers a copy of the element takes."""
+
+    @abstractmethod
+    def kernel(self) -> ForceKernel:
+        """Virtual work of inertia, elasticity, material damping and weight; the same object always.
+
+        Elements of several beams that share it are evaluated in one map.
+        """
+
+    @abstractmethod
+    def inertia_points(self, local: Local) -> list[InertiaPoint]:
+        """How the inertia points move; `local.data` may hold more behind the element's numbers."""
+
+    @abstractmethod
+    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
+        """Linear strain rates at the stiffness points; `local.data` as above."""
+
+
+class MaterialPoint(NamedTuple):
+    """A section of the beam.
+
+    Attributes
+    ----------
+    drawn
+        Its place (x, y) in the reference drawing [m].
+    inclination
+        Its angle there [rad].
+    operator
+        Rows that pick its local coordinates from those of the beam.
+    motion
+        Local coordinates -> (position in the inertial frame, turn since the reference drawing).
+    """
+
+    drawn: tuple[float, float]
+    inclination: float
+    operator: sp.csr_array
+    motion: Callable[[SX], tuple[SX, SX]]
+
+
+class PointValues(NamedTuple):
+    """Values at a section: rows that pick local coordinates, and the values from these."""
+
+    operator: sp.csr_array
+    values: Callable[[Local], SX]
+
+
+class Kinematics(ABC):
+    """How the points of one beam follow from its coordinates.
+
+    Made by the beam as `kinematics(name, mesh, section, **settings)`, `mesh` in the axes of the
+    drawing.
+    """
+
+    name: str
+    mesh: Mesh
+
+    @property
+    @abstractmethod
+    def element(self) -> Element:
+        """The type of all elements."""
+
+    @property
+    @abstractmethod
+    def coordinates(self) -> tuple[Named, ...]:
+        """Name and unit of each coordinate of the beam."""
+
+    @property
+    @abstractmethod
+    def initial_position(self) -> Array:
+        """Coordinates in the reference drawing."""
+
+    @abstractmethod
+    def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
+        """Rates of a rigid motion: of the start point [m/s] and of the beam about it [rad/s]."""
+
+    @property
+    @abstractmethod
+    def operator(self) -> sp.csr_array:
+        """From the beam's coordinates to those of all elements, shape (elements * size, n)."""
+
+    @abstractmethod
+    def data(self, gravity: Array) -> Array:
+        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
+
+    @abstractmethod
+    def material_point(self, s: float) -> MaterialPoint:
+        """The section at arc length s [m]."""
+
+    @abstractmethod
+    def strains(self, s: float) -> PointValues:
+        """Axial strain, shear strain and curvature at arc length s [m], shape (3,)."""
+
+    @property
+    def curvature_error(self) -> float:
+        """Largest error of the elements' curvature, times the length of the beam."""
+        return 0.0
+
+    @property
+    def floating_frame(self) -> MaterialPoint:
+        """The floating frame, if there is one."""
+        raise self._without_frame()
+
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """(u, v, phi) at arc length s relative to the undeformed beam in its floating frame."""
+        raise self._without_frame()
+
+    def _without_frame(self) -> BeamdaeError:
+        return BeamdaeError(
+            f"{self.name}: {type(self).__name__} has no floating frame to see a deformation from; "
+            "bd.relative_displacement sees it from another section."
+        )

@@ -1,0 +1,268 @@
+"""The drive all integrators share: from breakpoint to breakpoint, within limits, to a solution.
+
+A method is its step; the drive has the clock, the plan of breakpoints, the limits, Ctrl-C and the
+rows.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.integrator import Integrator, Progress
+from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
+from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.symbolic.factorizations import single_threaded
+
+Array = np.ndarray
+
+_ROWS_AT_ONCE = 1024
+
+
+class StepError(ArithmeticError):
+    """A method cannot go on; the message says why, and what to do."""
+
+
+class Method(Protocol):
+    """What a drive asks of a method; one object a run."""
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """What "auto" and tolerances came to, by name."""
+
+    @property
+    def counts(self) -> Statistics:
+        """Calls and rejected steps so far."""
+
+    @property
+    def steps_between_looks(self) -> int:
+        """After how many steps progress and the time limit are looked at."""
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval at a consistent state."""
+
+    def step(self) -> tuple[float, State]:
+        """Time and state after one more step, at most at the end of the interval.
+
+        Raises
+        ------
+        StepError
+            If there is none.
+        """
+
+
+# The last step of an interval ends on its end if it comes this near.
+_NEARLY = 1.0 - 1e-9
+
+
+def fitted(step: float, left: float) -> float:
+    """The step to try where so much is left of an interval [s]: its last two are equal."""
+    return left if step >= _NEARLY * left else min(step, 0.5 * left)
+
+
+@dataclass(frozen=True)
+class Route:
+    """The smooth intervals (start, end) [s] of a run, and its consistent start."""
+
+    starter: Starter
+    intervals: tuple[tuple[float, float], ...]
+    state: State
+
+    @property
+    def equations(self) -> EquationsOfMotion:
+        """What is integrated."""
+        return self.starter.equations
+
+    @property
+    def time(self) -> Array:
+        """(t, branch) of the start."""
+        return np.array([self.intervals[0][0], _branch(*self.intervals[0])])
+
+    @property
+    def duration(self) -> float:
+        """Length of the run [s]."""
+        return self.intervals[-1][1] - self.intervals[0][0]
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step [s] unless another is set: no step passes over what the laws do.
+
+        A twentieth of the run, and a quarter of the time scale of the laws.
+        """
+        scale, share = self.equations.time_scale, self.duration / 20.0
+        return share if scale is None else min(share, scale / 4.0)
+
+
+def plan(equations: EquationsOfMotion, times: Array) -> Route:
+    """The intervals between the breakpoints inside the run, and its consistent start.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model has no consistent start.
+    """
+    start, end = float(times[0]), float(times[-1])
+    inner = [b for b in equations.breakpoints if start < b < end]
+    intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
+    starter = Starter(equations)
+    first = np.array([start, _branch(*intervals[0])])
+    return Route(starter, intervals, starter.state(first, equations.q0, equations.v0))
+
+
+def _branch(start: float, end: float) -> float:
+    return 0.5 * (start + end)
+
+
+@dataclass
+class _Limits:
+    """What ends a run before its end."""
+
+    progress: Progress | None
+    time_limit: float | None
+    max_steps: int | None
+    begin: float
+
+    def reason(self, t: float, steps: int, between_looks: int) -> str | None:
+        """Why the run has to stop at time `t` [s] after so many steps, or None."""
+        if self.max_steps is not None and steps >= self.max_steps:
+            return f"max_steps = {self.max_steps} taken"
+        if steps % between_looks:
+            return None
+        if self.progress is not None and (reason := self.progress(t)):
+            return reason
+        if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
+            return f"time limit of {self.time_limit:g} s"
+        return None
+
+
+class _Rows:
+    """Times and states of the accepted steps of an interval, in blocks that grow in number."""
+
+    def __init__(self, t: float, state: State) -> None:
+        self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
+        self._blocks: list[Array] = []
+        self._used = _ROWS_AT_ONCE
+        self.append(t, state)
+
+    def append(self, t: float, state: State) -> None:
+        if self._used == _ROWS_AT_ONCE:
+            self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
+            self._used = 0
+        np.concatenate(((t,), *state), out=self._blocks[-1][self._used])
+        self._used += 1
+
+    @property
+    def last(self) -> tuple[float, State]:
+        row = self._blocks[-1][self._used - 1]
+        return float(row[0]), self._state(row)
+
+    def _state(self, rows: Array) -> State:
+        return State(*np.split(rows[..., 1:], [e - 1 for e in self._ends[1:-1]], axis=-1))
+
+    def interval(self, branch: float) -> Interval:
+        rows = np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
+        return Interval(rows[:, 0].copy(), State(*(x.copy() for x in self._state(rows))), branch)
+
+
+class _Run:
+    """A run under way."""
+
+    def __init__(self, route: Route, method: Method, limits: _Limits) -> None:
+        self._route, self._method, self._limits = route, method, limits
+        self._done: list[Interval] = []
+        self.steps = 0
+
+    def through(self) -> tuple[Trajectory, Status]:
+        """Go through the intervals until one does not end."""
+        status = REACHED_END
+        state = self._route.state
+        for start, end in self._route.intervals:
+            branch = _branch(start, end)
+            if self._done:
+                try:
+                    state = self._restarted(start, branch, state)
+                except BeamdaeError as problem:
+                    reason = f"no consistent restart at t = {start:g} s: {problem}"
+                    status = Status("failed", reason)
+                    break
+            rows = _Rows(start, state)
+            status = self._over(start, end, branch, rows)
+            self._done.append(rows.interval(branch))
+            if not status.success:
+                break
+            _, state = rows.last
+        return Trajectory(tuple(self._done)), status
+
+    def _restarted(self, start: float, branch: float, state: State) -> State:
+        """A state consistent with the laws that begin at `start`."""
+        time, starter = np.array([start, branch]), self._route.starter
+        starter.require_continuous(self._done[-1].branch, time, state.q)
+        return starter.state(time, state.q, state.v)
+
+    def _over(self, start: float, end: float, branch: float, rows: _Rows) -> Status:
+        """Step over one interval."""
+        method, limits, t = self._method, self._limits, start
+        between_looks = method.steps_between_looks
+        try:
+            method.begin(start, end, branch, rows.last[1])
+            while t < end:
+                t_next, state = method.step()
+                rows.append(t_next, state)
+                t = t_next
+                self.steps += 1
+                if t < end and (stop := limits.reason(t, self.steps, between_looks)):
+                    return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
+        except StepError as problem:
+            return Status("failed", f"stopped at t = {t:.6g} s: {problem}")
+        except MemoryError:
+            reason = "more memory is needed than there is; take larger steps"
+            return Status("failed", f"stopped at t = {t:.6g} s: {reason}")
+        except KeyboardInterrupt:
+            return Status("interrupted", f"interrupted at t = {t:.6g} s")
+        return REACHED_END
+
+
+@single_threaded
+def drive(
+    integrator: Integrator,
+    equations: EquationsOfMotion,
+    times: Array,
+    method_on: Callable[[Route], Method],
+    progress: Progress | None,
+) -> Solution:
+    """Run a method over all intervals; see `Integrator.integrate`.
+
+    Parameters
+    ----------
+    integrator
+        Its settings, a dataclass; `max_steps` and `time_limit` among them are heeded.
+    method_on
+        Makes the method for a run: compiles, and resolves what is "auto".
+    """
+    begin = clock.perf_counter()
+    route = plan(equations, times)
+    method = method_on(route)
+    setup_time = clock.perf_counter() - begin
+
+    begin = clock.perf_counter()
+    settings = asdict(integrator)  # type: ignore[call-overload]
+    limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
+    run = _Run(route, method, limits)
+    trajectory, status = run.through()
+    wall_time = clock.perf_counter() - begin
+    return Solution(
+        equations,
+        trajectory,
+        times[times <= trajectory.end * (1.0 + 1e-12)],
+        status,
+        replace(method.counts, steps=run.steps, setup_time=setup_time, wall_time=wall_time),
+        {"integrator": integrator.method, **settings, **method.resolved},
+    )

@@ -1,0 +1,80 @@
+"""What everybody asks of an integrator."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import BeamdaeError, count, positive
+from beamdae.results.solution import Solution
+
+Array = np.ndarray
+
+# Told the time reached; what it answers, if anything, is the reason to stop there.
+Progress = Callable[[float], str | None]
+
+
+class Accuracy(NamedTuple):
+    """The number an integrator is refined by: the name of its field, and its value."""
+
+    name: str
+    value: float
+
+
+class Integrator(ABC):
+    """Settings of one method: a frozen dataclass that keeps nothing of a run.
+
+    `accuracy` names one of its fields, and the error of a run falls with that number to the power
+    `order`. Studies, references and tables ask for nothing else.
+    """
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return type(self).__name__
+
+    @property
+    @abstractmethod
+    def accuracy(self) -> Accuracy:
+        """Step [s] or relative tolerance, whichever it goes by: ("step", h) or ("rtol", rtol)."""
+
+    @property
+    @abstractmethod
+    def order(self) -> int:
+        """Power of `accuracy` with which the error of a run falls: 1 where that is a tolerance."""
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        return f"{self.method}({self.accuracy.name}={self.accuracy.value:g})"
+
+    @abstractmethod
+    def integrate(
+        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
+    ) -> Solution:
+        """Integrate from times[0] to times[-1]; `times` ascend and are the output times [s].
+
+        A run that fails returns what it reached, with the reason as its status.
+
+        Raises
+        ------
+        BeamdaeError
+            If the model has no consistent start.
+        """
+
+
+def require_tolerance(settings: Any) -> None:
+    """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
+    name = type(settings).__name__
+    positive(name, "rtol", settings.rtol)
+    if settings.rtol > 0.1:
+        raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {settings.rtol:g}.")
+    for limit in ("max_step", "time_limit"):
+        if getattr(settings, limit) is not None:
+            positive(name, limit, getattr(settings, limit))
+    if settings.max_steps is not None:
+        count(name, "max_steps", settings.max_steps)

@@ -1,0 +1,101 @@
+"""What a mechanism asks of every part, whatever it is: one protocol, empty by default."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.errors import BeamdaeError
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.laws import Law
+from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Named
+
+Array = np.ndarray
+
+
+class Drawing(NamedTuple):
+    """How a part is drawn: its kind, and the points it is drawn through."""
+
+    kind: str
+    places: list[Attachment]
+
+
+class Part:
+    """A body, joint, load or damper; a subclass overrides what it has something to say about.
+
+    Its name has to be unique in the mechanism. A part that states neither coordinates, forces nor
+    constraints is refused when the equations of motion are assembled, and so is a statement that
+    does not fit the bodies it refers to.
+    """
+
+    name: str
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """The points it refers to: all attachments among its fields, and in listings there."""
+        return tuple(value for value in self._values if isinstance(value, Attachment))
+
+    @property
+    def bodies(self) -> tuple[Part, ...]:
+        """The parts it refers to: those of its attachments, and parts among its fields."""
+        own = tuple(value for value in self._values if isinstance(value, Part))
+        return own + tuple(attachment.body for attachment in self.attachments)
+
+    @property
+    def _values(self) -> list[Any]:
+        listings = (v if isinstance(v, (tuple, list)) else (v,) for v in vars(self).values())
+        return [value for listing in listings for value in listing]
+
+    @property
+    def coordinates(self) -> tuple[Named, ...]:
+        """Name and unit of each coordinate it brings along; angles are in "rad"."""
+        return ()
+
+    @property
+    def initial_position(self) -> Array:
+        """Coordinates in the reference drawing, shape (number of coordinates,)."""
+        return np.zeros(0)
+
+    @property
+    def initial_velocity(self) -> Array:
+        """Their rates at the start; made consistent with the joints later."""
+        return np.zeros(0)
+
+    @property
+    def outline(self) -> Array:
+        """Points (k, 2) of the reference drawing that tell how large it is [m]."""
+        return np.zeros((0, 2))
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Laws of time it follows: integrators stop at their breakpoints."""
+        return ()
+
+    def forces(self, gravity: Array) -> Sequence[ForceStatement]:
+        """Its forces: inertia, elasticity, damping, weight under `gravity` (2,), or loads."""
+        return ()
+
+    def constraints(self) -> Sequence[ConstraintStatement]:
+        """What it holds."""
+        return ()
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """Numbers worth knowing of it before a run, by name."""
+        return {}
+
+    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
+        """How it is drawn, `attached` being its points that other parts refer to.
+
+        `points` is how many a curve is drawn through; None: not at all.
+        """
+        return None
+
+
+def require_name(kind: str, name: Any) -> str:
+    """Return `name` if it is a text that can name a part."""
+    if not isinstance(name, str) or not name.strip():
+        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {name!r}.")
+    return name
