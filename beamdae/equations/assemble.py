@@ -22,6 +22,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
     SX,
@@ -109,13 +110,13 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     )
 
 
-def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> ca.Function:
+def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
     """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
     owners = _owners(mechanism)
     q = ca.SX.sym("q", owners.n)
     own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
     found = [place.position(constant(place.operator) @ own[id(place.body)]) for place in places]
-    return ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))])
+    return RowFunction(ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))]))
 
 
 def _owners(mechanism: Mechanism) -> Owners:

@@ -1,10 +1,11 @@
-"""What results measure of a run, as functions of its states."""
+"""What results measure of a run, as functions of its states: one row a state."""
 
 from __future__ import annotations
 
 import casadi as ca
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.symbolic.compiled import RowFunction
 
 MX = ca.MX
 
@@ -19,15 +20,15 @@ def _symbols(e: EquationsOfMotion) -> tuple[MX, ...]:
 
 
 @once
-def observed(e: EquationsOfMotion) -> ca.Function:
+def observed(e: EquationsOfMotion) -> RowFunction:
     """All observed columns, in the order of `observables`."""
     symbols = _symbols(e)
     time, q, v, _, p, lam = symbols
-    return ca.Function("observed", list(symbols), [ca.densify(e.observed(time, q, v, p, lam))])
+    return _of_rows("observed", symbols, e.observed(time, q, v, p, lam))
 
 
 @once
-def balance(e: EquationsOfMotion) -> ca.Function:
+def balance(e: EquationsOfMotion) -> RowFunction:
     """(3) `ENERGIES` [J], (3) powers of `WORKS` [W], and what shows how good a state is.
 
     The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
@@ -44,17 +45,20 @@ def balance(e: EquationsOfMotion) -> ca.Function:
         _largest(e.level(1, time, q, v, a, p)),
     )
     power = ca.vertcat(energies[3], e.driver_power(time, q, p, lam), energies[4])
-    values = ca.densify(ca.vertcat(energies[:3], power, norms))
-    return ca.Function("balance", list(symbols), [values])
+    return _of_rows("balance", symbols, ca.vertcat(energies[:3], power, norms))
 
 
 @once
-def drift(e: EquationsOfMotion) -> ca.Function:
+def drift(e: EquationsOfMotion) -> RowFunction:
     """Largest |g| and |g_dot|."""
     symbols = _symbols(e)
     levels = [_largest(e.level(k, *symbols[:5])) for k in (0, 1)]
-    return ca.Function("drift", list(symbols), [ca.densify(ca.vertcat(*levels))])
+    return _of_rows("drift", symbols, ca.vertcat(*levels))
 
 
 def _largest(x: MX) -> MX:
     return ca.norm_inf(x) if x.numel() else MX(0)
+
+
+def _of_rows(name: str, symbols: tuple[MX, ...], value: MX) -> RowFunction:
+    return RowFunction(ca.Function(name, list(symbols), ca.cse([ca.densify(value)])))

@@ -1,4 +1,8 @@
-"""."""
+"""Integrators: frozen settings with `integrate(equations, times) -> Solution`, one file a method.
+
+May import: results, equations, symbolic.factorizations; SUNDIALS in `ida` alone.
+Next: an `Integrator` whose `integrate` hands a `Method`, its step, to `drive`.
+"""
 
 from beamdae.integrators.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.ida import Ida

@@ -11,7 +11,6 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.headers import LEDGER_COLUMNS
 from beamdae.results.trajectory import Trajectory, accumulate, interpolate
-from beamdae.symbolic.compiled import evaluate_rows
 
 Array = np.ndarray
 
@@ -64,7 +63,7 @@ class EnergyLedger:
         start = np.zeros(3)
         for interval in trajectory.intervals:
             state = interval.state
-            values = evaluate_rows(function, interval.times, *state[:3], equations.p, state.lam)
+            values = function(interval.times, *state[:3], equations.p, state.lam)
             if rows:
                 # A law whose rate jumps at a breakpoint changes the velocities at once.
                 start = start + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])

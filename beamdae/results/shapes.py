@@ -13,7 +13,6 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.results.solution import Solution
-from beamdae.symbolic.compiled import evaluate_rows
 
 Array = np.ndarray
 
@@ -60,7 +59,7 @@ def shapes(
     shown = [(name, drawing) for name, drawing in drawn if drawing is not None and drawing.places]
     function = positions(mechanism, [place for _, drawing in shown for place in drawing.places])
     _, state = solution.trajectory.at(frame_times(solution, frames))
-    found = evaluate_rows(function, state.q)
+    found = function(state.q)
     x, y = found[:, ::2], found[:, 1::2]
     ends = np.cumsum([0, *(len(drawing.places) for _, drawing in shown)]).tolist()
     return [

@@ -17,7 +17,7 @@ from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.headers import DRIFT_COLUMNS
 from beamdae.results.trajectory import Trajectory
-from beamdae.symbolic.compiled import evaluate_rows
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
@@ -127,9 +127,9 @@ class Solution:
             return pd.DataFrame(index=range(len(self.t)))
         return pd.DataFrame(self._measured(measures.observed(e)), columns=headers)
 
-    def _measured(self, function: Any) -> Array:
+    def _measured(self, function: RowFunction) -> Array:
         times, state = self._output
-        return evaluate_rows(function, times, *state[:3], self.equations.p, state.lam)
+        return function(times, *state[:3], self.equations.p, state.lam)
 
     @cached_property
     def _books(self) -> EnergyLedger:

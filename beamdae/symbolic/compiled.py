@@ -47,20 +47,34 @@ class Compiled:
         return self.outputs
 
 
-def evaluate_rows(function: ca.Function, *arguments: Array) -> Array:
-    """Evaluate a function once a row: arguments (rows, size), or (size,) where shared.
+class RowFunction:
+    """A CasADi function with one dense output, evaluated once a row of its arguments."""
 
-    Returns its only output, (rows, size), which must be dense.
-    """
-    shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
-    rows = max(len(a) for a in arguments if np.ndim(a) == 2)
-    result = np.empty((rows, function.nnz_out(0)))
-    count = min(rows, _ROWS_AT_ONCE)
-    mapped = function.map(function.name(), "serial", count, shared, []) if count > 1 else function
-    compiled = Compiled(mapped)
-    # The last rows come with some of those before them: another map would cost more.
-    for first in [*range(0, rows - count, count), rows - count]:
-        part = slice(first, first + count)
-        values = (a if np.ndim(a) == 1 else np.ravel(a[part]) for a in arguments)
-        result[part] = compiled(*values)[0].reshape(count, -1)
-    return result
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function
+        self._mapped: dict[tuple[int, ...], ca.Function] = {}
+
+    def __call__(self, *arguments: Array) -> Array:
+        """Values (rows, size) at arguments (rows, size each), or (size,) where shared."""
+        shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
+        rows = max(len(a) for a in arguments if np.ndim(a) == 2)
+        result = np.empty((rows, self._function.nnz_out(0)))
+        count = min(rows, _ROWS_AT_ONCE)
+        compiled = Compiled(self._map(count, shared))
+        # The last rows come with some of those before them: another map would cost more.
+        for first in [*range(0, rows - count, count), rows - count]:
+            part = slice(first, first + count)
+            values = (a if np.ndim(a) == 1 else np.ravel(a[part]) for a in arguments)
+            result[part] = compiled(*values)[0].reshape(count, -1)
+        return result
+
+    def _map(self, count: int, shared: list[int]) -> ca.Function:
+        """The function over `count` rows: making it costs as much as using it."""
+        function, key = self._function, (count, *shared)
+        if key not in self._mapped:
+            self._mapped[key] = (
+                function.map(function.name(), "serial", count, shared, [])
+                if count > 1
+                else function
+            )
+        return self._mapped[key]

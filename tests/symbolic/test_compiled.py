@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from beamdae.symbolic.compiled import Compiled, evaluate_rows
+from beamdae.symbolic.compiled import Compiled, RowFunction
 
 X, Y, P = ca.MX.sym("x", 2), ca.MX.sym("y"), ca.MX.sym("p", 2)
 FUNCTION = ca.Function("f", [X, Y, P], [X * Y + P, ca.dot(X, P)])
@@ -59,11 +59,11 @@ def test_rows_are_evaluated_one_by_one_with_what_they_share():
     rows = np.arange(6.0).reshape(3, 2)
     factors = np.array([[1.0], [2.0], [3.0]])
     p = np.array([10.0, 20.0])
-    assert_allclose(evaluate_rows(FUNCTION, rows, factors, p), rows * factors + p, rtol=1e-15)
+    assert_allclose(RowFunction(FUNCTION)(rows, factors, p), rows * factors + p, rtol=1e-15)
     first = ca.Function("g", [X, Y, P], [X * Y + P])
-    assert_allclose(evaluate_rows(first, rows, factors, p), rows * factors + p, rtol=1e-15)
+    assert_allclose(RowFunction(first)(rows, factors, p), rows * factors + p, rtol=1e-15)
 
 
 def test_a_single_row_is_a_row():
     rows = np.array([[1.0, 2.0]])
-    assert evaluate_rows(FUNCTION, rows, np.ones((1, 1)), np.zeros(2)).shape == (1, 2)
+    assert RowFunction(FUNCTION)(rows, np.ones((1, 1)), np.zeros(2)).shape == (1, 2)

@@ -1,1 +1,5 @@
-"""."""
+"""One self-contained HTML page of a study: template, style, script, and the data they show.
+
+May import: errors. Takes plain values, see `page.write_page`.
+Next: a panel is a section of `page.html` with its function in `page.js`.
+"""
