@@ -1,0 +1,153 @@
+"""Laws every kinematics of a beam obeys, whatever its coordinates are."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from conformance import KINEMATICS
+from numpy.testing import assert_allclose
+from support import ARC, SOFT, Numeric, assert_derivative, differences
+
+import beamdae as bd
+
+SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+LENGTH = ARC.length
+every_kinematics = pytest.mark.parametrize("kind", KINEMATICS)
+
+
+@cache
+def free(kind, gravity=(0.0, 0.0), added=None, **start):
+    """A beam that no joint holds, with its motion, strains and section forces observed."""
+    mech = bd.Mechanism(gravity=gravity)
+    beam = mech.add(
+        bd.Beam("beam", ARC, SECTION, elements=3, kinematics=KINEMATICS[kind], **dict(start))
+    )
+    for s in (0.0, 0.4 * LENGTH, LENGTH):
+        mech.observe(f"at {s}", beam.at(s))
+    mech.observe("inside", beam.section_forces(0.4 * LENGTH))
+    if added is not None:
+        mech.add(added(beam))
+    return Numeric(mech)
+
+
+def moved(numeric, seed):
+    """Coordinates near the drawing, velocities and accelerations of order one."""
+    rng = np.random.default_rng(seed)
+    q = numeric.equations.q0 + 0.05 * rng.standard_normal(numeric.n)
+    return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
+
+
+@every_kinematics
+def test_it_rests_as_drawn(kind):
+    numeric = free(kind)
+    for s in (0.0, 0.4 * LENGTH, LENGTH):
+        x, y, angle, *rates = numeric.observed(f"at {s}")
+        # The axis interpolates the curve within an element: cubic, off by the fourth order.
+        assert_allclose((x, y), ARC.point(s), atol=1e-4)
+        assert_allclose(angle, ARC.tangent_angle(s), atol=1e-3)
+        assert_allclose(rates, 0.0, atol=1e-14)
+    assert_allclose(numeric.observed("inside"), 0.0, atol=1e-11)
+    assert_allclose(numeric.force(), 0.0, atol=1e-11)
+
+
+@every_kinematics
+def test_tangents_are_derivatives(kind):
+    numeric = free(kind, gravity=(0.3, -2.0))
+    q, v, a = moved(numeric, 0)
+    assert_derivative(numeric.stiffness(q, v, a), lambda x: numeric.force(x, v, a), q)
+    assert_derivative(numeric.damping(q, v, a), lambda x: numeric.force(q, x, a), v)
+    assert_derivative(numeric.mass(q, v, a), lambda x: numeric.force(q, v, x), a)
+
+
+@every_kinematics
+def test_forces_at_rest_are_the_gradient_of_the_energy(kind):
+    numeric = free(kind, gravity=(0.3, -2.0))
+    q, _, _ = moved(numeric, 1)
+    gradient = differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
+    # Rounding of energies of order 100 over a step of 1e-3, and what differences truncate.
+    assert_allclose(numeric.force(q), gradient, rtol=1e-8, atol=1e-7)
+
+
+@every_kinematics
+def test_power_is_what_energies_change_by(kind):
+    """F . v = d(kinetic + strain + gravity)/dt + dissipated power, along any motion."""
+    numeric = free(kind, gravity=(0.3, -2.0))
+    q, v, a = moved(numeric, 2)
+
+    def energy(t):
+        return numeric.energies(q + t * v + 0.5 * t**2 * a, v + t * a)[:3].sum()
+
+    h = 1e-4
+    rate = (8.0 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12.0 * h)
+    dissipated = numeric.energies(q, v)[4]
+    assert dissipated > 0.0
+    # Energies of order 100, rounded, over the step.
+    assert_allclose(numeric.force(q, v, a) @ v, rate + dissipated, rtol=1e-8, atol=1e-8)
+
+
+@every_kinematics
+def test_it_starts_with_the_rigid_motion_asked_for(kind):
+    speed, spin = (0.3, -0.2), 1.5
+    numeric = free(kind, velocity=speed, angular_velocity=spin)
+    v = numeric.equations.v0
+    kinetic, _, _, _, dissipated = numeric.energies(v=v)
+    # Mass and inertia of the arc about its start, from many points of it.
+    s, weight = np.polynomial.legendre.leggauss(20)
+    arm = ARC.point(0.5 * LENGTH * (s + 1.0)) - ARC.point(0.0)
+    velocity = np.array(speed) + spin * np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
+    rho_a, rho_i = SECTION.rhoA, SECTION.rhoI
+    line = rho_a * (velocity**2).sum(axis=1) + rho_i * spin**2
+    assert_allclose(kinetic, 0.25 * LENGTH * weight @ line, rtol=1e-4)
+    # A rigid motion strains nothing, to the order of the interpolation.
+    assert dissipated < 1e-4 * kinetic
+
+
+@every_kinematics
+def test_rayleigh_damping_of_a_rigid_motion_is_that_of_its_mass(kind):
+    numeric = free(
+        kind,
+        added=lambda beam: bd.RayleighDamping("oil", beam, mass=0.7, stiffness=0.02),
+        velocity=(0.3, -0.2),
+        angular_velocity=1.5,
+    )
+    kinetic, _, _, _, dissipated = numeric.energies(v=numeric.equations.v0)
+    assert_allclose(dissipated, 2.0 * 0.7 * kinetic, rtol=1e-3)
+
+
+@every_kinematics
+def test_air_drag_of_a_translation_is_that_of_its_normal_velocities(kind):
+    """Regression: drag on a beam of other kinematics than it was written for was another force."""
+    velocity = np.array([0.8, -0.5])
+    numeric = free(kind, added=lambda beam: bd.AirDrag("air", beam, 1.4), velocity=tuple(velocity))
+    power = numeric.energies(v=numeric.equations.v0)[4]
+    s, weight = np.polynomial.legendre.leggauss(40)
+    angle = ARC.tangent_angle(0.5 * LENGTH * (s + 1.0))
+    normal = velocity @ np.stack([-np.sin(angle), np.cos(angle)])
+    # A few points an element integrate the kink of |v| v to about a thousandth.
+    assert_allclose(power, 1.4 * 0.5 * LENGTH * weight @ np.abs(normal) ** 3, rtol=5e-3)
+
+
+@every_kinematics
+def test_a_cantilever_sags_as_castigliano_says(kind):
+    """Tip of a quarter of a circle under a small dead force."""
+    steel = bd.Section(bd.Material(E=1e6, nu=0.3, rho=1.0), area=0.1, second_moment=1e-3)
+    load, radius = 1e-3, 1.0
+    curve = bd.Arc(radius=radius, length=0.5 * np.pi * radius)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", curve, steel, elements=6, kinematics=KINEMATICS[kind]))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (load, 0.0)))
+    mech.observe("tip", beam.end)
+    numeric = Numeric(mech)
+    g = numeric.constraint_matrix()
+    k = np.block([[numeric.stiffness(), g.T], [g, np.zeros((3, 3))]])
+    q = np.linalg.solve(k, np.concatenate([-numeric.force(), np.zeros(3)]))[: numeric.n]
+    tip = numeric.observed("tip", q=numeric.equations.q0 + q)[0] - numeric.observed("tip")[0]
+    # Integrals of (R cos a)^2, cos^2 a and sin^2 a over the arc, a the angle from the clamp.
+    quarter = 0.25 * np.pi * radius
+    bending, axial, shear = (
+        quarter / stiffness for stiffness in (steel.EI / radius**2, steel.EA, steel.GA)
+    )
+    assert_allclose(tip, load * (bending + shear + axial), rtol=2e-3)

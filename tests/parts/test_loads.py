@@ -1,0 +1,65 @@
+"""Laws every load obeys, whatever it does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import LOADS
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric, assert_derivative
+
+import beamdae as bd
+
+CHORD = VARIANTS[2]
+every_load = pytest.mark.parametrize("make", LOADS.values(), ids=list(LOADS))
+
+
+def mechanism():
+    mech = bd.Mechanism(gravity=(0.2, -1.5))
+    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
+    return mech, disk, mech.add(CHORD.beam(ARC))
+
+
+@pytest.fixture
+def loaded(make):
+    """The mechanism with the load, and without."""
+    mech, disk, beam = mechanism()
+    mech.add(make(mech, disk, beam))
+    return Numeric(mech, time=(0.7, 0.7)), Numeric(mechanism()[0], time=(0.7, 0.7))
+
+
+def state(numeric, seed):
+    rng = np.random.default_rng(seed)
+    q = numeric.equations.q0 + 0.15 * rng.standard_normal(numeric.n)
+    return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
+
+
+@every_load
+def test_tangents_are_derivatives(loaded):
+    numeric, _ = loaded
+    q, v, a = state(numeric, 0)
+    assert_derivative(numeric.stiffness(q, v, a), lambda x: numeric.force(x, v, a), q)
+    assert_derivative(numeric.damping(q, v, a), lambda x: numeric.force(q, x, a), v)
+    assert_derivative(numeric.mass(q, v, a), lambda x: numeric.force(q, v, x), a)
+
+
+@every_load
+def test_its_power_is_in_the_books(loaded):
+    """What it adds to F . v: the rate of its energies, less its power, plus what it dissipates."""
+    with_load, without = loaded
+    q, v, a = state(with_load, 1)
+
+    def added(at, speed):
+        return with_load.energies(at, speed) - without.energies(at, speed)
+
+    def energy(t):
+        return added(q + t * v + 0.5 * t**2 * a, v + t * a)[:3].sum()
+
+    h = 1e-3
+    rate = (8.0 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12.0 * h)
+    power, dissipated = added(q, v)[3:]
+    force = with_load.force(q, v, a) - without.force(q, v, a)
+    assert np.any(force)
+    # Rounding of energies of order one over the step.
+    assert_allclose(force @ v, rate - power + dissipated, rtol=1e-9, atol=1e-9)
+    assert dissipated >= 0.0

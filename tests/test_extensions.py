@@ -1,0 +1,37 @@
+"""README's 'How to add', tried word by word: what it adds obeys every law of its kind."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+# Files whose laws run over what conformance lists, and how many cases each kind has to add.
+LAWS = (
+    "parts/test_joints.py",
+    "parts/test_loads.py",
+    "beams/test_kinematics.py",
+    "integrators/test_integrators.py",
+    "integrators/test_breakpoints.py",
+)
+ADDED = {"rod": 8, "dashpot": 2, "exact": 8, "euler": 10}
+
+
+def test_what_the_readme_adds_obeys_every_law_of_its_kind(tmp_path):
+    readme = (HERE.parent / "README.md").read_text()
+    section = readme.split("## How to add")[1].split("\n## ")[0]
+    blocks = re.findall(r"```python\n(.*?)```", section, re.S)
+    assert len(blocks) == 5
+    (tmp_path / "extension.py").write_text("\n\n".join(blocks))
+    paths = [tmp_path, HERE, *(Path(p) for p in sys.path if p)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
+    command = [sys.executable, "-m", "pytest", "-p", "extension", "-p", "no:cacheprovider", "-v"]
+    command += ["-n", "0", "-k", " or ".join(ADDED), *(str(HERE / file) for file in LAWS)]
+    run = subprocess.run(
+        command, capture_output=True, text=True, env=environment, cwd=HERE.parent, timeout=300
+    )
+    assert run.returncode == 0, run.stdout[-4000:] + run.stderr[-2000:]
+    for name, least in ADDED.items():
+        passed = [line for line in run.stdout.splitlines() if name in line and "PASSED" in line]
+        assert len(passed) >= least, f"{name}: {len(passed)} laws"
