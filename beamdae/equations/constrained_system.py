@@ -163,7 +163,7 @@ class ConstrainedSystem:
             rows = [ca.horzcat(*r) if isinstance(r, (list, tuple)) else r for r in expression]
             expression = ca.vertcat(*rows)
         try:
-            function = ca.Function(name, [self.t, self.q, self.v], [expression])
+            function = ca.Function("stated", [self.t, self.q, self.v], [expression])
         except Exception as problem:
             raise BeamdaeError(
                 f"ConstrainedSystem: {name} must depend on t, q and v alone: "

@@ -213,3 +213,40 @@ def test_a_constraint_that_cannot_be_met_is_not_called_dependent():
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1, 1], force=[0, 0], **circle)
     with pytest.raises(bd.BeamdaeError, match=r"g0: (this constraint holds|the joints cannot)"):
         bd.simulate(system, t_end=1.0)
+
+
+def test_regression_scales_follow_from_units_and_not_from_names():
+    """An angle in a coordinate called psi was taken for a length of the size of the others."""
+    scaled = {
+        units: system(names=("psi", "phi"), units=units, q0=[0.0, 5.0]).equations.position_scales
+        for units in (("rad", "m"), ("m", "rad"), ("rad", "rad"), ())
+    }
+    assert_allclose(scaled[("rad", "m")], [1.0, 5.0])
+    # The start of the length is zero: of size one, for want of another.
+    assert_allclose(scaled[("m", "rad")], [1.0, 1.0])
+    assert_allclose(scaled[("rad", "rad")], [1.0, 1.0])
+    assert_allclose(scaled[()], [5.0, 5.0])
+
+
+def test_units_are_in_the_headers():
+    solution = run(system(names=("x", "turn"), units=("m", "rad")), t_end=0.01)
+    assert list(solution.observed) == ["x [m]", "turn [rad]"]
+    assert list(solution.coordinates())[:5] == [
+        "t [s]",
+        *("x [m]", "turn [rad]"),
+        *("x_dot [m/s]", "turn_dot [rad/s]"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [
+        (("m",), r"units must have 2 entries, got \('m',\)"),
+        ("mm", "units must have 2 entries, got 'mm'"),
+        (("m", 3), "units must be texts such as 'm' and 'rad', got 3"),
+        (("m", ""), "units must be texts such as 'm' and 'rad', got ''"),
+    ],
+)
+def test_wrong_units_are_told(units, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {message}"):
+        _ = system(units=units).equations

@@ -1,10 +1,12 @@
 """Comparing here and now: what a row says, what errors are measured by."""
 
+import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
 
 import beamdae as bd
+from beamdae.results.headers import observed_columns
 from beamdae.studies import deviations, work
 from beamdae.studies.case import default_integrators
 
@@ -229,3 +231,34 @@ def test_progress_names_the_case():
 def test_default_integrators_are_of_every_kind():
     kinds = [type(i) for i in default_integrators()]
     assert set(kinds) == {bd.Ida, bd.Radau, bd.GeneralizedAlpha}
+
+
+@bd.model(t_end=0.4)
+def drifting(mass=2.0):
+    """Its columns are called as those that tables have themselves."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[mass], force=-q, q0=[1.0], v0=[0.0], names=("drift",),
+        observe={"energy.x": q**2, "error": 2.0 * q},
+    )  # fmt: skip
+
+
+def test_regression_columns_called_as_those_of_tables_do_not_vanish():
+    mech = swing()
+    mech.observe("drift", mech.part("bob").at(2.0, 0.0))
+    columns = observed_columns(work.by_time(bd.simulate(mech, ALPHA, 0.1)))
+    assert [name for name in columns if name.startswith("drift.")][:2] == [
+        "drift.x [m]",
+        "drift.y [m]",
+    ]
+    reference = bd.Case(drifting, {}, bd.GeneralizedAlpha(step=2.5e-4))
+    table = bd.compare([bd.Case(drifting, {}, ALPHA)], reference)
+    for name in ("drift [-]", "energy.x [-]", "error [-]"):
+        assert table[f"error of {name}, max"][0] > 0.0
+
+
+def test_names_the_ledger_needs_are_refused():
+    mech = swing()
+    for name in ("energy", "energy.x", "t"):
+        with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is taken"):
+            mech.observe(name, mech.part("bob").at(2.0, 0.0))
