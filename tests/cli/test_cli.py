@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.commands import app
+from beamdae.studies.pool import SerialPool
 
 ARM = """
 import numpy as np
@@ -65,6 +66,12 @@ def command(tmp_path, monkeypatch):
         return CliRunner().invoke(app, [name, "model.py", *arguments])
 
     return call
+
+
+@pytest.fixture
+def serial(monkeypatch):
+    """No processes: what a command writes and says of a study does not depend on them."""
+    monkeypatch.setattr("beamdae.studies.pool.LocalPool", lambda workers: SerialPool())
 
 
 def assert_mistake(result, *words):
@@ -230,6 +237,7 @@ def test_failed_run_keeps_what_it_reached(command):
     assert Path("results/arm.png").exists()
 
 
+@pytest.mark.usefixtures("serial")
 def test_compare_writes_tables_pictures_and_a_page(command):
     result = command("compare", ARM, "--parquet")
     assert result.exit_code == 0, result.stderr
@@ -252,6 +260,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     assert "failed" in result.stderr.splitlines()[-1]
 
 
+@pytest.mark.usefixtures("serial")
 def test_compare_of_a_model_whose_reference_fails(command):
     result = command("compare", more(ROOT))
     assert result.exit_code == 1
@@ -262,6 +271,7 @@ def test_compare_of_a_model_whose_reference_fails(command):
 
 
 def test_compare_of_a_study_file(command):
+    # With processes: they get the models of a file that none of them can import.
     study = (
         ARM.replace("# more", "# more\n")
         + """

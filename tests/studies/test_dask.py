@@ -10,7 +10,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.studies import engine
-from beamdae.studies.pool import DaskPool, LocalPool
+from beamdae.studies.pool import DaskPool, SerialPool
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
@@ -54,7 +54,7 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path):
 
         found = engine.run(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
     assert len(victims) == 1
-    serial = engine.run(STUDY, tmp_path / "serial", LocalPool(1))
+    serial = engine.run(STUDY, tmp_path / "serial", SerialPool())
     assert set(found.table["status"]) == {"ok"}
     pd.testing.assert_frame_equal(
         found.table.drop(columns=UNSTEADY), serial.table.drop(columns=UNSTEADY)
