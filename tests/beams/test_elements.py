@@ -10,6 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 from support import (
     ARC,
+    FEW,
+    MOTIONS,
     SOFT,
     VARIANTS,
     Numeric,
@@ -27,6 +29,7 @@ from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import FIRST_ORDER, first_order, step_equations
 
 every_variant = pytest.mark.parametrize("variant", VARIANTS, ids=str)
+few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
 # Nodes and Gauss points: of each element the reduced and the full quadrature.
 POINTS = [(2, 1), (2, 2), (3, 2), (3, 3), (4, 3), (4, 4)]
 every_kind = pytest.mark.parametrize(
@@ -384,7 +387,7 @@ def _full(pattern, nonzeros):
 
 
 @pytest.mark.parametrize("form", FIRST_ORDER)
-@every_variant
+@few_variants
 def test_jacobian_of_first_order_forms(variant, form):
     equations = driven_mechanism(variant)
     system = first_order(equations, form)
@@ -401,7 +404,7 @@ def test_jacobian_of_first_order_forms(variant, form):
 
 
 @pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
-@every_variant
+@few_variants
 def test_jacobian_of_step_equations(variant, stabilized):
     equations = driven_mechanism(variant)
     step = step_equations(equations, stabilized)
@@ -542,7 +545,7 @@ def test_blown_up_arc_shrinks_along_its_axis(variant):
     assert_allclose(numeric.observed("forces 1.0", q=q), expected, atol=6e-3 * abs(expected[0]))
 
 
-@tangent_variants
+@pytest.mark.parametrize("variant", [v for v in MOTIONS if v.frame == "tangent"], ids=str)
 def test_deformation_axes_differ_by_the_rotation_of_the_frame(variant):
     numeric = _cantilever(variant, ARC)
     q, _, _ = random_state(numeric, seed=11)
