@@ -66,9 +66,9 @@ def test_every_model_file_has_stored_numbers():
     "integrator",
     [
         bd.Ida(1e-5),
-        bd.GeneralizedAlpha(1e-3),
-        bd.GeneralizedAlpha(1e-3, formulation="stabilized-index2"),
-        bd.Radau(1e-5),
+        bd.GeneralizedAlpha(2e-3),
+        bd.GeneralizedAlpha(2e-3, formulation="stabilized-index2"),
+        bd.Radau(1e-4),
     ],
     ids=["ida", "generalized-alpha", "generalized-alpha stabilized", "radau"],
 )
@@ -79,7 +79,8 @@ def test_default_run_gives_the_stored_extremes(name, integrator):
     table = solution.table()
     for column, (low, high) in EXTREMES[name].items():
         # Errors of these integrators at these settings: up to 1e-3 of the amplitude in positions
-        # (100 rtol; h^2), several times that in strains and in what the fast modes carry.
+        # (100 rtol; h^2), several times that in strains and in what the fast modes carry: 5.3e-3
+        # in a strain of the pendulum by generalized-alpha.
         tolerance = 1e-2 * (high - low)
         assert_allclose(
             [table[column].min(), table[column].max()], [low, high], atol=tolerance, rtol=0
