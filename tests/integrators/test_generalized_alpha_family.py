@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from published_cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
-from tolerances.cases import CASES as TOLERANCE_CASES
+from tolerance_cases import every_case, every_case_in_its_time
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
@@ -338,7 +338,7 @@ def test_the_step_that_stays_is_left_alone():
 # Adaptive steps -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+@every_case_in_its_time
 def test_error_falls_with_rtol_and_stays_in_bounds(case):
     rtols = np.array([1e-3, 1e-4])
     solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol)) for rtol in rtols]
@@ -349,7 +349,7 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case):
 
 
 @pytest.mark.slow(reason="an undamped beam at 1e-5 takes tens of thousands of steps")
-@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+@every_case
 def test_error_keeps_falling_at_a_tight_tolerance(case):
     rtols = np.array([1e-4, 1e-5])
     found = np.array(
@@ -360,7 +360,7 @@ def test_error_keeps_falling_at_a_tight_tolerance(case):
 
 
 @pytest.mark.slow(reason="every case with seven members")
-@pytest.mark.parametrize("case", TOLERANCE_CASES, ids=lambda case: case.name)
+@every_case
 @pytest.mark.parametrize(
     "settings",
     [

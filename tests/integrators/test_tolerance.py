@@ -8,25 +8,16 @@ import numpy as np
 import pytest
 from hub_beam import hub_beam
 from slider_crank import slider_crank
+from tolerance_cases import every_case, every_case_in_its_time
 from tolerances.cases import CASES
 
 import beamdae as bd
 
-IDS = [case.name for case in CASES]
-# The others tell of the same law in half the time: bounds of both sizes, all three models, and
-# every case is in the slow test.
-SLOW = {"pendulum_undamped", "slider_crank_tangent"}
 adaptive = pytest.mark.parametrize("integrator", [bd.Ida, bd.Radau])
 
 
 @adaptive
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.name in SLOW else [])
-        for case in CASES
-    ],
-)
+@every_case_in_its_time
 def test_error_falls_with_rtol_and_stays_in_bounds(case, integrator):
     rtols = (1e-3, 1e-4)
     solutions = [case.run(integrator(rtol)) for rtol in rtols]
@@ -38,7 +29,7 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case, integrator):
 
 @pytest.mark.slow(reason="undamped beams at 1e-7 take hundreds of thousands of steps of order 2")
 @adaptive
-@pytest.mark.parametrize("case", CASES, ids=IDS)
+@every_case
 def test_error_keeps_falling_at_tight_tolerances(case, integrator):
     # The test above has the first one in common.
     rtols = (1e-4, 1e-5, 1e-6, 1e-7)
