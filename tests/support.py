@@ -73,10 +73,24 @@ VARIANTS += [
     Variant("nonlinear", "curved", "full", "chord", 0.03, nodes=3),
     Variant("nonlinear", "straight", "reduced", "chord", 0.0, nodes=3),
     Variant("linear", "curved", "reduced", "tangent", 0.0, nodes=3),
+    Variant("green", "curved", "reduced", "tangent", 0.0, nodes=3),
     Variant("nonlinear", "straight", "reduced", "chord", 0.03, nodes=2),
     Variant("nonlinear", "straight", "full", "tangent", 0.03, nodes=2),
     Variant("linear", "straight", "reduced", "tangent", 0.0, nodes=2),
 ]
+# For laws of what is made of elements: sums of statements, their forms, the start. These know an
+# element by the size of its kernel and the operator of its mesh alone, and the kernels themselves
+# are tested over all variants. The four differ in everything that makes size and operator (shape,
+# frame, continuity, nodes), and every strain, quadrature and damping is among them.
+FEW = [
+    Variant("nonlinear", "curved", "reduced", "tangent", 0.03),
+    Variant("linear", "straight", "full", "chord", 0.0),
+    Variant("nonlinear", "curved", "reduced", "chord", 0.03, "local"),
+    Variant("green", "curved", "reduced", "tangent", 0.0, nodes=3),
+]
+# One of each way in which sections follow the coordinates: strain, quadrature and damping have no
+# part in that.
+MOTIONS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.values())
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
 
 

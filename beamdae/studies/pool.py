@@ -1,4 +1,4 @@
-"""Where the work is done: a pool of local processes, or the workers of a Dask scheduler."""
+"""Where the work is done: here, in a pool of local processes, or by a Dask scheduler's workers."""
 
 from __future__ import annotations
 
@@ -28,6 +28,30 @@ class Executor(Protocol):
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
         """(task, outcome, whether it is to be kept) of each task."""
+
+
+class SerialPool:
+    """The runs one after the other in this process: for debugging and small studies.
+
+    Nothing stands between a case and the study: one that kills its process ends both, and one that
+    does not end at its time limit is waited for.
+
+    Attributes
+    ----------
+    workers
+        One.
+    """
+
+    workers = 1
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+        """(task, outcome, whether it is to be kept) of each task, in their order."""
+        for task in tasks:
+            outcome = perform(task.packed())
+            yield task, outcome, True
+            # The integrator took the interrupt for its run alone; it is meant for the study.
+            if outcome.status.kind == "interrupted":
+                raise KeyboardInterrupt
 
 
 class LocalPool:

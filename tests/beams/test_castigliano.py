@@ -71,26 +71,46 @@ def errors(
 ):
     """Relative errors of the compliance, (3, 3)."""
     section = square(slenderness)
+    geometry = (elements, shape, frame, continuity, nodes)
+    beam = _quarter(section, *geometry, quadrature=quadrature, strain=strain)
+    mech = bd.Mechanism()
+    mech.add(beam)
+    mech.add(bd.Weld("clamp", mech.ground.at(RADIUS, 0.0), beam.start))
+    clamped = Numeric(mech)
+    loads = _loads(*geometry)
+    stiffness, joint = clamped.stiffness(), clamped.constraint_matrix()
+    saddle = np.block([[stiffness, joint.T], [joint, np.zeros((clamped.m, clamped.m))]])
+    # Stiffnesses span ten decades at R/h = 2500: balanced, the solution keeps eight digits.
+    diagonal = np.sqrt(np.abs(np.diag(saddle)))
+    scale = np.where(diagonal > 0.0, diagonal, 1.0)
+    right = np.concatenate([loads, np.zeros((clamped.m, 3))])
+    balanced = np.linalg.solve(saddle / np.outer(scale, scale), right / scale[:, None])
+    compliance = loads.T @ (balanced / scale[:, None])[: clamped.n]
+    return compliance / exact_compliance(section) - 1.0
+
+
+def _quarter(section, elements, shape, frame, continuity, nodes, **settings):
     quarter = bd.Arc(
         radius=RADIUS, length=0.5 * np.pi * RADIUS, start=(RADIUS, 0.0), angle=0.5 * np.pi
     )
-    beam = bd.Beam(
+    return bd.Beam(
         "beam",
         quarter,
         section,
         elements=elements,
         nodes=nodes,
-        quadrature=quadrature,
         elements_shape=shape,
         continuity=continuity,
         frame=frame,
-        strain=strain,
+        **settings,
     )
-    mech = bd.Mechanism()
-    mech.add(beam)
-    mech.add(bd.Weld("clamp", mech.ground.at(RADIUS, 0.0), beam.start))
-    clamped = Numeric(mech)
-    loads = np.stack(
+
+
+@cache
+def _loads(*geometry):
+    """Generalized forces of the unit loads, a column each: the same for every section."""
+    beam = _quarter(square(4), *geometry)
+    return np.stack(
         [
             _generalized(beam, load)
             for load in (
@@ -101,15 +121,6 @@ def errors(
         ],
         axis=1,
     )
-    stiffness, joint = clamped.stiffness(), clamped.constraint_matrix()
-    saddle = np.block([[stiffness, joint.T], [joint, np.zeros((clamped.m, clamped.m))]])
-    # Stiffnesses span ten decades at R/h = 2500: balanced, the solution keeps eight digits.
-    diagonal = np.sqrt(np.abs(np.diag(saddle)))
-    scale = np.where(diagonal > 0.0, diagonal, 1.0)
-    right = np.concatenate([loads, np.zeros((clamped.m, 3))])
-    balanced = np.linalg.solve(saddle / np.outer(scale, scale), right / scale[:, None])
-    compliance = loads.T @ (balanced / scale[:, None])[: clamped.n]
-    return compliance / exact_compliance(section) - 1.0
 
 
 def _generalized(beam, load):

@@ -124,13 +124,13 @@ def test_the_error_of_radau_falls_with_its_tolerance(case):
 
 
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
-@pytest.mark.parametrize("step", [2e-3, 1e-3])
+@pytest.mark.parametrize("step", [8e-3, 4e-3])
 @every_case
 def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, step):
     integrator = bd.GeneralizedAlpha(step=step, formulation=formulation, newton_tolerance=1e-8)
     errors = relative_errors(case, integrator)
     # Three times the error of phase of the trapezoidal rule, (omega h)^2 / 12 of omega t; it
-    # holds for multipliers as well.
+    # holds for multipliers as well. The same share of it at every step from 8 ms to 1 ms.
     bound = 3.0 * (case.rate * step) ** 2 / 12.0 * case.rate * case.t_end
     assert max(errors.values()) < bound
 
@@ -139,12 +139,13 @@ def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, ste
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.9, 1.0])
 def test_every_setting_of_generalized_alpha_finds_the_motion(rho_inf, formulation, start):
+    step = 4e-3
     integrator = bd.GeneralizedAlpha(
-        step=1e-3, rho_inf=rho_inf, formulation=formulation, start=start, newton_tolerance=1e-8
+        step=step, rho_inf=rho_inf, formulation=formulation, start=start, newton_tolerance=1e-8
     )
     errors = PENDULUM.errors(PENDULUM.run(integrator))
     # The strongest damping has five times the error of phase of the trapezoidal rule.
-    bound = 3.0 * 5.0 * (PENDULUM.rate * 1e-3) ** 2 / 12.0 * PENDULUM.rate * PENDULUM.t_end
+    bound = 3.0 * 5.0 * (PENDULUM.rate * step) ** 2 / 12.0 * PENDULUM.rate * PENDULUM.t_end
     assert errors["q"] < bound
     assert errors["v"] < bound * PENDULUM.rate
 

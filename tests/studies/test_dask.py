@@ -10,9 +10,14 @@ import pytest
 
 import beamdae as bd
 from beamdae.studies import engine
-from beamdae.studies.pool import DaskPool, LocalPool
+from beamdae.studies.pool import DaskPool, SerialPool
 
-distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+
+@pytest.fixture
+def distributed():
+    """Imported by the tests that need it alone, as it takes long."""
+    return pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+
 
 # Dask and Tornado of one environment may be of different age; their warnings are not ours.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -41,7 +46,7 @@ UNSTEADY = ["wall time [s]", "setup time [s]", "measuring time [s]", "peak memor
 
 
 @pytest.mark.slow(reason="starts a scheduler and two workers")
-def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path):
+def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, distributed):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
@@ -54,14 +59,15 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path):
 
         found = engine.run(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
     assert len(victims) == 1
-    serial = engine.run(STUDY, tmp_path / "serial", LocalPool(1))
+    serial = engine.run(STUDY, tmp_path / "serial", SerialPool())
     assert set(found.table["status"]) == {"ok"}
     pd.testing.assert_frame_equal(
         found.table.drop(columns=UNSTEADY), serial.table.drop(columns=UNSTEADY)
     )
 
 
+@pytest.mark.usefixtures("distributed")
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.pool._PATIENCE", 1.0)
+    monkeypatch.setattr("beamdae.studies.pool._PATIENCE", 0.2)
     with pytest.raises(bd.BeamdaeError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask sched"):
         DaskPool("tcp://127.0.0.1:9")

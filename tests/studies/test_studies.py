@@ -15,10 +15,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
+from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.studies import engine
-from beamdae.studies.pool import LocalPool
+from beamdae.cli.commands import app
+from beamdae.studies import engine, work
+from beamdae.studies.pool import LocalPool, SerialPool
 from beamdae.studies.references import NOT_RUN
 from beamdae.studies.store import Store
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
@@ -70,8 +72,8 @@ def made(cases, **settings):
     return bd.Study("made", tuple(cases), references=REFERENCES, **settings)
 
 
-def done(study, folder, workers=2, progress=None):
-    return engine.run(study, folder, LocalPool(workers), progress)
+def done(study, folder, executor=None, progress=None):
+    return engine.run(study, folder, executor or SerialPool(), progress)
 
 
 STEPS = (0.02, 0.01, 0.005)
@@ -85,6 +87,57 @@ SWINGS = [
 @pytest.fixture(scope="module")
 def swings(tmp_path_factory):
     return done(made(SWINGS), tmp_path_factory.mktemp("swings"))
+
+
+# Executors ------------------------------------------------------------------------------------
+
+# What differs from run to run and from process to process.
+UNSTEADY = ["wall time [s]", "setup time [s]", "measuring time [s]", "peak memory [GB]"]
+
+
+def test_processes_and_runs_one_after_the_other_give_the_same_table(tmp_path):
+    study = made([*SWINGS[:2], bd.Case(torn, {}, ALPHA), bd.Case(broken, {}, ALPHA)])
+    executors = {"serial": SerialPool(), "processes": LocalPool(2)}
+    results = [done(study, tmp_path / name, pool) for name, pool in executors.items()]
+    serial, parallel = (found.table.drop(columns=UNSTEADY) for found in results)
+    assert list(serial["status"][:2]) == ["ok", "ok"]
+    assert serial["status"][2].startswith("stopped at t = 0.2 s")
+    assert "ZeroDivisionError" in serial["status"][3]
+    pd.testing.assert_frame_equal(parallel, serial)
+
+
+@bd.model(t_end=0.1)
+def telling(file="", name=""):
+    """Writes its name and its process to a file."""
+    with open(file, "a") as told:
+        told.write(f"{name} {os.getpid()}\n")
+    return swing()
+
+
+def test_serial_runs_are_made_here_in_their_order(tmp_path):
+    file = tmp_path / "told"
+    cases = [bd.Case(telling, {"file": str(file), "name": name}, ALPHA) for name in "abc"]
+    study = made(cases)
+    found = list(SerialPool().outcomes([study.task(case) for case in cases]))
+    assert [task.case for task, _, _ in found] == cases
+    assert [(outcome.status, keep) for _, outcome, keep in found] == [("ok", True)] * 3
+    assert file.read_text().splitlines() == [f"{name} {os.getpid()}" for name in "abc"]
+
+
+def test_an_interrupted_serial_run_ends_the_study_and_is_done_again(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    # Steps enough that progress is told.
+    study = made([bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(1e-3)) for mass in (1.0, 2.0)])
+    with monkeypatch.context() as patch:
+        patch.setattr(work._Watchman, "__call__", interrupt)
+        results = done(study, tmp_path)
+    assert results.interrupted
+    (outcome,) = results.outcomes.values()
+    assert outcome.status.startswith("interrupted at t = ")
+    assert set(results.table["status"]) == {engine.NOT_RUN}
+    assert set(done(study, tmp_path).table["status"]) == {"ok"}
 
 
 # Tables ---------------------------------------------------------------------------------------
@@ -209,24 +262,26 @@ def test_failures_are_rows_with_a_sentence(tmp_path):
 
 def test_whatever_a_model_raises_ends_its_case_alone(tmp_path):
     cases = [bd.Case(swing, {}, ALPHA), bd.Case(broken, {}, ALPHA)]
-    table = done(made(cases), tmp_path, workers=1).table
+    table = done(made(cases), tmp_path).table
     assert table["status"][0] == "ok"
     # CPython 3.14 says it without the word float.
     assert re.fullmatch("ZeroDivisionError: (float )?division by zero", table["reason"][1])
 
 
 @pytest.mark.parametrize(
-    ("limits", "words"),
+    ("executor", "limits", "words"),
     [
-        (Limits(memory=1e-3), "memory limit of 0.001 GB, stopped at"),
-        (Limits(patience=1e-9), "no progress for 1e-09 s, stopped at"),
-        (Limits(time=1e-3), "time limit of 0.001 s, stopped at"),
+        # The memory is that of the process, so it has one of its own.
+        (LocalPool(1), Limits(memory=1e-3), "memory limit of 0.001 GB, stopped at"),
+        (SerialPool(), Limits(patience=1e-9), "no progress for 1e-09 s, stopped at"),
+        (SerialPool(), Limits(time=1e-3), "time limit of 0.001 s, stopped at"),
     ],
+    ids=["memory", "patience", "time"],
 )
-def test_a_case_that_hits_a_limit_is_a_row_saying_so(tmp_path, limits, words):
+def test_a_case_that_hits_a_limit_is_a_row_saying_so(tmp_path, executor, limits, words):
     # So small a step that 64 of them do not move by a hundred-thousandth of the run.
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-8))]
-    table = done(made(cases, t_end=0.4, limits=limits), tmp_path, workers=1).table
+    table = done(made(cases, t_end=0.4, limits=limits), tmp_path, executor).table
     assert table["status"][0] == "limited"
     assert table["reason"][0].startswith(words)
 
@@ -236,7 +291,8 @@ def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
     marker = tmp_path / "marks"
     once = bd.Case(deadly, {"marker": str(marker), "tries": 1}, ALPHA)
     always = bd.Case(deadly, {"marker": str(tmp_path / "more"), "tries": 99}, ALPHA)
-    results = done(made([*SWINGS[:2], once, always], t_end=0.1), tmp_path / "out")
+    study = made([*SWINGS[:2], once, always], t_end=0.1)
+    results = done(study, tmp_path / "out", LocalPool(2))
     assert list(results.table["status"][:2]) == ["ok", "ok"]
     assert results.table["reason"][3].startswith("its process died 2 times")
     # The reference of `once` met the marker first; one of the runs died, none was lost.
@@ -282,7 +338,7 @@ def test_fingerprint_depends_on_all_that_matters():
 def test_damaged_results_are_computed_again(tmp_path):
     study = made(SWINGS[:1])
     store, task = Store(tmp_path), study.task(SWINGS[0])
-    done(study, tmp_path, workers=1)
+    done(study, tmp_path)
     known = store.outcome(task)
     assert known.status.success
     lines = store.trajectory(task.key).read_text().splitlines()
@@ -291,15 +347,15 @@ def test_damaged_results_are_computed_again(tmp_path):
     for text in ("{", "[]"):
         (tmp_path / "outcomes" / f"{task.key}.json").write_text(text)
         assert store.outcome(task) is None
-    again = done(study, tmp_path, workers=1)
+    again = done(study, tmp_path)
     pd.testing.assert_frame_equal(again.outcome(SWINGS[0]).table, known.table)
 
 
 def test_a_failure_under_other_limits_is_tried_again(tmp_path):
-    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-5))]
-    first = done(made(cases, limits=Limits(time=1e-3)), tmp_path, workers=1)
+    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-4))]
+    first = done(made(cases, limits=Limits(time=1e-3)), tmp_path)
     assert first.table["reason"][0].startswith("time limit")
-    second = done(made(cases, limits=Limits(time=60.0)), tmp_path, workers=1)
+    second = done(made(cases, limits=Limits(time=60.0)), tmp_path)
     assert list(second.table["status"]) == ["ok"]
 
 
@@ -369,15 +425,15 @@ def slow(mass=1.0):
 
 @bd.study(references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)))
 def masses():
-    return [bd.Case(slow, {"mass": float(m)}, bd.Ida(rtol=1e-4)) for m in range(1, 6)]
+    return [bd.Case(slow, {"mass": float(m)}, bd.Ida(rtol=1e-4)) for m in range(1, 4)]
 """
 
 
-def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path):
+def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monkeypatch):
     (tmp_path / "file.py").write_text(STUDY)
-    command = [sys.executable, "-m", "beamdae", "compare", "file.py", "--out", "out"]
+    command = ["compare", "file.py", "--out", "out", "--workers", "1"]
     process = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "beamdae", *command],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -396,8 +452,11 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path):
     first = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
     assert "not run, the study was interrupted" in set(first["reason"])
     kept = len(list(outcomes.glob("*.json")))
-    again = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert again.returncode == 0, again.stderr
+    monkeypatch.chdir(tmp_path)
+    # Pictures take longer than the runs.
+    monkeypatch.setattr("beamdae.studies.pictures.draw", lambda results: [])
+    again = CliRunner().invoke(app, command)
+    assert again.exit_code == 0, again.stderr
     assert f"{kept} kept from before" in again.stderr
     second = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
     assert set(second["status"]) == {"ok"}

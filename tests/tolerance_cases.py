@@ -1,0 +1,18 @@
+"""The cases of validation/tolerances as parameters of tests."""
+
+import pytest
+from tolerances.cases import CASES
+
+# The longest ones. The others have bounds of both sizes and all three models, and tell of the
+# same law in half the time.
+_SLOW = {"pendulum_undamped", "slider_crank_tangent"}
+
+every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+# The long ones in the slow run alone.
+every_case_in_its_time = pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.name in _SLOW else [])
+        for case in CASES
+    ],
+)
