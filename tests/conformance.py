@@ -25,10 +25,10 @@ IDA_FORMS = {
 }
 
 
-def integrators(rtol, step, also=None, **settings):
+def tuned(rtol, step, also=None, **settings):
     """All integrators at this tolerance or step, and with whatever of `settings` they know."""
 
-    def tuned(integrator):
+    def settled(integrator):
         known = {field.name for field in fields(integrator)}
         given = {name: value for name, value in settings.items() if name in known}
         if integrator.accuracy.name == "step":
@@ -37,10 +37,13 @@ def integrators(rtol, step, also=None, **settings):
         refined = {"rtol": rtol, "step": step}[integrator.accuracy.name]
         return replace(integrator, **{integrator.accuracy.name: refined}, **given)
 
-    chosen = {**INTEGRATORS, **(also or {})}
-    return pytest.mark.parametrize(
-        "integrator", [tuned(one) for one in chosen.values()], ids=list(chosen)
-    )
+    return {name: settled(one) for name, one in (INTEGRATORS | (also or {})).items()}
+
+
+def integrators(rtol, step, also=None, **settings):
+    """The same, for tests that take an `integrator`."""
+    chosen = tuned(rtol, step, also, **settings)
+    return pytest.mark.parametrize("integrator", chosen.values(), ids=list(chosen))
 
 
 TIP = tuple(ARC.point(ARC.length))

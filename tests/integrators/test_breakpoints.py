@@ -3,12 +3,12 @@
 import casadi as ca
 import numpy as np
 import pytest
+from conformance import integrators
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-INTEGRATORS = [bd.Ida(1e-7), bd.GeneralizedAlpha(1e-3), bd.Radau(1e-7)]
-every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=["ida", "alpha", "radau"])
+every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 
 def turned(law):
@@ -34,8 +34,11 @@ def test_a_driver_whose_speed_jumps_is_booked_as_work(integrator):
     assert solution.status.success
     # Inertia about the hinge 0.6 kg m^2 at 2 rad/s, and the weight lifted to sin(1.4 rad) / 2.
     expected = 0.5 * 0.6 * 2.0**2 + 2.0 * 9.81 * 0.5 * np.sin(1.4)
-    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=1e-5)
-    assert solution.quality.energy_imbalance < 1e-5
+    # Steps of first order lose as much of the work as they are of the motion.
+    first_order = integrator.accuracy.name == "step" and integrator.order == 1
+    bound = integrator.step if first_order else 1e-5
+    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=bound)
+    assert solution.quality.energy_imbalance < bound
 
 
 def test_a_late_pulse_is_not_stepped_over():

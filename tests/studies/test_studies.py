@@ -101,8 +101,8 @@ def test_processes_and_runs_one_after_the_other_give_the_same_table(tmp_path):
     results = [done(study, tmp_path / name, pool) for name, pool in executors.items()]
     serial, parallel = (found.table.drop(columns=UNSTEADY) for found in results)
     assert list(serial["status"][:2]) == ["ok", "ok"]
-    assert serial["status"][2].startswith("stopped at t = 0.2 s")
-    assert "ZeroDivisionError" in serial["status"][3]
+    assert serial["reason"][2].startswith("stopped at t = 0.2 s")
+    assert "ZeroDivisionError" in serial["reason"][3]
     pd.testing.assert_frame_equal(parallel, serial)
 
 
@@ -120,7 +120,7 @@ def test_serial_runs_are_made_here_in_their_order(tmp_path):
     study = made(cases)
     found = list(SerialPool().outcomes([study.task(case) for case in cases]))
     assert [task.case for task, _, _ in found] == cases
-    assert [(outcome.status, keep) for _, outcome, keep in found] == [("ok", True)] * 3
+    assert [(outcome.status.kind, keep) for _, outcome, keep in found] == [("ok", True)] * 3
     assert file.read_text().splitlines() == [f"{name} {os.getpid()}" for name in "abc"]
 
 
@@ -135,8 +135,8 @@ def test_an_interrupted_serial_run_ends_the_study_and_is_done_again(tmp_path, mo
         results = done(study, tmp_path)
     assert results.interrupted
     (outcome,) = results.outcomes.values()
-    assert outcome.status.startswith("interrupted at t = ")
-    assert set(results.table["status"]) == {engine.NOT_RUN}
+    assert outcome.status.sentence.startswith("interrupted at t = ")
+    assert set(results.table["status"]) == {"interrupted"}
     assert set(done(study, tmp_path).table["status"]) == {"ok"}
 
 

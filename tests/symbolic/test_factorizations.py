@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conformance import integrators
 from numpy.testing import assert_allclose
 from published_cases import CAR_AXIS, PENDULUM, SLIDER_CRANK
 from sksundae.ida import IDA
@@ -181,16 +182,12 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
     assert_allclose(segment.state.v[-1], y[-1, n : 2 * n], rtol=0.0, atol=100.0 * settings.rtol)
 
 
-@pytest.mark.parametrize(
-    "integrator",
-    [
-        bd.Ida(rtol=1e-5, error_control="velocities", linear_solver="dense"),
-        bd.Ida(rtol=1e-5, formulation="ggl", error_control="velocities", linear_solver="dense"),
-        bd.GeneralizedAlpha(step=5e-3, linear_solver="dense"),
-        bd.GeneralizedAlpha(step=5e-3, formulation="stabilized-index2", linear_solver="dense"),
-        bd.Radau(rtol=1e-5, linear_solver="dense"),
-    ],
-    ids=["ida", "ida ggl", "alpha", "alpha stabilized", "radau"],
+@integrators(
+    rtol=1e-5,
+    step=5e-3,
+    also={"ida ggl": bd.Ida(formulation="ggl")},
+    error_control="velocities",
+    linear_solver="dense",
 )
 def test_dense_and_sparse_factors_give_the_same_run(integrator):
     runs = [
