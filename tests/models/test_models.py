@@ -69,10 +69,10 @@ INTEGRATORS = {
     for label, integrator in tuned(rtol=1e-5, step=2e-3).items()
     if integrator.accuracy.name == "rtol" or integrator.order > 1
 }
-# Three methods meet every model; variants of one of them meet the shorter runs, and the longer
-# ones in the slow test.
+# Three methods meet every model; variants of one of them meet the shortest run, and the others in
+# the slow test.
 METHODS = ("ida", "radau", "alpha")
-LONG = {"slider_crank", "spin_up"}
+LONG = {"pendulum", "slider_crank", "spin_up"}
 
 
 @pytest.mark.parametrize(

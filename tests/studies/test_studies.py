@@ -429,6 +429,7 @@ def masses():
 """
 
 
+@pytest.mark.slow(reason="a command and its processes; an interrupted serial run shows the same")
 def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monkeypatch):
     (tmp_path / "file.py").write_text(STUDY)
     command = ["compare", "file.py", "--out", "out", "--workers", "1"]
