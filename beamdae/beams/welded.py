@@ -53,6 +53,6 @@ def welded_beams(
         mechanism.add(Beam(f"{name} {k}", Segment(curve, start, end), section, **settings))
         for k, (start, end) in enumerate(pairwise(ends), start=1)
     ]
-    for one, other in pairwise(beams):
-        mechanism.add(Weld(f"{one.name} to {other.name}", one.end, other.start))
+    for before, after in pairwise(beams):
+        mechanism.add(Weld(f"{before.name} to {after.name}", before.end, after.start))
     return beams

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,6 +19,7 @@ def turned(points: Array, angle: Any) -> Array:
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
+@runtime_checkable
 class PlaneCurve(Protocol):
     """What a beam asks of its reference curve; every method takes arc lengths of any shape."""
 
@@ -38,11 +39,10 @@ class PlaneCurve(Protocol):
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve by arc length."""
-    for attribute in ("point", "tangent_angle", "curvature", "length"):
-        if not hasattr(curve, attribute):
-            raise BeamdaeError(
-                f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {curve!r}."
-            )
+    if not isinstance(curve, PlaneCurve):
+        raise BeamdaeError(
+            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {curve!r}."
+        )
     return curve
 
 

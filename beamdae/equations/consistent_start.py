@@ -217,7 +217,7 @@ class Starter:
         if e.m > e.n:
             left = la.svd(matrix)[0]
         involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
-        names = ", ".join(name for name, one in zip(e.lam_names, involved, strict=True) if one)
+        names = ", ".join(name for name, is_in in zip(e.lam_names, involved, strict=True) if is_in)
         raise BeamdaeError(
             f"{names}: these constraints depend on each other at t = {time[0]:g}, "
             f"remove {e.m - rank} of them."

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+import pandas as pd
 
 from beamdae.errors import BeamdaeError
 
-if TYPE_CHECKING:
-    from beamdae.results.solution import Solution
 
-
-def write(solution: Solution, path: Path) -> Path:
-    """Write the table as CSV, and settings, versions and statistics as JSON beside it.
+def write(path: Path, table: pd.DataFrame, beside: Mapping[str, Any]) -> Path:
+    """Write a table as CSV and what it is the table of, with versions, as JSON beside it.
 
     Returns the path of the CSV file.
 
@@ -25,15 +25,10 @@ def write(solution: Solution, path: Path) -> Path:
     """
     if path.suffix == ".json":
         raise BeamdaeError(f"{path}: the table is CSV, .json is for what is written beside it.")
-    sidecar = {
-        "model": solution.model,
-        "integrator": solution.integrator,
-        "result": solution.summary(),
-        "versions": versions(),
-    }
+    sidecar = {**beside, "versions": versions()}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        solution.table().to_csv(path, index=False)
+        table.to_csv(path, index=False)
         path.with_suffix(".json").write_text(json.dumps(sidecar, indent=2) + "\n")
     except OSError as problem:
         raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem

@@ -190,4 +190,5 @@ class Solution:
         BeamdaeError
             If the folder cannot be written.
         """
-        return write(self, Path(path))
+        beside = {"model": self.model, "integrator": self.integrator, "result": self.summary()}
+        return write(Path(path), self.table(), beside)

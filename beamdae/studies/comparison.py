@@ -84,8 +84,8 @@ def compare(
         if not interrupted:
             outcome = _outcome(case, t_end, output_step, progress)
             interrupted = outcome.status.kind == "interrupted"
-        known = None if reference is None else _reference(reference, outcome, columns)
-        rows.append(row(case, case.group, outcome, known))
+        truth = None if reference is None else _reference(reference, outcome, columns)
+        rows.append(row(case, case.group, outcome, truth))
     return case_table(rows)
 
 
@@ -105,8 +105,8 @@ def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> 
     if outcome.table is not None:
         times = outcome.table.index.to_numpy()
         later = solution.t[solution.t > times[-1] * (1.0 + 1e-12)]
-        known = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
-        solution = replace(solution, t=np.concatenate([known, later]))
+        common = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
+        solution = replace(solution, t=np.concatenate([common, later]))
     method = str(solution.integrator.get("integrator", ""))
     return Reference((method, ""), by_time(solution), chosen, np.nan, "as given")
 

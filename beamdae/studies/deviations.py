@@ -84,6 +84,6 @@ def deviations(
         raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
     rows = min(len(table), len(reference))
     found = table[list(columns)].to_numpy()[:rows]
-    known = reference[list(columns)].to_numpy()[:rows]
-    error = np.abs(found - known) / amplitudes(reference, columns)
+    truth = reference[list(columns)].to_numpy()[:rows]
+    error = np.abs(found - truth) / amplitudes(reference, columns)
     return pd.DataFrame(error, columns=list(columns), index=table.index[:rows])

@@ -180,11 +180,11 @@ def _unique(tasks: list[Task]) -> list[Task]:
     """Each run once, with all that any of those who want it ask for."""
     found: dict[str, Task] = {}
     for task in tasks:
-        known = found.setdefault(task.key, task)
+        earlier = found.setdefault(task.key, task)
         found[task.key] = replace(
-            known,
-            repetitions=max(known.repetitions, task.repetitions),
-            animated=known.animated or task.animated,
+            earlier,
+            repetitions=max(earlier.repetitions, task.repetitions),
+            animated=earlier.animated or task.animated,
         )
     return list(found.values())
 

@@ -43,8 +43,8 @@ def page(results: Results) -> dict[str, Any]:
     """The page of a study; see `beamdae.report.page.write_page`."""
     table = results.table
     parameters = list(table)[1 : list(table).index("group")]
-    known = [c for c in _COLUMNS if c[0] in table]
-    columns = [known[0], *((str(p), str(p), "", "text") for p in parameters), *known[1:]]
+    shown = [c for c in _COLUMNS if c[0] in table]
+    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
     failed = int((table["status"] != "ok").sum())
     return {
         "title": results.study.name,

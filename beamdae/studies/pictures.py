@@ -38,10 +38,10 @@ def draw(results: Results) -> list[Path]:
 
 def _of_one_group(results: Results) -> list[Path]:
     """What the runs of a single group say of the same columns, and their errors over time."""
-    known = [r for r in results.references.values() if r.table is not None]
-    if len(results.references) != 1 or not known or len(results.study.cases) > _MOST_RUNS:
+    agreed = [r for r in results.references.values() if r.table is not None]
+    if len(results.references) != 1 or not agreed or len(results.study.cases) > _MOST_RUNS:
         return []
-    truth, columns, uncertainty = known[0].table, known[0].columns, known[0].uncertainty
+    truth, columns, uncertainty = agreed[0].table, agreed[0].columns, agreed[0].uncertainty
     assert truth is not None
     runs = {}
     for case in results.study.cases:
@@ -116,7 +116,7 @@ def _cost_scaling(table: pd.DataFrame, size: str) -> Figure:
         axes[str(title)].loglog(cost.index, cost.to_numpy(), **styles[str(label)])
     sizes = sorted(ok[size].unique())
     for axis in axes.values():
-        axis.set_xticks(sizes, [str(one) for one in sizes])
+        axis.set_xticks(sizes, list(map(str, sizes)))
         axis.xaxis.minorticks_off()
         axis.set_xlabel(size, fontsize=9)
         axis.set_ylabel("wall time [s]", fontsize=9)

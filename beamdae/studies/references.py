@@ -79,9 +79,7 @@ def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
         name, value = integrator.accuracy
         if name == "step":
             steps.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
-        methods.append(
-            [study.task(replace(cases[0], integrator=one), reference=True) for one in steps]
-        )
+        methods.append([study.task(replace(cases[0], integrator=x), reference=True) for x in steps])
     return methods
 
 

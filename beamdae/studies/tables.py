@@ -92,10 +92,10 @@ def summary(cases: pd.DataFrame) -> pd.DataFrame:
     """
     lines: list[dict[str, Any]] = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-        known = rows.dropna(subset=[ERROR])
-        lines += _best(str(group), known)
-        lines += _orders(str(group), known[~known["below resolution"]])
-        lines += _crossovers(str(group), known[~known["below resolution"]])
+        measured = rows.dropna(subset=[ERROR])
+        lines += _best(str(group), measured)
+        lines += _orders(str(group), measured[~measured["below resolution"]])
+        lines += _crossovers(str(group), measured[~measured["below resolution"]])
     return pd.DataFrame(lines, columns=["group", "what", "at", "answer", "value", "unit"])
 
 
@@ -114,9 +114,9 @@ def _best(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     lines = []
     # Of an error the reference cannot resolve it is known that it is at most that.
     unresolved = RESOLUTION * rows["reference uncertainty [-]"]
-    known = rows[ERROR].where(~rows["below resolution"].astype(bool), unresolved)
+    measured = rows[ERROR].where(~rows["below resolution"].astype(bool), unresolved)
     for level in LEVELS:
-        enough = rows[known <= level]
+        enough = rows[measured <= level]
         if len(enough):
             best = enough.sort_values(COST).iloc[0]
             at = f"error <= {level:.0e}"
@@ -176,10 +176,10 @@ def mesh_summary(cases: pd.DataFrame, over: str) -> pd.DataFrame:
     """By group of a mesh study: observed order of the error over the refined parameter."""
     lines = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-        known = rows.dropna(subset=[ERROR]).sort_values(over)
-        known = known[~known["below resolution"] & (known[ERROR] > 0.0)]
-        size, error = known[over].to_numpy(float), known[ERROR].to_numpy()
-        for k in range(1, len(known)):
+        measured = rows.dropna(subset=[ERROR]).sort_values(over)
+        measured = measured[~measured["below resolution"] & (measured[ERROR] > 0.0)]
+        size, error = measured[over].to_numpy(float), measured[ERROR].to_numpy()
+        for k in range(1, len(measured)):
             order = float(np.log(error[k - 1] / error[k]) / np.log(size[k] / size[k - 1]))
             at = f"{over} {size[k - 1]:g} to {size[k]:g}"
             lines.append(_line(str(group), "order in space", at, f"{error[k]:.2e}", order, "-"))

@@ -114,11 +114,11 @@ def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
     """The page with all its entries, its curves in their stored form."""
     page = {**_PAGE, **page}
     groups = [_GROUP | group for group in page["groups"]]
-    known = _unique("group", groups)
+    group_ids = _unique("group", groups)
     cases = [_CASE | case for case in page["cases"]]
     _unique("case", cases)
     for case in cases:
-        if case.get("group") not in known:
+        if case.get("group") not in group_ids:
             raise BeamdaeError(f"page: the case {case['id']!r} belongs to no group.")
     page["groups"] = [group | {"frames": _frames(group["frames"])} for group in groups]
     page["cases"] = [case | {"curves": _curves(case["curves"])} for case in cases]
@@ -173,18 +173,18 @@ def _packed(values: Sequence[float | None], log: bool = False) -> dict[str, Any]
     x = np.array([math.nan if value is None else value for value in values], float)
     if log:
         x = np.log10(np.abs(x), out=np.full(len(x), math.nan), where=x != 0.0)
-    known = np.abs(x) < _HUGE
-    low, high = (float(f(x[known])) if known.any() else 0.0 for f in (np.min, np.max))
+    finite = np.abs(x) < _HUGE
+    low, high = (float(f(x[finite])) if finite.any() else 0.0 for f in (np.min, np.max))
     step = (high - low) / _LEVELS or 1.0
     codes = np.full(len(x), _MISSING, "<u2")
-    codes[known] = np.round((x[known] - low) / step)
+    codes[finite] = np.round((x[finite] - low) / step)
     return {"u16": base64.b64encode(codes.tobytes()).decode(), "low": low, "step": step, "log": log}
 
 
 def _finite(value: Any) -> Any:
     """The value with None for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {str(name): _finite(one) for name, one in value.items()}
+        return {str(name): _finite(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(one) for one in value]
+        return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
