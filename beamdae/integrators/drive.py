@@ -25,6 +25,7 @@ from beamdae.symbolic.factorizations import single_threaded
 Array = np.ndarray
 
 _ROWS_AT_ONCE = 1024
+_STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 
 
 class StepError(ArithmeticError):
@@ -193,6 +194,9 @@ class _Run:
                     reason = f"no consistent restart at t = {start:g} s: {problem}"
                     status = Status("failed", reason)
                     break
+                except KeyboardInterrupt:
+                    status = _interrupted(start)
+                    break
             rows = _Rows(start, state)
             status = self._over(start, end, branch, rows)
             self._done.append(rows.interval(branch))
@@ -215,6 +219,8 @@ class _Run:
             method.begin(start, end, branch, rows.last[1])
             while t < end:
                 t_next, state = method.step()
+                if not t_next > t:
+                    raise StepError(_STUCK)
                 rows.append(t_next, state)
                 t = t_next
                 self.steps += 1
@@ -226,8 +232,12 @@ class _Run:
             reason = "more memory is needed than there is; take larger steps"
             return Status("failed", f"stopped at t = {t:.6g} s: {reason}")
         except KeyboardInterrupt:
-            return Status("interrupted", f"interrupted at t = {t:.6g} s")
+            return _interrupted(t)
         return REACHED_END
+
+
+def _interrupted(t: float) -> Status:
+    return Status("interrupted", f"interrupted at t = {t:.6g} s")
 
 
 @single_threaded
