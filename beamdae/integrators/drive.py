@@ -25,7 +25,7 @@ from beamdae.symbolic.factorizations import single_threaded
 Array = np.ndarray
 
 _ROWS_AT_ONCE = 1024
-_STUCK = "the step became too small to advance time; check laws, or loosen rtol"
+STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 
 
 class StepError(ArithmeticError):
@@ -220,7 +220,7 @@ class _Run:
             while t < end:
                 t_next, state = method.step()
                 if not t_next > t:
-                    raise StepError(_STUCK)
+                    raise StepError(STUCK)
                 rows.append(t_next, state)
                 t = t_next
                 self.steps += 1

@@ -13,7 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import FIRST_ORDER, State, first_order
 from beamdae.equations.spectrum import fastest_mode
 from beamdae.errors import one_of
-from beamdae.integrators.drive import Route, StepError, drive
+from beamdae.integrators.drive import STUCK, Route, StepError, drive
 from beamdae.integrators.error_control import ERROR_CONTROL, resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.preconditioned import PreconditionedResidual
@@ -21,6 +21,9 @@ from beamdae.integrators.silence import silent
 from beamdae.results.solution import Solution, Statistics
 
 Array = np.ndarray
+
+# Where to look for what stopped a run, over what was left of its interval.
+_AHEAD = 1e-6
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ class _Bdf:
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval."""
-        self._end = end
+        self._t, self._end = start, end
         self._newton.restart(branch)
         self._solver.init_step(start, *self._form.pack(state))
 
@@ -134,14 +137,19 @@ class _Bdf:
         # SUNDIALS prints its errors; the status says them.
         with silent:
             result = self._solver.step(self._end, "onestep", self._end)
-        if not result.success:
+        if not result.success or not result.t > self._t:
             raise StepError(self._reason(result))
+        self._t = result.t
         self._newton.accepted += 1
         return result.t, self._form.unpack(result.y, result.yp)
 
     def _reason(self, result: Any) -> str:
-        if not np.all(np.isfinite(self._newton.last_residual)):
+        # Steps shrink to nothing before a time from which on there is no residual.
+        ahead = self._t + _AHEAD * (self._end - self._t)
+        if not self._newton.is_finite(ahead, result.y, result.yp):
             return "the residual is not finite; check laws and start values"
+        if result.success:
+            return STUCK
         return {
             -3: "the error test failed at the smallest step; loosen rtol or test positions only",
             -4: "Newton's iteration did not converge at the smallest step; check the model near "

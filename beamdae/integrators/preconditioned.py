@@ -50,10 +50,11 @@ class PreconditionedResidual:
         self._ready = False
         self._expected = None
 
-    @property
-    def last_residual(self) -> Array:
-        """The residual evaluated last, as it is."""
-        return self._residual.outputs[0]
+    def is_finite(self, t: float, y: Array, yp: Array) -> bool:
+        """Whether the residual evaluated last is finite, and the one at time `t`."""
+        last = bool(np.isfinite(self._residual.outputs[0]).all())
+        self._time[0] = t
+        return last and bool(np.isfinite(self._residual(self._time, y, yp)[0]).all())
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """Residual for IDA, multiplied by the inverse of the last Jacobian."""

@@ -176,6 +176,14 @@ def test_a_law_that_breaks_down_ends_the_run_there_and_keeps_what_came_before(in
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
 
 
+@every_integrator
+def test_a_law_that_leaves_the_real_numbers_is_told_as_such(integrator):
+    """Regression: IDA's steps become too small to advance time there, which explains nothing."""
+    solution = bd.simulate(pushed(lambda t: (0.2 - t) ** 1.5), integrator, 0.4)
+    assert solution.status.kind == "failed"
+    assert "the residual is not finite" in solution.status.sentence
+
+
 @pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
 def test_too_many_steps_are_a_status(integrator):
     solution = bd.simulate(SLIDER_CRANK.equations, replace(integrator, max_steps=50), 10.0)
