@@ -185,11 +185,11 @@ class ConstrainedSystem:
                 )
         kinetic = 0.5 * ca.dot(local.v, mass @ local.v)
         # Without a potential the whole force counts as a load: its work closes the energy balance.
+        # What of it is inertia, where the mass depends on q or t, changes no energy: the kinetic
+        # one changes by v . M a + v . M' v / 2.
+        power = ca.dot(force, local.v) + local.dot(kinetic)
         kernel = ForceKernel(
-            local,
-            mass @ local.a - force,
-            ca.vertcat(kinetic, 0, 0),
-            ca.vertcat(ca.dot(force, local.v), 0),
+            local, mass @ local.a - force, ca.vertcat(kinetic, 0, 0), ca.vertcat(power, 0)
         )
         return ForceStatement("system", kernel, (piece,), np.zeros((0, 1)))
 

@@ -250,3 +250,28 @@ def test_units_are_in_the_headers():
 def test_wrong_units_are_told(units, message):
     with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {message}"):
         _ = system(units=units).equations
+
+
+def test_regression_the_books_close_where_the_mass_depends_on_position():
+    """A free particle in polar coordinates: its energy is constant, the books were off by 0.9."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    r = q[0]
+    free = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=ca.vertcat(2.0, 2.0 * r**2),
+        force=ca.vertcat(2.0 * r * v[1] ** 2, -4.0 * r * v[0] * v[1]),
+        q0=[1.0, 0.0],
+        v0=[-0.5, 0.8],
+        units=("m", "rad"),
+    )
+    solution = bd.simulate(free, bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-9), 3.0)
+    kinetic = solution.ledger["energy.kinetic [J]"]
+    # What the steps lose is of the order of h^2.
+    assert_allclose(kinetic, kinetic[0], rtol=1e-5)
+    assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-5 * kinetic[0])
+    assert solution.quality.energy_imbalance < 1e-5
+    # A straight line at constant speed.
+    x = solution.q[:, 0] * np.cos(solution.q[:, 1])
+    assert_allclose(x, 1.0 - 0.5 * solution.t, atol=1e-5)
