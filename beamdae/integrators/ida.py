@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 from sksundae.ida import IDA
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -19,6 +22,7 @@ from beamdae.integrators.integrator import Accuracy, Integrator, Progress, requi
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.integrators.silence import silent
 from beamdae.results.solution import Solution, Statistics
+from beamdae.symbolic.factorizations import DENSE_LIMIT
 
 Array = np.ndarray
 
@@ -82,6 +86,22 @@ class Ida(Integrator):
         return drive(self, equations, times, partial(_Bdf, self), progress)
 
 
+def _solver(newton: PreconditionedResidual, size: int, **options: Any) -> IDA:
+    """IDA with a solver for the identity, which is all that is left for it to solve.
+
+    For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
+    and memory than all the rest, and SuperLU, where it is built in, takes over.
+    """
+    options["jacfn"] = newton.jacobian
+    if size > DENSE_LIMIT:
+        with warnings.catch_warnings(), contextlib.suppress(ValueError):
+            # It says that the pattern goes with the Jacobian given.
+            warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
+            pattern = sp.eye_array(size, format="csc")
+            return IDA(newton.residual, linsolver="sparse", sparsity=pattern, **options)
+    return IDA(newton.residual, linsolver="band", lband=0, uband=0, **options)
+
+
 class _Bdf:
     """IDA, a step at a time."""
 
@@ -99,16 +119,13 @@ class _Bdf:
             partial(fastest_mode, route.starter, route.time, route.state),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
-        self._solver = IDA(
-            self._newton.residual,
-            jacfn=self._newton.jacobian,
+        self._solver = _solver(
+            self._newton,
+            self._form.size,
             rtol=self._tolerance,
             atol=self._control.absolute(self._tolerance, size, self._form),
             max_order=self._control.max_order,
             max_step=settings.max_step or route.longest_step,
-            linsolver="band",
-            lband=0,
-            uband=0,
         )
 
     @property

@@ -87,7 +87,11 @@ class PreconditionedResidual:
         self._pending[:] = self._linear.solve(self._residual.outputs[0])
         if not self._shared:
             self._expected = t, y - self._pending
-        np.fill_diagonal(out, 1.0)
+        # The diagonal of a full matrix, or all there is of a sparse one.
+        if out.ndim == 2:
+            np.fill_diagonal(out, 1.0)
+        else:
+            out[:] = 1.0
 
     def _check_shared(self, t: float, y: Array) -> None:
         """Refuse a scikit-sundae that hands out copies of IDA's vectors.

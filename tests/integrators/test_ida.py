@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pytest
 from published_cases import PENDULUM
+from sksundae.ida import IDA
 
 import beamdae as bd
 from beamdae.integrators import ida
@@ -119,3 +120,29 @@ def test_sundials_says_nothing_where_a_status_says_it(capfd):
     solution = bd.simulate(mech, bd.Ida(rtol=1e-6), 1.0)
     assert solution.status.kind == "failed"
     assert capfd.readouterr() == ("", "")
+
+
+def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monkeypatch):
+    """A full matrix for the identity took 6 GB and most of the time at 1024 elements."""
+    kept = {}
+
+    def watched(residual, **options):
+        def jacobian(t, y, yp, res, c, out):
+            kept[y.size] = out.size
+            options["jacfn"](t, y, yp, res, c, out)
+
+        return IDA(residual, **{**options, "jacfn": jacobian})
+
+    monkeypatch.setattr(ida, "IDA", watched)
+    for bodies in (2, 60):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        before = mech.ground.at(0.0, 0.0)
+        for k in range(bodies):
+            rod = mech.add(bd.RigidBody(f"rod {k}", mass=1.0, inertia=0.1, center=(k + 0.5, 0.0)))
+            mech.add(bd.Revolute(f"pin {k}", before, rod.at(float(k), 0.0)))
+            before = rod.at(k + 1.0, 0.0)
+        solution = bd.simulate(mech, bd.Ida(rtol=1e-3), 0.01)
+        assert solution.status.success
+    (small, few), (large, many) = sorted(kept.items())
+    assert few == small**2
+    assert many == large
