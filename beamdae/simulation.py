@@ -12,7 +12,7 @@ from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, positive
 from beamdae.integrators import Ida, Integrator
-from beamdae.integrators.integrator import Progress
+from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.solution import Solution
@@ -40,7 +40,7 @@ def simulate(
     output_step
         Time between rows of the result [s]; default a thousandth of the run.
     progress
-        Called now and then with the time reached.
+        Called now and then with the time reached; a text it answers ends the run there.
 
     Returns
     -------
@@ -70,11 +70,7 @@ def simulate(
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
     method = Ida() if integrator is None else integrator
-    if not isinstance(method, Integrator):
-        raise BeamdaeError(
-            "simulate: integrator must be Ida(...), Radau(...) or GeneralizedAlpha(...), "
-            f"got {method!r}."
-        )
+    require_integrator("simulate", method)
     solution = method.integrate(as_equations(model), times, progress=progress)
     return replace(solution, model={**information, "t_end": t_end})
 

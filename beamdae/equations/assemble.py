@@ -17,7 +17,14 @@ from beamdae.equations.equations_of_motion import (
     ForceTerm,
     Observable,
 )
-from beamdae.equations.fit import require_body_fits, require_pieces_fit, require_statements_fit
+from beamdae.equations.fit import (
+    require_body_fits,
+    require_columns_fit,
+    require_pieces_fit,
+    require_unique,
+    stated,
+)
+from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
@@ -35,6 +42,9 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+
+# What elements that interpolate their curve may miss it by, over the size of the mechanism.
+_AS_DRAWN = 1e-2
 
 
 @dataclass(frozen=True)
@@ -82,25 +92,26 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
     # Points that tell the size of the drawing: those of the bodies, and where they are joined.
-    drawn = [part.outline for part in parts]
+    drawn = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
-        own_forces, held = list(part.forces(mechanism.gravity)), list(part.constraints())
-        require_statements_fit(part, own_forces, held, owners.sizes)
+        own_forces, held = stated(part, mechanism.gravity, owners.sizes)
         forces += own_forces
         constraints += held
         if held:
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
         require_pieces_fit(name, quantity.pieces, owners.sizes)
-    extent = float(np.max(np.ptp(np.concatenate(drawn), axis=0)))
+    length = _extent(np.concatenate(drawn))
+    q0 = np.concatenate([part.initial_position for part in parts])
+    _require_drawn_where_they_are(mechanism, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     return build(
         coordinates=tuple(
             Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
         ),
-        q0=np.concatenate([part.initial_position for part in parts]),
+        q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),
-        length=extent if extent > 0.0 else 1.0,
+        length=length,
         breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
@@ -108,6 +119,30 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         observables=mechanism.observables,
         owners=owners,
     )
+
+
+def _extent(points: Array) -> float:
+    """Largest extent of points (k, 2), or 1 where they have none."""
+    extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
+    return extent if extent > 0.0 else 1.0
+
+
+def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float) -> None:
+    """Refuse attachments whose motion does not start at the point of the drawing they are named by.
+
+    Joints compare the points of the drawing: they would tear together what is drawn as meeting.
+    """
+    found = [a for part in mechanism.parts.values() for a in part.attachments]
+    if not found:
+        return
+    started = positions(mechanism, found)(q0[None]).reshape(-1, 2)
+    gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
+    worst = int(np.argmax(gaps))
+    if not gaps[worst] <= _AS_DRAWN * length:
+        raise BeamdaeError(
+            f"{found[worst]}: its motion starts {gaps[worst]:.3g} m away from there, "
+            "an attachment must start where it is drawn."
+        )
 
 
 def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
@@ -166,12 +201,13 @@ def build(
     observed = [
         _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
+    _require_headers(coordinates, held, observed)
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
-        q0=q0,
-        v0=v0,
-        p=numbers.all,
+        q0=_constant(q0),
+        v0=_constant(v0),
+        p=_constant(numbers.all),
         length=length,
         breakpoints=breakpoints,
         time_scale=time_scale,
@@ -179,6 +215,25 @@ def build(
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
     )
+
+
+def _require_headers(
+    coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
+) -> None:
+    """Refuse columns that could not be told apart in a table."""
+    own = [header for observable in observed for header in observable.headers]
+    require_unique("observed columns", "headers", [*own, *LEDGER_COLUMNS, TIME])
+    rates = [coordinate.rate for coordinate in coordinates]
+    held = [Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
+    headers = [column.header for column in (*coordinates, *rates, *held)]
+    require_unique("coordinates and multipliers", "headers", [*headers, TIME])
+
+
+def _constant(values: Array) -> Array:
+    """A copy that nobody can change."""
+    copy = np.array(values, float)
+    copy.setflags(write=False)
+    return copy
 
 
 class _Numbers:
@@ -218,11 +273,12 @@ def _observable(
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
     operator = owners.globally(quantity.pieces)
     local = Local(operator.shape[0], len(quantity.data), lam_rows.stop - lam_rows.start)
+    require_columns_fit(name, quantity.columns)
     value = ca.densify(SX(quantity.expression(local)))
     if value.shape != (len(quantity.columns), 1):
-        columns = ", ".join(column.name for column in quantity.columns)
+        columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
-            f"{name}: the quantity must give one value for each of {columns}, "
+            f"{name}: the quantity must give one value for each of its columns ({columns}), "
             f"got shape {value.shape}."
         )
     inputs = [local.time, local.q, local.v, local.data, local.lam]

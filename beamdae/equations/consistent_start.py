@@ -31,6 +31,9 @@ _MASS = np.array([0.0, 0.0, 1.0])
 _CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
 # Numbers of a law that are rounded by hand do not meet exactly; this much [m or rad] is no jump.
 _JUMP = 1e-3
+# What rounding leaves of a mass matrix that is not what it should be, relative to its entries.
+_SKEW = 1e-9
+_MOST_MASSES = 300
 # A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
 _VANISHING = 1e-13
 
@@ -254,3 +257,42 @@ def _saddle_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_array]:
     pattern, nonzeros = total.assemble()
     force = ca.densify(e.force(time, q, v, a, p))
     return ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros]), pattern
+
+
+@once
+def require_inertia(e: EquationsOfMotion) -> None:
+    """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
+
+    Beyond `_MOST_MASSES` coordinates the signs of its diagonal alone are looked at.
+
+    Raises
+    ------
+    BeamdaeError
+        Naming the coordinate.
+    """
+    function, pattern = _saddle_function(e)
+    nonzeros = Compiled(function, e.p)(np.zeros(2), e.q0, e.v0, np.zeros(e.n), _MASS)[1]
+    whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+    mass = sp.csc_array(whole[: e.n, : e.n])
+    if not np.isfinite(mass.data).all():
+        return
+    size = float(np.max(np.abs(mass.data), initial=0.0))
+    skew = sp.coo_array(mass - mass.T)
+    if np.max(np.abs(skew.data), initial=0.0) > _SKEW * size:
+        row = int(skew.coords[0][int(np.argmax(np.abs(skew.data)))])
+        raise BeamdaeError(f"{e.q_names[row]}: the mass matrix must be symmetric, this row is not.")
+    least, coordinate = _least_inertia(mass)
+    if least < -_SKEW * size:
+        raise BeamdaeError(
+            f"{e.q_names[coordinate]}: the mass matrix must not be negative in any direction, "
+            f"along this coordinate it is {least:.3g}."
+        )
+
+
+def _least_inertia(mass: sp.csc_array) -> tuple[float, int]:
+    """Smallest eigenvalue and the coordinate that moves most in it, or smallest of the diagonal."""
+    if mass.shape[0] > _MOST_MASSES:
+        diagonal = mass.diagonal()
+        return float(diagonal.min()), int(diagonal.argmin())
+    values, vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
+    return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.assemble import Owners, build
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.fit import require_unit
 from beamdae.errors import BeamdaeError, finite, positive
 from beamdae.symbolic.statements import (
     SX,
@@ -137,10 +138,7 @@ class ConstrainedSystem:
                 f"ConstrainedSystem: units must have {len(names)} entries, got {self.units!r}."
             )
         for unit in units:
-            if not isinstance(unit, str) or not unit:
-                raise BeamdaeError(
-                    f"ConstrainedSystem: units must be texts such as 'm' and 'rad', got {unit!r}."
-                )
+            require_unit("ConstrainedSystem", unit)
         return tuple(Named(name, unit) for name, unit in zip(names, units, strict=True))
 
     def _checked_breakpoints(self) -> tuple[float, ...]:

@@ -2,87 +2,137 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Named, Piece
 
+T = TypeVar("T")
 Sizes = Mapping[int, int]
+Statement = ForceStatement | ConstraintStatement
 
 
 def require_body_fits(part: Part) -> None:
-    """Refuse coordinates that are not named with a unit, differ in number, or share a name."""
-    coordinates = part.coordinates
-    if not all(isinstance(coordinate, Named) for coordinate in coordinates):
-        raise BeamdaeError(
-            f"{part.name}: coordinates must be Named(name, unit) each, got {coordinates!r}."
-        )
-    names = [coordinate.name for coordinate in coordinates]
-    if len(set(names)) < len(names):
-        raise BeamdaeError(f"{part.name}: its coordinates must differ, got {', '.join(names)}.")
-    for what in ("initial_position", "initial_velocity"):
-        shape = np.shape(getattr(part, what))
-        if shape != (len(coordinates),):
+    """Refuse coordinates, their start, laws or an outline that are not what `Part` says."""
+    coordinates = _listing(part.name, "coordinates", part.coordinates, Named)
+    for coordinate in coordinates:
+        require_unit(part.name, coordinate.unit)
+    require_unique(part.name, "coordinates", [coordinate.name for coordinate in coordinates])
+    starts = {
+        "initial_position": part.initial_position,
+        "initial_velocity": part.initial_velocity,
+    }
+    for name, start in starts.items():
+        if np.shape(start) != (len(coordinates),):
             raise BeamdaeError(
-                f"{part.name}: {what} must have shape {(len(coordinates),)}, one number a "
-                f"coordinate, got {shape}."
+                f"{part.name}: {name} must have shape {(len(coordinates),)}, one number a "
+                f"coordinate, got {np.shape(start)}."
             )
+    outline = np.asarray(part.outline)
+    if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
+        raise BeamdaeError(
+            f"{part.name}: outline must be finite points of shape (k, 2), got {part.outline!r:.80}."
+        )
+    _listing(part.name, "laws", part.laws, Law)
 
 
-def require_statements_fit(
-    part: Part,
-    forces: Sequence[ForceStatement],
-    constraints: Sequence[ConstraintStatement],
-    sizes: Sizes,
-) -> None:
-    """Refuse a part with nothing to say, and statements of the wrong kind, name or shape.
+def require_unit(part: str, unit: Any) -> None:
+    """Refuse a unit that is no text, or means an angle in other words than "rad"."""
+    if not isinstance(unit, str) or not unit or unit != unit.strip():
+        raise BeamdaeError(f"{part}: units must be texts such as 'm' and 'rad', got {unit!r}.")
+    if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
+        raise BeamdaeError(f"{part}: angles must be in 'rad', got {unit!r}.")
 
-    `sizes` has the number of coordinates of each body of the mechanism by its identity.
+
+def require_unique(part: str, what: str, names: Iterable[str]) -> None:
+    """Refuse names that come twice."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise BeamdaeError(f"{part}: its {what} must differ, {', '.join(twice)} comes twice.")
+
+
+def require_columns_fit(part: str, columns: Any) -> None:
+    """Refuse columns of a quantity that are not named with a unit each."""
+    for column in _listing(part, "columns", columns, Named):
+        require_unit(part, column.unit)
+
+
+def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list]:
+    """Forces and constraints of a part, if they fit; `sizes` are those of bodies by identity.
+
+    Raises
+    ------
+    BeamdaeError
+        If it has nothing to say, or states something of the wrong kind, name or shape.
     """
+    forces = _listing(part.name, "forces()", part.forces(gravity), ForceStatement)
+    constraints = _listing(part.name, "constraints()", part.constraints(), ConstraintStatement)
     if not (forces or constraints or part.coordinates):
         raise BeamdaeError(
             f"{part.name}: the part has nothing to say, it states neither coordinates nor forces() "
             "nor constraints()."
         )
-    for statements, kind in ((forces, ForceStatement), (constraints, ConstraintStatement)):
-        for statement in statements:
-            if not isinstance(statement, kind):
-                raise BeamdaeError(
-                    f"{part.name}: it must state {kind.__name__}s, got {statement!r:.80}."
-                )
-            if statement.part != part.name:
-                raise BeamdaeError(
-                    f"{part.name}: its statements must bear its name, got {statement.part!r}."
-                )
     for force in forces:
-        _require_kernel_fits(part.name, force, force.count, sizes)
+        _require_statement_fits(part, force, np.shape(force.data)[-1:], sizes)
     for held in constraints:
-        _require_kernel_fits(part.name, held, 1, sizes)
-        named, rows = len(held.multipliers), held.kernel.size
-        if not named == rows == held.kernel.local.n_multipliers:
+        _require_statement_fits(part, held, (1,), sizes)
+        multipliers = _listing(part.name, "multipliers", held.multipliers, Named)
+        if len(multipliers) != held.kernel.local.n_multipliers:
             raise BeamdaeError(
-                f"{part.name}: it names {named} multipliers for {rows} constraints in "
-                f"{held.kernel.local.n_multipliers} symbols, these must be as many."
+                f"{part.name}: it names {len(multipliers)} multipliers for "
+                f"{held.kernel.local.n_multipliers} constraints, these must be as many."
             )
+    return forces, constraints
 
 
-def _require_kernel_fits(
-    part: str, statement: ForceStatement | ConstraintStatement, count: int, sizes: Sizes
+def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
+    """Return `value` as a list if it is one of things of this kind."""
+    listed = isinstance(value, (tuple, list))
+    # A piece is a tuple itself.
+    if not listed or isinstance(value, (Piece, Named)):
+        raise BeamdaeError(f"{part}: {what} must be a list of {kind.__name__}, got {value!r:.80}.")
+    for entry in value:
+        if not isinstance(entry, kind):
+            raise BeamdaeError(
+                f"{part}: {what} must hold {kind.__name__} alone, got {entry!r:.80}."
+            )
+    return list(value)
+
+
+def _require_statement_fits(
+    part: Part, statement: Statement, copies: tuple[int, ...], sizes: Sizes
 ) -> None:
-    require_pieces_fit(part, statement.pieces, sizes)
-    local = statement.kernel.local
-    rows = sum(piece.operator.shape[0] for piece in statement.pieces)
+    """Refuse a statement whose name, kernel, pieces or data do not fit each other."""
+    name, kernel = part.name, statement.kernel
+    if statement.part != name:
+        raise BeamdaeError(f"{name}: its statements must bear its name, got {statement.part!r}.")
+    if kernel.misfit:
+        raise BeamdaeError(f"{name}: {kernel.misfit}.")
+    if kernel.has_branches and not part.laws:
+        raise BeamdaeError(
+            f"{name}: it follows a law of several pieces, which its property 'laws' must list: "
+            "integrators stop where one piece hands over to the next."
+        )
+    data, local = statement.data, kernel.local
+    count = copies[0] if len(copies) == 1 else 0
+    if not isinstance(data, np.ndarray) or data.shape != (local.n_data, count):
+        raise BeamdaeError(
+            f"{name}: its data must be an array of shape ({local.n_data}, number of copies), "
+            f"got {data!r:.60}."
+        )
+    pieces = _listing(name, "pieces", statement.pieces, Piece)
+    require_pieces_fit(name, pieces, sizes)
+    rows = sum(piece.operator.shape[0] for piece in pieces)
     if rows != count * local.size:
         raise BeamdaeError(
-            f"{part}: its operators have {rows} rows for {count} x {local.size} local coordinates, "
+            f"{name}: its operators have {rows} rows for {count} x {local.size} local coordinates, "
             "these must be as many."
-        )
-    if statement.data.shape != (local.n_data, count):
-        raise BeamdaeError(
-            f"{part}: its data must have shape {(local.n_data, count)}, got {statement.data.shape}."
         )
 
 
@@ -90,7 +140,7 @@ def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None
     """Refuse operators on bodies of another mechanism, or of another width than the body has."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
-        name = getattr(piece.owner, "name", repr(piece.owner))
+        name = piece.owner.name if isinstance(piece.owner, Part) else repr(piece.owner)
         if width is None:
             raise BeamdaeError(
                 f"{part}: it refers to {name!r}, which must be added to this mechanism first."

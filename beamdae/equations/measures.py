@@ -11,6 +11,12 @@ MX = ca.MX
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
+# What tables hold besides the observed columns.
+TIME = "t [s]"
+LEDGER_COLUMNS = tuple(
+    f"energy.{name.replace(' ', '_')} [J]" for name in (*ENERGIES, *WORKS, "imbalance")
+)
+DRIFT_COLUMNS = ("drift.position", "drift.velocity")
 
 
 def _symbols(e: EquationsOfMotion) -> tuple[MX, ...]:

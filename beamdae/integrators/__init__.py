@@ -1,6 +1,6 @@
 """Integrators: frozen settings with `integrate(equations, times) -> Solution`, one file a method.
 
-May import: results, equations, symbolic.factorizations; SUNDIALS in `ida` alone.
+May import: results, equations, symbolic; SUNDIALS in `ida` alone.
 Next: an `Integrator` whose `integrate` hands a `Method`, its step, to `drive`.
 """
 

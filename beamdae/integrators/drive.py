@@ -13,19 +13,24 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from beamdae.equations.consistent_start import Starter
+from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.integrator import Integrator, Progress
+from beamdae.integrators.integrator import Integrator, Progress, require_limits
+from beamdae.integrators.rows import Rows
 from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
-_ROWS_AT_ONCE = 1024
 STUCK = "the step became too small to advance time; check laws, or loosen rtol"
+_PAST = "past the end of its interval; a method must stop there"
+_NOT_FINITE = "the state is not finite; check laws, masses and start values"
+# Breakpoints that differ from each other or from an end by less, relative to the times of the run,
+# are the same time rounded twice.
+_ROUNDING = 1e-12
 
 
 class StepError(ArithmeticError):
@@ -45,7 +50,7 @@ class Method(Protocol):
 
     @property
     def steps_between_looks(self) -> int:
-        """After how many steps progress and the time limit are looked at."""
+        """After how many steps progress is told."""
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval at a consistent state."""
@@ -111,8 +116,13 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
         If the model has no consistent start.
     """
     start, end = float(times[0]), float(times[-1])
-    inner = [b for b in equations.breakpoints if start < b < end]
+    apart = _ROUNDING * max(abs(start), abs(end))
+    inner: list[float] = []
+    for b in equations.breakpoints:
+        if b - (inner or [start])[-1] > apart and end - b > apart:
+            inner.append(b)
     intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
+    require_inertia(equations)
     starter = Starter(equations)
     first = np.array([start, _branch(*intervals[0])])
     return Route(starter, intervals, starter.state(first, equations.q0, equations.v0))
@@ -135,42 +145,13 @@ class _Limits:
         """Why the run has to stop at time `t` [s] after so many steps, or None."""
         if self.max_steps is not None and steps >= self.max_steps:
             return f"max_steps = {self.max_steps} taken"
-        if steps % between_looks:
-            return None
-        if self.progress is not None and (reason := self.progress(t)):
-            return reason
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"time limit of {self.time_limit:g} s"
-        return None
-
-
-class _Rows:
-    """Times and states of the accepted steps of an interval, in blocks that grow in number."""
-
-    def __init__(self, t: float, state: State) -> None:
-        self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
-        self._blocks: list[Array] = []
-        self._used = _ROWS_AT_ONCE
-        self.append(t, state)
-
-    def append(self, t: float, state: State) -> None:
-        if self._used == _ROWS_AT_ONCE:
-            self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
-            self._used = 0
-        np.concatenate(((t,), *state), out=self._blocks[-1][self._used])
-        self._used += 1
-
-    @property
-    def last(self) -> tuple[float, State]:
-        row = self._blocks[-1][self._used - 1]
-        return float(row[0]), self._state(row)
-
-    def _state(self, rows: Array) -> State:
-        return State(*np.split(rows[..., 1:], [e - 1 for e in self._ends[1:-1]], axis=-1))
-
-    def interval(self, branch: float) -> Interval:
-        rows = np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
-        return Interval(rows[:, 0].copy(), State(*(x.copy() for x in self._state(rows))), branch)
+        if self.progress is None or steps % between_looks:
+            return None
+        # Bars answer with whatever they please.
+        answer = self.progress(t)
+        return answer if isinstance(answer, str) else None
 
 
 class _Run:
@@ -197,12 +178,14 @@ class _Run:
                 except KeyboardInterrupt:
                     status = _interrupted(start)
                     break
-            rows = _Rows(start, state)
+            rows = Rows(start, state)
             status = self._over(start, end, branch, rows)
+            if not rows.cut_to_finite():
+                status = Status("failed", f"stopped at t = {rows.end:.6g} s: {_NOT_FINITE}")
             self._done.append(rows.interval(branch))
             if not status.success:
                 break
-            _, state = rows.last
+            state = rows.last
         return Trajectory(tuple(self._done)), status
 
     def _restarted(self, start: float, branch: float, state: State) -> State:
@@ -211,16 +194,18 @@ class _Run:
         starter.require_continuous(self._done[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
 
-    def _over(self, start: float, end: float, branch: float, rows: _Rows) -> Status:
+    def _over(self, start: float, end: float, branch: float, rows: Rows) -> Status:
         """Step over one interval."""
         method, limits, t = self._method, self._limits, start
         between_looks = method.steps_between_looks
         try:
-            method.begin(start, end, branch, rows.last[1])
+            method.begin(start, end, branch, rows.last)
             while t < end:
                 t_next, state = method.step()
-                if not t_next > t:
+                if t_next <= t:
                     raise StepError(STUCK)
+                if not t_next <= end:
+                    raise StepError(f"a step went to t = {t_next:g} s, {_PAST}")
                 rows.append(t_next, state)
                 t = t_next
                 self.steps += 1
@@ -264,6 +249,7 @@ def drive(
 
     begin = clock.perf_counter()
     settings = asdict(integrator)  # type: ignore[call-overload]
+    require_limits(integrator.method, settings)
     limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
     run = _Run(route, method, limits)
     trajectory, status = run.through()

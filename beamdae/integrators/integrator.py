@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Told the time reached; what it answers, if anything, is the reason to stop there.
+# Told the time reached; a text it answers is the reason to stop there.
 Progress = Callable[[float], str | None]
 
 
@@ -28,8 +29,8 @@ class Accuracy(NamedTuple):
 class Integrator(ABC):
     """Settings of one method: a frozen dataclass that keeps nothing of a run.
 
-    `accuracy` names one of its fields, and the error of a run falls with that number to the power
-    `order`. Studies, references and tables ask for nothing else.
+    `accuracy` names one of its fields, "step" or "rtol", and the error of a run falls with that
+    number to the power `order`. Studies, references and tables ask for nothing else.
     """
 
     @property
@@ -73,8 +74,32 @@ def require_tolerance(settings: Any) -> None:
     positive(name, "rtol", settings.rtol)
     if settings.rtol > 0.1:
         raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {settings.rtol:g}.")
-    for limit in ("max_step", "time_limit"):
-        if getattr(settings, limit) is not None:
-            positive(name, limit, getattr(settings, limit))
-    if settings.max_steps is not None:
-        count(name, "max_steps", settings.max_steps)
+    if settings.max_step is not None:
+        positive(name, "max_step", settings.max_step)
+    require_limits(name, asdict(settings))
+
+
+def require_limits(name: str, settings: Mapping[str, Any]) -> None:
+    """Check time_limit and max_steps, where an integrator has them."""
+    if settings.get("time_limit") is not None:
+        positive(name, "time_limit", settings["time_limit"])
+    if settings.get("max_steps") is not None:
+        count(name, "max_steps", settings["max_steps"])
+
+
+def require_integrator(part: str, value: Any) -> Integrator:
+    """Return `value` if it is an integrator as `Integrator` describes it."""
+    if not isinstance(value, Integrator):
+        raise BeamdaeError(
+            f"{part}: integrator must be Ida(...), Radau(...), GeneralizedAlpha(...) or another "
+            f"Integrator, got {value!r}."
+        )
+    if not is_dataclass(value):
+        raise BeamdaeError(f"{part}: {value.method} must be a dataclass of its settings.")
+    name = value.accuracy.name
+    if name not in ("rtol", "step") or name not in {field.name for field in fields(value)}:
+        raise BeamdaeError(
+            f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
+            f"got {name!r}."
+        )
+    return value

@@ -85,7 +85,7 @@ class PreconditionedResidual:
             return
         self._ready = True
         self._pending[:] = self._linear.solve(self._residual.outputs[0])
-        if not self._shared:
+        if not self._shared and np.isfinite(self._pending).all():
             self._expected = t, y - self._pending
         # The diagonal of a full matrix, or all there is of a sparse one.
         if out.ndim == 2:
@@ -106,7 +106,7 @@ class PreconditionedResidual:
         if t != time:
             return
         size = float(np.max(np.abs(self._pending))) + float(np.max(np.abs(expected)))
-        if not np.max(np.abs(y - expected)) <= _SHARED * size:
+        if np.max(np.abs(y - expected)) > _SHARED * size:
             raise BeamdaeError(
                 f"Ida: scikit-sundae {version('scikit-sundae')} hands out copies of IDA's vectors, "
                 "it must be one that shares them: pip install 'scikit-sundae>=1.2,<1.3'."

@@ -64,6 +64,11 @@ class Joint(Part):
     @property
     def reaction(self) -> Quantity:
         """Force [N] and moment [N m] of the joint on the body of `b`, as far as it holds them."""
+        if len(self.reactions) != len(self.multipliers):
+            raise BeamdaeError(
+                f"{self.name}: it must have a reaction for each multiplier, got "
+                f"{len(self.reactions)} for {len(self.multipliers)}."
+            )
         columns = tuple(
             Named(name, held.unit)
             for name, held in zip(self.reactions, self.multipliers, strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ class Part:
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """The points it refers to: all attachments among its fields, and in listings there."""
+        """The points it refers to: all attachments among its fields, also in lists and the like."""
         return tuple(value for value in self._values if isinstance(value, Attachment))
 
     @property
@@ -45,8 +46,9 @@ class Part:
 
     @property
     def _values(self) -> list[Any]:
-        listings = (v if isinstance(v, (tuple, list)) else (v,) for v in vars(self).values())
-        return [value for listing in listings for value in listing]
+        # Fields with slots are not among the variables of an instance.
+        slots: tuple[Any, ...] = fields(self) if is_dataclass(self) else ()
+        return _leaves({x.name: getattr(self, x.name) for x in slots} | vars(self))
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
@@ -92,6 +94,16 @@ class Part:
         `points` is how many a curve is drawn through; None: not at all.
         """
         return None
+
+
+def _leaves(value: Any) -> list[Any]:
+    """What a value holds: its entries, if it is a listing or a dictionary, or itself."""
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    # Named tuples such as statements are values, not listings.
+    if isinstance(value, (list, set, frozenset)) or type(value) is tuple:
+        return [leaf for entry in value for leaf in _leaves(entry)]
+    return [value]
 
 
 def require_name(kind: str, name: Any) -> str:

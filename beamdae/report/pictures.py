@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from beamdae.equations.measures import LEDGER_COLUMNS
 from beamdae.errors import BeamdaeError
-from beamdae.results.headers import LEDGER_COLUMNS, Header, observed_columns
+from beamdae.results.headers import Header, observed_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,6 @@ import pandas as pd
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.results.headers import LEDGER_COLUMNS
 from beamdae.results.trajectory import Trajectory, accumulate, interpolate
 
 Array = np.ndarray
@@ -87,7 +86,7 @@ class EnergyLedger:
         )
         start = np.append(self.values[0][0, :3], np.zeros(3))
         rows = np.column_stack([books, _imbalance(books, start)])
-        return pd.DataFrame(rows, columns=list(LEDGER_COLUMNS))
+        return pd.DataFrame(rows, columns=list(measures.LEDGER_COLUMNS))
 
     @property
     def quality(self) -> Quality:

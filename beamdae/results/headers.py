@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from beamdae.equations.measures import ENERGIES, WORKS
+from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 
 
 class Header(NamedTuple):
@@ -23,14 +23,7 @@ class Header(NamedTuple):
         return cls(name or suffix, suffix, unit)
 
 
-# What tables hold besides the observed columns.
-LEDGER_COLUMNS = tuple(
-    f"energy.{name.replace(' ', '_')} [J]" for name in (*ENERGIES, *WORKS, "imbalance")
-)
-DRIFT_COLUMNS = ("drift.position", "drift.velocity")
-
-
 def observed_columns(table: Iterable[object]) -> list[str]:
     """The observed columns of a table that may have time, energies and drift as well."""
-    others = {"t [s]", *LEDGER_COLUMNS, *DRIFT_COLUMNS}
+    others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]

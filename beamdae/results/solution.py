@@ -15,7 +15,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
-from beamdae.results.headers import DRIFT_COLUMNS
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named
@@ -81,7 +80,7 @@ class Solution:
     q, v, a, lam
         Rows at these times.
     status
-        Whether it reached the end, and a sentence.
+        How it ended, and a sentence.
     integrator
         Settings of the integrator, including what "auto" came to.
     """
@@ -144,7 +143,7 @@ class Solution:
     def drift(self) -> pd.DataFrame:
         """Largest |g| and |g_dot| over the joints at the output times."""
         rows = self._measured(measures.drift(self.equations))
-        return pd.DataFrame(rows, columns=list(DRIFT_COLUMNS))
+        return pd.DataFrame(rows, columns=list(measures.DRIFT_COLUMNS))
 
     @cached_property
     def quality(self) -> Quality:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import sys
 import sysconfig
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,6 +19,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
+from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.results.files import versions
 from beamdae.results.solution import Solution
@@ -43,10 +45,7 @@ class Case:
     integrator: Integrator = field(default_factory=Ida)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.integrator, Integrator):
-            raise BeamdaeError(
-                f"Case: integrator must be one such as Ida(rtol=1e-5), got {self.integrator!r}."
-            )
+        require_integrator("Case", self.integrator)
 
     @property
     def changed(self) -> dict[str, Any]:
@@ -97,7 +96,8 @@ class Case:
     def fingerprint(self, t_end: float, output_step: float) -> str:
         """Hash of all the result depends on."""
         settings = asdict(self.integrator)  # type: ignore[call-overload]
-        return _digest([self.mechanism(), self.integrator.method, settings, t_end, output_step])
+        code = _class_source(type(self.integrator))
+        return _digest([self.mechanism(), code, settings, t_end, output_step])
 
 
 def _digest(content: Any) -> str:
@@ -130,6 +130,14 @@ def _source(model: Model) -> list[Any]:
     if not Path(function.__code__.co_filename).is_file():
         texts.append(hashlib.sha256(cloudpickle.dumps(function)).hexdigest())
     return [texts, dict(variables.nonlocals)]
+
+
+def _class_source(kind: type) -> list[str]:
+    """Name of a class, and the text of the file it stands in if that is the user's own."""
+    file = inspect.getsourcefile(kind) if kind.__module__ in sys.modules else None
+    own = file is not None and Path(file).is_file() and not _is_installed(Path(file))
+    text = _text(Path(file), Path(file).stat().st_mtime_ns) if own and file else ""
+    return [kind.__module__, kind.__qualname__, text]
 
 
 _INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))

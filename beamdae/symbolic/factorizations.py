@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from typing import Protocol
 
 import numpy as np
@@ -15,8 +17,33 @@ Array = np.ndarray
 # LAPACK and SuperLU cross between 150 and 300 unknowns (validation/performance, --linear).
 DENSE_LIMIT = 250
 
-# Matrices of this size gain nothing from threads, and lose a factor of ten where cores are busy.
-single_threaded = threadpool_limits.wrap(limits=1, user_api="blas")
+
+class _OneThread(contextlib.ContextDecorator):
+    """BLAS on one thread while anybody is inside.
+
+    Matrices of this size gain nothing from threads, and lose a factor of ten where cores are busy.
+    Runs in several threads overlap: the last one to leave restores what the first one found.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._inside = 0
+        self._limits: threadpool_limits | None = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._inside == 0:
+                self._limits = threadpool_limits(limits=1, user_api="blas")
+            self._inside += 1
+
+    def __exit__(self, *problem: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0 and self._limits is not None:
+                self._limits.restore_original_limits()
+
+
+single_threaded = _OneThread()
 
 
 class SingularMatrixError(ArithmeticError):

@@ -100,6 +100,19 @@ class Piece(NamedTuple):
     operator: sp.csr_array
 
 
+def _misfit(name: str, value: Any, rows: int, *symbols: SX) -> str:
+    """What is wrong with an expression that has to be a column in these symbols, or nothing."""
+    if not isinstance(value, SX):
+        return f"its {name} must be a CasADi SX column, got {type(value).__name__}"
+    if value.shape != (rows, 1):
+        return f"its {name} must have shape {(rows, 1)}, got {value.shape}"
+    allowed = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*symbols))}
+    others = [x.name() for x in ca.symvar(value) if x.element_hash() not in allowed]
+    if others:
+        return f"its {name} must not depend on {', '.join(others[:3])}"
+    return ""
+
+
 @dataclass(frozen=True)
 class ForceKernel:
     """Virtual work of one statement: minus the generalized forces, F = M a - f.
@@ -124,6 +137,22 @@ class ForceKernel:
     energies: SX = field(default_factory=lambda: SX.zeros(3))
     powers: SX = field(default_factory=lambda: SX.zeros(2))
     reused: bool = False
+
+    @cached_property
+    def misfit(self) -> str:
+        """What is wrong with its expressions, a phrase, or nothing."""
+        x = self.local
+        motion = (x.time, x.q, x.v, x.data)
+        return (
+            _misfit("force", self.force, x.size, *motion, x.a)
+            or _misfit("energies", self.energies, 3, *motion)
+            or _misfit("powers", self.powers, 2, *motion)
+        )
+
+    @cached_property
+    def has_branches(self) -> bool:
+        """Whether it follows a law of several pieces."""
+        return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
     def force_function(self) -> ca.Function:
@@ -186,6 +215,17 @@ class ConstraintKernel:
     def size(self) -> int:
         """Number of constraints."""
         return self.constraint.shape[0]
+
+    @cached_property
+    def misfit(self) -> str:
+        """What is wrong with its expression, a phrase, or nothing."""
+        x = self.local
+        return _misfit("constraint", self.constraint, x.n_multipliers, x.time, x.q, x.data)
+
+    @cached_property
+    def has_branches(self) -> bool:
+        """Whether it follows a law of several pieces."""
+        return ca.depends_on(self.constraint, self.local.time[1])
 
     @cached_property
     def _jacobian(self) -> SX:

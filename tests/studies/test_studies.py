@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -333,6 +333,17 @@ def test_fingerprint_depends_on_all_that_matters():
         case.fingerprint(0.4, 0.002),
     ]
     assert len({base, *others}) == 6
+
+
+def test_regression_integrators_of_one_name_are_told_apart():
+    """By their code: a study gave the results of the one that was there before."""
+
+    def made_like(base):
+        return dataclass(frozen=True)(type("Mine", (base,), {"__module__": base.__module__}))
+
+    one, other = made_like(bd.Radau)(), made_like(bd.Ida)()
+    found = {bd.Case(swing, {}, mine).fingerprint(0.4, 0.001) for mine in (one, other)}
+    assert len(found) == 2
 
 
 def test_damaged_results_are_computed_again(tmp_path):

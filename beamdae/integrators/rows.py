@@ -1,0 +1,59 @@
+"""Rows of a run under way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beamdae.equations.formulations import State
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+_ROWS_AT_ONCE = 1024
+
+
+class Rows:
+    """Times and states of the accepted steps of an interval, in blocks that grow in number."""
+
+    def __init__(self, t: float, state: State) -> None:
+        self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
+        self._blocks: list[Array] = []
+        # Raised last: an interrupt leaves no row without its values.
+        self._count = 0
+        self.append(t, state)
+
+    def append(self, t: float, state: State) -> None:
+        """Add a row."""
+        block, row = divmod(self._count, _ROWS_AT_ONCE)
+        if block == len(self._blocks):
+            self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
+        np.concatenate(((t,), *state), out=self._blocks[block][row])
+        self._count += 1
+
+    @property
+    def last(self) -> State:
+        """The state of the last row."""
+        block, row = divmod(self._count - 1, _ROWS_AT_ONCE)
+        return self._state(self._blocks[block][row])
+
+    @property
+    def end(self) -> float:
+        """The time of the last row [s]."""
+        block, row = divmod(self._count - 1, _ROWS_AT_ONCE)
+        return float(self._blocks[block][row, 0])
+
+    def cut_to_finite(self) -> bool:
+        """Drop rows from the first one on that is not finite; whether there was none."""
+        finite = np.concatenate([np.isfinite(block).all(axis=1) for block in self._blocks])
+        bad = np.flatnonzero(~finite[: self._count])
+        if len(bad):
+            self._count = max(int(bad[0]), 1)
+        return len(bad) == 0
+
+    def _state(self, rows: Array) -> State:
+        return State(*np.split(rows[..., 1:], [e - 1 for e in self._ends[1:-1]], axis=-1))
+
+    def interval(self, branch: float) -> Interval:
+        """All of them."""
+        rows = np.concatenate(self._blocks)[: self._count]
+        return Interval(rows[:, 0].copy(), State(*(x.copy() for x in self._state(rows))), branch)

@@ -1,0 +1,252 @@
+"""What the drive heeds, whatever the method does: limits, breakpoints, rows, the user."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+import pytest
+import threadpoolctl
+from numpy.testing import assert_allclose
+from published_cases import PENDULUM
+
+import beamdae as bd
+from beamdae.equations.formulations import State
+from beamdae.integrators import rows as rows_of_a_run
+from beamdae.integrators.drive import drive, fitted, plan
+from beamdae.integrators.integrator import Accuracy
+from beamdae.results.solution import Statistics
+
+
+class Rolling:
+    """A particle that rolls on at its speed; `slip` changes what a step gives."""
+
+    steps_between_looks = 64
+    resolved = {}  # noqa: RUF012 as the protocol has it
+    counts = Statistics()
+
+    def __init__(self, settings):
+        self.settings = settings
+
+    def begin(self, start, end, branch, state):
+        self.t, self.end, self.state, self.taken = start, end, state, 0
+
+    def step(self):
+        self.taken += 1
+        h = fitted(self.settings.step, self.end - self.t)
+        self.t = self.end if h == self.end - self.t else self.t + h
+        q = self.state.q + h * self.state.v
+        self.state = self.state._replace(q=q)
+        return self.settings.slip(self.t, self.state, self.taken)
+
+
+@dataclass(frozen=True)
+class Roll(bd.Integrator):
+    step: float = 0.01
+    slip: object = field(default=lambda t, state, k: (t, state))
+    max_steps: object = None
+    time_limit: object = None
+
+    @property
+    def accuracy(self):
+        return Accuracy("step", self.step)
+
+    @property
+    def order(self):
+        return 1
+
+    def integrate(self, equations, times, progress=None):
+        return drive(self, equations, times, lambda route: Rolling(self), progress)
+
+
+def rolling():
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    return bd.equations_of_motion(mech)
+
+
+@pytest.mark.parametrize("steps", [1, 1023, 1024, 1025, 2048, 3000])
+def test_rows_of_every_number_of_steps_are_kept(steps):
+    solution = bd.simulate(rolling(), Roll(step=1.0 / steps), 1.0)
+    (interval,) = solution.trajectory.intervals
+    assert len(interval.t) == steps + 1
+    assert_allclose(interval.state.q[:, 0], interval.t, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("slip", "words"),
+    [
+        (lambda t, s, k: (t if k < 5 else 0.04, s), "the step became too small to advance time"),
+        (lambda t, s, k: (t if k < 5 else 2.0, s), "a step went to t = 2 s, past the end"),
+        (lambda t, s, k: (t if k < 5 else np.inf, s), "a step went to t = inf s, past the end"),
+        (lambda t, s, k: (t if k < 5 else np.nan, s), "a step went to t = nan s, past the end"),
+    ],
+    ids=["stuck", "past the end", "infinite", "no number"],
+)
+def test_regression_a_method_that_does_not_keep_time_fails(slip, words):
+    """One ran for ever, the others reached the end with tables of what was not there."""
+    solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
+    assert solution.status.kind == "failed"
+    assert f"stopped at t = 0.04 s: {words}" in solution.status.sentence
+    assert_allclose(solution.trajectory.end, 0.04)
+
+
+def test_regression_states_that_are_no_numbers_are_no_success():
+    def slip(t, state, k):
+        return t, state if k < 5 else State(*(np.nan * x for x in state))
+
+    solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
+    assert solution.status.kind == "failed"
+    assert "the state is not finite" in solution.status.sentence
+    # What was good is kept.
+    assert_allclose(solution.trajectory.end, 0.04)
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"max_steps": 0}, "Roll: max_steps must be a whole number of at least 1, got 0"),
+        ({"time_limit": "10"}, "Roll: time_limit must be a number, got '10'"),
+    ],
+)
+def test_limits_are_checked_whoever_has_them(limits, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.simulate(rolling(), Roll(**limits), 1.0)
+
+
+def test_a_time_limit_is_heeded_at_every_step():
+    solution = bd.simulate(rolling(), Roll(step=0.1, time_limit=1e-9), 1.0)
+    assert solution.status.kind == "limited"
+    assert solution.statistics.steps == 1
+
+
+@pytest.mark.parametrize("answer", [True, 1, 0.5, [1], None])
+def test_regression_only_a_text_ends_a_run(answer):
+    """Bars answer with True now and then, which ended the run."""
+    run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: answer)
+    assert run.status.success
+
+
+def test_a_text_ends_a_run():
+    run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: "enough")
+    assert run.status.kind == "limited"
+    assert run.status.sentence == "enough, stopped at t = 0.064 s"
+
+
+def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(monkeypatch):
+    rows = rows_of_a_run.Rows(0.0, State(*(np.ones(2) for _ in range(4))))
+    for k in range(1, 1024):
+        rows.append(float(k), State(*(np.ones(2) for _ in range(4))))
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_of_a_run.np, "concatenate", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            rows.append(1024.0, State(*(np.ones(2) for _ in range(4))))
+    interval = rows.interval(0.5)
+    assert_allclose(interval.t, np.arange(1024.0))
+    assert_allclose(interval.state.q, 1.0)
+
+
+@pytest.mark.parametrize("breakpoints", [(0.3, np.nextafter(0.3, 1.0)), (0.1 + 0.2, 0.3)])
+@pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 * 3, 0.1 + 0.2])
+def test_regression_times_rounded_twice_are_one(breakpoints, t_end):
+    """Ida ended in a KeyError, generalized-alpha with reactions of 1e18."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    for k, b in enumerate(breakpoints):
+        law = bd.piecewise((b, 1.0), 0.0)
+        mech.add(bd.Force(f"push {k}", ball.point, (law, 0.0)))
+    route = plan(bd.equations_of_motion(mech), np.array([0.0, t_end]))
+    assert len(route.intervals) == (2 if t_end == 1.0 else 1)
+    for integrator in (bd.Ida(1e-6), bd.Radau(1e-6), bd.GeneralizedAlpha(1e-2)):
+        solution = bd.simulate(mech, integrator, t_end)
+        assert solution.status.success
+        pushed = 0.3**2 + 0.6 * (t_end - 0.3)
+        assert_allclose(solution.q[-1, 0], pushed, rtol=1e-5)
+
+
+def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were():
+    def threads():
+        return [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
+
+    before = threads()
+    inside, first_left = threading.Barrier(2), threading.Event()
+
+    def run(number):
+        met = []
+
+        def meet(t):
+            if not met:
+                met.append(inside.wait(10.0))
+                if number == 1:
+                    first_left.wait(10.0)
+
+        bd.simulate(PENDULUM.build().equations, bd.Ida(rtol=1e-7), 1.0, progress=meet)
+        first_left.set()
+
+    runs = [threading.Thread(target=run, args=(number,)) for number in range(2)]
+    for thread in runs:
+        thread.start()
+    for thread in runs:
+        thread.join()
+    assert not inside.broken
+    assert threads() == before
+
+
+@pytest.mark.parametrize("law", [lambda t: np.sqrt(1e-7 - t), lambda t: np.sqrt(0.2 - t)])
+def test_regression_forces_that_are_no_numbers_are_not_blamed_on_the_wrapper_of_ida(law):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", ball.point, (law, 0.0)))
+    solution = bd.simulate(mech, bd.Ida(), 1.0)
+    assert solution.status.kind == "failed"
+    assert "not finite" in solution.status.sentence
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        ([[1.0, 0.5], [0.0, 1.0]], "q.: the mass matrix must be symmetric, this row is not"),
+        ([-1.0, 1.0], "q0: the mass matrix must not be negative in any direction"),
+        ([[1.0, 2.0], [2.0, 1.0]], r"q.: the mass matrix must not be negative in any direction"),
+    ],
+)
+def test_regression_a_mass_that_is_none_is_refused(mass, message):
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    force = ca.vertcat(0.0, -1.0)
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=mass, force=force, q0=[1.0, 0.0], v0=[0, 0])
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.simulate(system, bd.Ida(), 1.0)
+
+
+class Loose(Roll):
+    @property
+    def accuracy(self):
+        return Accuracy("h", 0.1)
+
+
+class Plain(bd.Integrator):
+    accuracy, order = Accuracy("step", 0.1), 1
+
+    def integrate(self, equations, times, progress=None):
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    ("integrator", "message"),
+    [
+        (Loose(), "the accuracy of Loose must be its field 'rtol' or 'step', got 'h'"),
+        (Plain(), "Plain must be a dataclass of its settings"),
+        (bd.Ida, "integrator must be Ida"),
+        ("ida", "integrator must be Ida"),
+    ],
+)
+def test_what_is_no_integrator_is_refused(integrator, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^simulate: {message}"):
+        bd.simulate(rolling(), integrator, 1.0)
