@@ -57,6 +57,18 @@ class Section:
     damping
         Kelvin-Voigt retardation time [s]: every section force gets damping * stiffness *
         strain rate on top of its elastic part.
+    mass_per_length, rotary_inertia_per_length
+        rho A [kg/m] and rho I [kg m], where they are not those of the material: for stiffened or
+        loaded sections, and for published cases that give them.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    >>> strip = bd.Section.rectangle(steel, width=0.02, height=0.001)
+    >>> from dataclasses import replace
+    >>> replace(strip, mass_per_length=1.2, rotary_inertia_per_length=6e-4).rhoA
+    1.2
     """
 
     material: Material
@@ -64,6 +76,8 @@ class Section:
     second_moment: float
     shear_coefficient: float = 5.0 / 6.0
     damping: float = 0.0
+    mass_per_length: float | None = None
+    rotary_inertia_per_length: float | None = None
 
     def __post_init__(self) -> None:
         _require_material("Section", self.material)
@@ -71,6 +85,10 @@ class Section:
         positive("Section", "second_moment", self.second_moment)
         positive("Section", "shear_coefficient", self.shear_coefficient)
         non_negative("Section", "damping", self.damping)
+        if self.mass_per_length is not None:
+            positive("Section", "mass_per_length", self.mass_per_length)
+        if self.rotary_inertia_per_length is not None:
+            positive("Section", "rotary_inertia_per_length", self.rotary_inertia_per_length)
 
     @classmethod
     def rectangle(
@@ -112,12 +130,14 @@ class Section:
     @property
     def rhoA(self) -> float:
         """Mass per length [kg/m]."""
-        return self.material.rho * self.area
+        own = self.mass_per_length
+        return self.material.rho * self.area if own is None else float(own)
 
     @property
     def rhoI(self) -> float:
         """Rotary inertia per length [kg m]."""
-        return self.material.rho * self.second_moment
+        own = self.rotary_inertia_per_length
+        return self.material.rho * self.second_moment if own is None else float(own)
 
 
 def _require_material(part: str, value: Any) -> Material:

@@ -39,7 +39,10 @@ class Ida(Integrator):
     rtol
         Relative tolerance; absolute ones follow from the scales of the mechanism.
     formulation
-        "stabilized-index1" (default), "ggl", "index2", "index1" or "index3".
+        "stabilized-index1" (default) or "ggl"; "index2", "index1" and "index3" to compare with: on
+        the first two positions drift off the constraints, through a singular position on to
+        another branch, and on "index3" rtol says little of velocities and reactions, whose error
+        grows as the step falls.
     error_control
         Which components the error test sees: "positions", "velocities" (and positions) or "all"
         (and multipliers); "auto" decides by the stiffness of the mechanism.

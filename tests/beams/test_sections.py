@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from support import Numeric
 
 import beamdae as bd
 
@@ -54,6 +55,23 @@ def test_shear_modulus(nu):
     assert_allclose(2.0 * material.G * (1.0 + nu), 3.0, **ROUNDING)
 
 
+def test_mass_and_inertia_per_length_may_be_given():
+    """Simo & Vu-Quoc's spin-up beam: EA, GA, EI, rho A and rho I of no one material and shape."""
+    own = bd.Section(
+        ALLOY, 1e-4, 1e-8, mass_per_length=1.2, rotary_inertia_per_length=6e-4, damping=0.1
+    )
+    plain = bd.Section(ALLOY, 1e-4, 1e-8, damping=0.1)
+    assert (own.rhoA, own.rhoI) == (1.2, 6e-4)
+    assert (own.EA, own.GA, own.EI) == (plain.EA, plain.GA, plain.EI)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), own, angular_velocity=2.0))
+    numeric = Numeric(mech)
+    kinetic = numeric.energies(v=numeric.equations.v0)[0]
+    # Of the rod about its start, and of its sections.
+    assert_allclose(kinetic, 0.5 * (1.2 * 1000.0 / 3.0 + 6e-4 * 10.0) * 4.0, rtol=1e-12)
+    assert_allclose(-numeric.force()[1], -9.81 * 12.0, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -70,6 +88,14 @@ def test_shear_modulus(nu):
         (
             lambda: bd.Section(ALLOY, 1.0, 1.0, damping=-1e-4),
             "Section: damping must not be negative, got -0.0001",
+        ),
+        (
+            lambda: bd.Section(ALLOY, 1.0, 1.0, mass_per_length=0.0),
+            "Section: mass_per_length must be positive, got 0",
+        ),
+        (
+            lambda: bd.Section(ALLOY, 1.0, 1.0, rotary_inertia_per_length=0.0),
+            "Section: rotary_inertia_per_length must be positive, got 0",
         ),
         (
             lambda: bd.Section.rectangle(ALLOY, width=-0.03, height=0.01),
