@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
@@ -92,7 +93,8 @@ def _imported(path: Path) -> ModuleType:
     # Decorators such as dataclass look their module up while it is being imported.
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        with _beside(path):
+            spec.loader.exec_module(module)
     except BeamdaeError:
         raise
     except (Exception, SystemExit) as problem:
@@ -108,15 +110,41 @@ def _located(model: Model, path: Path) -> Callable[..., Any]:
     @wraps(model.build)
     def build(**values: Any) -> Any:
         try:
-            return model.build(**values)
+            with _beside(path):
+                built = model.build(**values)
         except BeamdaeError:
             raise
         except Exception as problem:
             raise BeamdaeError(
                 f"{model.name}: {path} cannot build it, {_explained(problem, path)}."
             ) from problem
+        if built is None:
+            raise BeamdaeError(f"{model.name}: the function must return the mechanism, got None.")
+        return built
 
     return build
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[None]:
+    """Modules beside a file can be imported, as if it were run; none of them stays loaded.
+
+    Another file may have others of the same names beside it, and another process that is sent what
+    they define gets it whole.
+    """
+    folder = path.absolute().parent
+    before = {name.partition(".")[0] for name in sys.modules}
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        for name in list(sys.modules):
+            top = name.partition(".")[0]
+            file = getattr(sys.modules[name], "__file__", None)
+            own = (folder / f"{top}.py", folder / top)
+            if top not in before and file and any(Path(file).is_relative_to(x) for x in own):
+                del sys.modules[name]
 
 
 def _explained(problem: BaseException, path: Path) -> str:

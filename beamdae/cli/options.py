@@ -16,7 +16,7 @@ _WIDTH = 140
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which model or study, where the file holds several.")
+    str | None, typer.Option("--model", help="Which one, where the file holds several.")
 ]
 Settings = Annotated[
     list[str] | None,

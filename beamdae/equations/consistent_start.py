@@ -153,6 +153,14 @@ class Starter:
                 f"{self._name(force)}: the forces are not finite at t = {time[0]:g}, "
                 "a law or a start value is wrong."
             )
+        if not np.isfinite(nonzeros).all():
+            column = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
+            row = int(pattern.indices[column])
+            raise BeamdaeError(
+                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of its forces is not finite at "
+                f"t = {time[0]:g}, such as that of a root at zero; a small number under the root "
+                "mends it."
+            )
         try:
             solver.factorize(nonzeros)
         except SingularMatrixError:

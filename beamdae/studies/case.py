@@ -5,11 +5,8 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import sys
-import sysconfig
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,6 +21,7 @@ from beamdae.model_functions import Model
 from beamdae.results.files import versions
 from beamdae.results.solution import Solution
 from beamdae.simulation import simulate
+from beamdae.studies.sources import own_texts
 
 
 @dataclass(frozen=True)
@@ -115,42 +113,22 @@ def _identified(value: Any) -> Any:
 
 
 def _source(model: Model) -> list[Any]:
-    """Text of the file a model stands in and of what it imports from the user's own modules.
+    """What a model's function is: the texts of the user's own files it may depend on.
 
-    With the values its function is closed over; modules of installed packages are known by their
-    versions.
+    With the values it is closed over, and itself where it stands in no file.
     """
     function = inspect.unwrap(model.build)
-    variables = inspect.getclosurevars(function)
-    modules = [inspect.getmodule(value) for value in variables.globals.values()]
-    files = {getattr(module, "__file__", None) for module in modules}
-    files.add(function.__code__.co_filename)
-    own = [Path(f) for f in files if f and Path(f).is_file() and not _is_installed(Path(f))]
-    texts = [_text(path, path.stat().st_mtime_ns) for path in sorted(own)]
-    if not Path(function.__code__.co_filename).is_file():
+    file = function.__code__.co_filename
+    texts = own_texts(file)
+    if not Path(file).is_file():
         texts.append(hashlib.sha256(cloudpickle.dumps(function)).hexdigest())
-    return [texts, dict(variables.nonlocals)]
+    return [texts, dict(inspect.getclosurevars(function).nonlocals)]
 
 
-def _class_source(kind: type) -> list[str]:
-    """Name of a class, and the text of the file it stands in if that is the user's own."""
-    file = inspect.getsourcefile(kind) if kind.__module__ in sys.modules else None
-    own = file is not None and Path(file).is_file() and not _is_installed(Path(file))
-    text = _text(Path(file), Path(file).stat().st_mtime_ns) if own and file else ""
-    return [kind.__module__, kind.__qualname__, text]
-
-
-_INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
-
-
-def _is_installed(path: Path) -> bool:
-    package = Path(__file__).parents[1]
-    return any(path.is_relative_to(folder) for folder in (*_INSTALLED, package))
-
-
-@cache
-def _text(path: Path, changed: int) -> str:
-    return path.read_text()
+def _class_source(kind: type[Integrator]) -> list[Any]:
+    """Name of a class, and the texts of the user's own files it may depend on."""
+    file = inspect.unwrap(kind.integrate).__code__.co_filename
+    return [kind.__module__, kind.__qualname__, own_texts(file)]
 
 
 def default_integrators() -> tuple[Integrator, ...]:

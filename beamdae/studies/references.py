@@ -108,7 +108,7 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
     if study.over is not None and uncertainty == 0.0:
         return _none(labels, f"{study.over} changes nothing, the two finest meshes are the same")
     sentence = (
-        f"reference {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
+        f"Reference: {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
     )
     return Reference(labels, truth, tuple(columns), uncertainty, sentence)
 

@@ -20,6 +20,7 @@ from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
+from beamdae.studies.packing import packed
 
 _GIGABYTE = 1e9
 
@@ -57,7 +58,7 @@ class Task:
 
     def packed(self) -> bytes:
         """The task for another process, the source of its model included."""
-        return cloudpickle.dumps(self)
+        return packed(self)
 
 
 @dataclass(frozen=True)

@@ -374,3 +374,10 @@ def test_public_names_are_where_they_are_said_to_be():
 def test_version_is_that_of_the_package():
     result = CliRunner().invoke(app, ["--version"])
     assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")
+
+
+def test_a_function_that_returns_nothing_is_told(command):
+    mute = "import beamdae as bd\n\n@bd.model(t_end=1.0)\ndef mute():\n    pass\n"
+    result = command("run", mute)
+    assert result.exit_code == 2
+    assert "mute: the function must return the mechanism, got None." in result.stderr

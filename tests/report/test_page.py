@@ -331,7 +331,7 @@ def test_page_opens_and_fits_its_window(show):
     assert tab.title() == study()["title"]
     assert tab.inner_text("h1") == study()["title"]
     assert tab.inner_text("#made") == "beamdae 0.1.0"
-    assert tab.inner_text("#reference") == "Reference: They agree."
+    assert tab.inner_text("#reference") == "They agree."
     for width in (1280, 600):
         tab.set_viewport_size({"width": width, "height": 800})
         assert tab.evaluate("document.documentElement.scrollWidth") <= width

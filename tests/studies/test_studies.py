@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.commands import app
+from beamdae.cli.model_file import contents
 from beamdae.studies import engine, work
 from beamdae.studies.pool import LocalPool, SerialPool
 from beamdae.studies.references import NOT_RUN
@@ -344,6 +345,72 @@ def test_regression_integrators_of_one_name_are_told_apart():
     one, other = made_like(bd.Radau)(), made_like(bd.Ida)()
     found = {bd.Case(swing, {}, mine).fingerprint(0.4, 0.001) for mine in (one, other)}
     assert len(found) == 2
+
+
+BESIDE = """
+import beamdae as bd
+from numbers_of_mine import MASS
+from parts_of_mine import weighed
+
+@bd.model(t_end=0.01)
+def falling():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(weighed("ball", MASS))
+    mech.observe("ball", ball.point)
+    return mech
+
+@bd.study(references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)))
+def falls():
+    return [bd.Case(falling, {}, bd.Ida(rtol=1e-4))]
+"""
+PARTS = """
+from functools import cache, cached_property
+import beamdae as bd
+
+@cache
+def heavier(mass):
+    return 1.0 * mass
+
+class Ball(bd.PointMass):
+    @cached_property
+    def twice(self):
+        return 2.0 * self.mass
+
+def weighed(name, mass):
+    return Ball(name, heavier(mass), at=(0.0, 0.0))
+"""
+
+
+def beside(folder, mass=1.0, parts=PARTS):
+    folder.mkdir(exist_ok=True)
+    (folder / "falls.py").write_text(BESIDE)
+    (folder / "numbers_of_mine.py").write_text(f"MASS = {mass}\n")
+    (folder / "parts_of_mine.py").write_text(parts)
+    _, studies = contents(folder / "falls.py")
+    return studies["falls"]
+
+
+def test_regression_a_study_follows_numbers_and_modules_beside_its_file(tmp_path):
+    """It gave the results of what they were before."""
+    first, kept = beside(tmp_path / "a"), beside(tmp_path / "b")
+    changed = [
+        beside(tmp_path / "c", mass=2.0),
+        beside(tmp_path / "d", parts=PARTS.replace("2.0 *", "3.0 *")),
+    ]
+    keys = [study.task(study.cases[0]).key for study in (first, kept, *changed)]
+    assert keys[0] == keys[1]
+    assert len(set(keys)) == 3
+
+
+@pytest.mark.parametrize("executor", [SerialPool(), LocalPool(1)], ids=["serial", "process"])
+def test_regression_modules_beside_a_file_go_with_it_to_a_process(tmp_path, executor):
+    """With all their classes hold, locks of CPython's 3.11 included; and none of them stays."""
+    results = done(beside(tmp_path / "a", mass=3.0), tmp_path / "out", executor)
+    assert list(results.table["status"]) == ["ok"]
+    assert "numbers_of_mine" not in sys.modules
+    # Another file has others of the same names.
+    other = beside(tmp_path / "b", mass=5.0).cases[0].model()
+    assert other.part("ball").mass == 5.0
 
 
 def test_damaged_results_are_computed_again(tmp_path):

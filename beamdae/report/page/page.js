@@ -928,7 +928,7 @@ function drawReference() {
     );
   const verdict = reference.accepted ? [] : [html("span", { class: "alarm" }, "Reference not accepted. ")];
   const said = reference.sentence || (reference.methods ?? []).join(" and ");
-  return byId("reference").replaceChildren(...verdict, reference.accepted ? `Reference: ${said}` : said);
+  return byId("reference").replaceChildren(...verdict, said);
 }
 
 function showGroup(group) {
