@@ -40,10 +40,16 @@ def tuned(rtol, step, also=None, **settings):
     return {name: settled(one) for name, one in (INTEGRATORS | (also or {})).items()}
 
 
-def integrators(rtol, step, also=None, **settings):
-    """The same, for tests that take an `integrator`."""
+def integrators(rtol, step, also=None, slow=(), **settings):
+    """The same, for tests that take an `integrator`; those named `slow` run with the slow tests."""
     chosen = tuned(rtol, step, also, **settings)
-    return pytest.mark.parametrize("integrator", chosen.values(), ids=list(chosen))
+    return pytest.mark.parametrize(
+        "integrator",
+        [
+            pytest.param(one, id=name, marks=[pytest.mark.slow] if name in slow else [])
+            for name, one in chosen.items()
+        ],
+    )
 
 
 TIP = tuple(ARC.point(ARC.length))

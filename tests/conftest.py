@@ -1,7 +1,16 @@
 """Settings of all tests."""
 
+import pytest
 from hypothesis import settings
 
 # A first example builds and compiles kernels, which takes as long as the machine is slow.
 settings.register_profile("beamdae", deadline=None)
 settings.load_profile("beamdae")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """What needs a browser runs with the slow tests: it takes longer to start than most to run."""
+    for item in items:
+        if "browser" in item.fixturenames:
+            item.add_marker(pytest.mark.slow(reason="starts a browser"))

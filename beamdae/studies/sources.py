@@ -20,14 +20,12 @@ def own_texts(file: str) -> list[str]:
     files, wherever in them; modules are looked for beside the file and on sys.path.
     """
     found: set[Path] = set()
-    waiting = [Path(file)]
+    waiting = [Path(file).absolute()]
     while waiting:
-        path = waiting.pop().absolute()
-        if path in found or not path.is_file() or _is_installed(path):
-            continue
-        found.add(path)
-        for name in _imports(path, path.stat().st_mtime_ns):
-            waiting += _located(name, path.parent)
+        path = waiting.pop()
+        if path not in found and path.is_file() and not _is_installed(path):
+            found.add(path)
+            waiting += _imported(path, path.stat().st_mtime_ns, tuple(sys.path))
     return [_text(path, path.stat().st_mtime_ns) for path in sorted(found)]
 
 
@@ -41,13 +39,16 @@ def _text(path: Path, changed: int) -> str:
 
 
 @cache
-def _imports(path: Path, changed: int) -> tuple[str, ...]:
-    """Dotted names of the modules a file imports, those it only may import among them."""
+def _imported(path: Path, changed: int, folders: tuple[str, ...]) -> tuple[Path, ...]:
+    """The user's own files among those a file imports, or may import."""
     try:
         tree = ast.parse(path.read_text())
     except (SyntaxError, ValueError):
         return ()
-    return tuple(dict.fromkeys(name for node in ast.walk(tree) for name in _named(node)))
+    names = {name for node in ast.walk(tree) for name in _named(node)}
+    places = (path.parent, *map(Path, folders))
+    files = {file.absolute() for name in names for file in _located(name, places)}
+    return tuple(file for file in files if not _is_installed(file))
 
 
 def _named(node: ast.AST) -> Iterator[str]:
@@ -60,10 +61,10 @@ def _named(node: ast.AST) -> Iterator[str]:
         yield from (f"{base}.{alias.name}".lstrip(".") for alias in node.names)
 
 
-def _located(name: str, beside: Path) -> list[Path]:
+def _located(name: str, folders: tuple[Path, ...]) -> list[Path]:
     """The files of a module and of the packages it is in, where they are found first."""
     parts = [part for part in name.split(".") if part]
-    for folder in (beside, *map(Path, sys.path)):
+    for folder in folders:
         stems = [folder.joinpath(*parts[: k + 1]) for k in range(len(parts))]
         files = [f for stem in stems for f in (stem.with_suffix(".py"), stem / "__init__.py")]
         there = [file for file in files if file.is_file()]
