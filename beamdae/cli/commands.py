@@ -230,7 +230,7 @@ def _integrator(name: str, options: dict[str, Any]) -> Any:
 @contextmanager
 def _progress(t_end: float) -> Iterator[Callable[[str, float], None] | None]:
     """A bar of the time reached, on stderr, if that is a terminal."""
-    # Integrators redirect stdout while they run.
+    # Standard output is for tables, and may be a file.
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield None

@@ -242,14 +242,14 @@ def drive(
     method_on
         Makes the method for a run: compiles, and resolves what is "auto".
     """
+    settings = asdict(integrator)  # type: ignore[call-overload]
+    require_limits(integrator.method, settings)
     begin = clock.perf_counter()
     route = plan(equations, times)
     method = method_on(route)
     setup_time = clock.perf_counter() - begin
 
     begin = clock.perf_counter()
-    settings = asdict(integrator)  # type: ignore[call-overload]
-    require_limits(integrator.method, settings)
     limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
     run = _Run(route, method, limits)
     trajectory, status = run.through()

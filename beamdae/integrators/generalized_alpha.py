@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import step_equations
-from beamdae.errors import BeamdaeError, count, finite, one_of, positive
+from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
 from beamdae.integrators.drive import Route, StepError, drive
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress
+from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
 from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.results.solution import Solution, Statistics
 
@@ -91,13 +91,10 @@ class GeneralizedAlpha(Integrator):
         one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
         positive("GeneralizedAlpha", "newton_tolerance", self.newton_tolerance)
         one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
-        if self.time_limit is not None:
-            positive("GeneralizedAlpha", "time_limit", self.time_limit)
+        require_limits("GeneralizedAlpha", asdict(self))
         self._check_adaptivity()
 
     def _check_adaptivity(self) -> None:
-        if self.max_steps is not None:
-            count("GeneralizedAlpha", "max_steps", self.max_steps)
         if self.rtol is None:
             if self.max_steps is not None:
                 raise BeamdaeError(

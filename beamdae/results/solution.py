@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -22,14 +22,14 @@ from beamdae.symbolic.statements import Named
 Array = np.ndarray
 
 # How a run may end: at its end, stopped by a limit or by the user, or because it could not go on.
-KINDS = ("ok", "limited", "interrupted", "failed")
+Kind = Literal["ok", "limited", "interrupted", "failed"]
 
 
 @dataclass(frozen=True)
 class Status:
-    """How a run ended: one of `KINDS`, and a sentence."""
+    """How a run ended: its kind, and a sentence."""
 
-    kind: str
+    kind: Kind
     sentence: str
 
     @property

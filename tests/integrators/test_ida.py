@@ -34,8 +34,9 @@ def test_regression_a_wrapper_that_hands_out_copies_is_refused(monkeypatch):
         bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
 
 
-@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_the_vectors_of_the_wrapper_there_is_are_shared(formulation, monkeypatch):
+@pytest.fixture
+def made(monkeypatch):
+    """What IDA is driven by, of each run in turn."""
     made = []
 
     class Watched(PreconditionedResidual):
@@ -44,21 +45,18 @@ def test_the_vectors_of_the_wrapper_there_is_are_shared(formulation, monkeypatch
             made.append(self)
 
     monkeypatch.setattr(ida, "PreconditionedResidual", Watched)
+    return made
+
+
+@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
+def test_the_vectors_of_the_wrapper_there_is_are_shared(formulation, made):
     settings = bd.Ida(rtol=1e-6, formulation=formulation, error_control="positions")
     assert bd.simulate(PENDULUM.equations, settings, 0.5).status.success
     assert made[0]._shared
 
 
-def test_regression_what_is_kept_of_a_run_does_not_grow_with_it(monkeypatch):
+def test_regression_what_is_kept_of_a_run_does_not_grow_with_it(made):
     """The time of every residual was kept, gigabytes in a long run."""
-    made = []
-
-    class Watched(PreconditionedResidual):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            made.append(self)
-
-    monkeypatch.setattr(ida, "PreconditionedResidual", Watched)
     for t_end in (0.1, 2.0):
         solution = bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), t_end)
     assert solution.statistics.residual_calls > 200
