@@ -16,6 +16,7 @@ from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     ForceTerm,
     Observable,
+    PartCoordinates,
 )
 from beamdae.equations.fit import (
     require_body_fits,
@@ -112,6 +113,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),
         length=length,
+        parts=_part_coordinates(parts, owners, length),
         breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
@@ -121,10 +123,23 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     )
 
 
-def _extent(points: Array) -> float:
-    """Largest extent of points (k, 2), or 1 where they have none."""
+def _extent(points: Array, otherwise: float = 1.0) -> float:
+    """Largest extent of points (k, 2), or another length where they have none."""
     extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
-    return extent if extent > 0.0 else 1.0
+    return extent if extent > 0.0 else otherwise
+
+
+def _part_coordinates(
+    parts: Sequence[Part], owners: Owners, length: float
+) -> tuple[PartCoordinates, ...]:
+    """Coordinates and size of each part that has some; `length` where it has no size."""
+    found = []
+    for part in parts:
+        first, count = owners.offsets[id(part)], owners.sizes[id(part)]
+        if count:
+            size = _extent(np.asarray(part.outline, float), length)
+            found.append(PartCoordinates(part.name, slice(first, first + count), size))
+    return tuple(found)
 
 
 def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float) -> None:
@@ -165,6 +180,7 @@ def build(
     q0: Array,
     v0: Array,
     length: float,
+    parts: tuple[PartCoordinates, ...],
     breakpoints: tuple[float, ...],
     time_scale: float | None,
     forces: list[ForceStatement],
@@ -209,6 +225,7 @@ def build(
         v0=_constant(v0),
         p=_constant(numbers.all),
         length=length,
+        parts=parts,
         breakpoints=breakpoints,
         time_scale=time_scale,
         observables=tuple(observed),

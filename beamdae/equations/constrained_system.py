@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.assemble import Owners, build
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.fit import require_unit
 from beamdae.errors import BeamdaeError, finite, positive
 from beamdae.symbolic.statements import (
@@ -104,6 +104,10 @@ class ConstrainedSystem:
             q0=q0,
             v0=v0,
             length=_length(q0, coordinates),
+            parts=tuple(
+                PartCoordinates(name, slice(k, k + 1), _length(q0, coordinates))
+                for k, name in enumerate(names)
+            ),
             breakpoints=self._checked_breakpoints(),
             time_scale=self.time_scale,
             forces=[self._force_statement(piece)],

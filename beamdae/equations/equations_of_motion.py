@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -65,6 +65,25 @@ class Observable:
         ]
 
 
+class PartCoordinates(NamedTuple):
+    """Coordinates that move together.
+
+    Attributes
+    ----------
+    name
+        Of the part, or of the coordinate.
+    rows
+        Which coordinates.
+    size
+        How far from each other its points are [m]: an angle is worth the way it carries a point
+        that far away.
+    """
+
+    name: str
+    rows: slice
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0 with everything integrators ask of them.
@@ -79,6 +98,8 @@ class EquationsOfMotion:
         Numbers of the model: quadrature data, section, mass and load values.
     length
         Characteristic length of the mechanism [m], the scale of positions.
+    parts
+        Coordinates that move together.
     breakpoints
         Ascending times [s] at which a law changes its formula; integrators stop and restart there.
     time_scale
@@ -91,6 +112,7 @@ class EquationsOfMotion:
     v0: Array
     p: Array
     length: float
+    parts: tuple[PartCoordinates, ...]
     breakpoints: tuple[float, ...]
     time_scale: float | None
     observables: tuple[Observable, ...]

@@ -17,6 +17,7 @@ from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
+from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.rows import Rows
 from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
@@ -28,6 +29,15 @@ Array = np.ndarray
 STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 _PAST = "past the end of its interval; a method must stop there"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
+# The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
+# is, and what is much less motion than it was tolerant of.
+SCOUTING_RTOL = 1e-2
+_MOST_SCOUTS = 4
+_MOST_SCOUTING_STEPS = 20_000
+_SCOUTING_TIME = 0.25
+_MUCH_LESS = 0.3
+# A scout that did not go this share of the way has seen too little.
+_LEAST_WAY = 0.2
 # Breakpoints that differ from each other or from an end by less, relative to the times of the run,
 # are the same time rounded twice.
 _ROUNDING = 1e-12
@@ -76,11 +86,18 @@ def fitted(step: float, left: float) -> float:
 
 @dataclass(frozen=True)
 class Route:
-    """The smooth intervals (start, end) [s] of a run, and its consistent start."""
+    """The smooth intervals (start, end) [s] of a run, its consistent start, and its amplitudes.
+
+    Attributes
+    ----------
+    amplitudes
+        How far the parts move, where a scout has seen it.
+    """
 
     starter: Starter
     intervals: tuple[tuple[float, float], ...]
     state: State
+    amplitudes: Amplitudes | None = None
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -91,6 +108,13 @@ class Route:
     def time(self) -> Array:
         """(t, branch) of the start."""
         return np.array([self.intervals[0][0], _branch(*self.intervals[0])])
+
+    @property
+    def scales(self) -> Array:
+        """Natural size of each coordinate [m or rad]: of its motion, or else of its mechanism."""
+        if self.amplitudes is None:
+            return self.equations.position_scales
+        return self.amplitudes.scales
 
     @property
     def duration(self) -> float:
@@ -225,6 +249,28 @@ def _interrupted(t: float) -> Status:
     return Status("interrupted", f"interrupted at t = {t:.6g} s")
 
 
+def _scouted(
+    route: Route, scout_on: Callable[[Route], Method], time_limit: float | None, begin: float
+) -> tuple[Route, _Run, Trajectory, Status]:
+    """The route with the amplitudes that a scout sees, and its last run.
+
+    It goes again as long as it sees much less motion than it was tolerant of.
+    """
+    share = None if time_limit is None else _SCOUTING_TIME * time_limit
+    limits = _Limits(None, share, _MOST_SCOUTING_STEPS, begin)
+    for _ in range(_MOST_SCOUTS):
+        run = _Run(route, scout_on(route), limits)
+        trajectory, status = run.through()
+        if trajectory.end - route.intervals[0][0] < _LEAST_WAY * route.duration:
+            break
+        seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
+        much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS
+        route = seen
+        if not (much_less and status.success):
+            break
+    return route, run, trajectory, status
+
+
 @single_threaded
 def drive(
     integrator: Integrator,
@@ -232,6 +278,7 @@ def drive(
     times: Array,
     method_on: Callable[[Route], Method],
     progress: Progress | None,
+    scout_on: Callable[[Route], Method] | None = None,
 ) -> Solution:
     """Run a method over all intervals; see `Integrator.integrate`.
 
@@ -241,24 +288,34 @@ def drive(
         Its settings, a dataclass; `max_steps` and `time_limit` among them are heeded.
     method_on
         Makes the method for a run: compiles, and resolves what is "auto".
+    scout_on
+        Makes the same with the tolerance SCOUTING_RTOL: it goes first, to see how far the parts
+        move. None: the method needs no `Route.amplitudes`.
     """
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator.method, settings)
-    begin = clock.perf_counter()
+    setup = clock.perf_counter()
     route = plan(equations, times)
-    method = method_on(route)
-    setup_time = clock.perf_counter() - begin
+    setup_time = clock.perf_counter() - setup
 
     begin = clock.perf_counter()
     limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
-    run = _Run(route, method, limits)
-    trajectory, status = run.through()
-    wall_time = clock.perf_counter() - begin
+    status = REACHED_END
+    if scout_on is not None:
+        route, run, trajectory, status = _scouted(route, scout_on, limits.time_limit, begin)
+    setup = clock.perf_counter()
+    method = method_on(route)
+    setup = clock.perf_counter() - setup
+    if status.kind != "interrupted":
+        run = _Run(route, method, limits)
+        trajectory, status = run.through()
+    wall_time = clock.perf_counter() - begin - setup
+    seen = {} if route.amplitudes is None else {"amplitudes": route.amplitudes.by_part}
     return Solution(
         equations,
         trajectory,
         times[times <= trajectory.end * (1.0 + 1e-12)],
         status,
-        replace(method.counts, steps=run.steps, setup_time=setup_time, wall_time=wall_time),
-        {"integrator": integrator.method, **settings, **method.resolved},
+        replace(method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time),
+        {"integrator": integrator.method, **settings, **method.resolved, **seen},
     )

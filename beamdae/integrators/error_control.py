@@ -10,25 +10,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.consistent_start import Starter
-from beamdae.equations.formulations import FirstOrder, Formulation, State
+from beamdae.equations.formulations import FirstOrder, Formulation
 from beamdae.equations.spectrum import Mode
+from beamdae.integrators.drive import Route
 
 Array = np.ndarray
 
 ERROR_CONTROL = ("auto", "positions", "velocities", "all")
 _UNTESTED = 1e10
+# What a chain of roundings leaves of a position, relative to the size of the mechanism.
+ROUNDING = 1e-14
 
 # Modes this much faster than the motion are stiff: the step is meant to pass over them.
 _STIFF_RATIO = 300.0
 # BDF of order 5 is stable for damping ratios above 0.62, cos of its angle of 52 degrees.
 _STABLE_RATIO = 0.62
-# Lightly damped modes up to so many times the rate of the motion cost less than what the order
-# gains (validation/tolerances, --damping).
-_LIGHTLY_DAMPED = 2e4
+# Steps of order 2 resolve modes up to this over the square root of rtol, times the rate of the
+# motion: lightly damped ones among them cost order 5 nothing (validation/tolerances, --damping).
+_RESOLVED = 12.0
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
-_SAFETY = 0.08
-_ASYMPTOTIC = 16.0
+_SAFETY = 0.05
+_ASYMPTOTIC = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,9 @@ class Scales:
     Attributes
     ----------
     position
-        Of each coordinate: characteristic length, or 1 rad.
+        Of each coordinate [m or rad]: its motion, or else the mechanism.
+    size
+        Of the mechanism, by coordinate [m or rad]: what positions are rounded against.
     rate
         Characteristic rate of the motion [1/s]; velocities are of size position * rate.
     force
@@ -46,25 +50,30 @@ class Scales:
     """
 
     position: Array
+    size: Array
     rate: float
     force: float
 
+    def tolerances(self, local: float) -> Array:
+        """Tolerances of the positions, at least what rounding leaves of them."""
+        return np.maximum(local * self.position, ROUNDING * self.size)
 
-def scales(starter: Starter, time: Array, state: State, duration: float) -> Scales:
-    """Natural sizes from the consistent start, the laws' time scale and the length of the run."""
-    equations = starter.equations
-    position = equations.position_scales
-    candidates = [
-        1.0 / duration,
-        float(np.max(np.abs(state.v / position))),
-        float(np.sqrt(np.max(np.abs(state.a / position)))),
-    ]
+
+def scales(route: Route) -> Scales:
+    """Natural sizes from what a scout saw, the consistent start and the laws' time scale."""
+    equations, state, position = route.equations, route.state, route.scales
+    candidates = [1.0 / route.duration]
+    if route.amplitudes is None:
+        candidates.append(float(np.max(np.abs(state.v / position))))
+        candidates.append(float(np.sqrt(np.max(np.abs(state.a / position)))))
+    else:
+        candidates.append(route.amplitudes.rate)
     if equations.time_scale is not None:
         candidates.append(1.0 / equations.time_scale)
     rate = max(candidates)
-    inertial = starter.forces(time, state, position * rate**2)
+    inertial = route.starter.forces(route.time, state, position * rate**2)
     force = max(float(np.max(np.abs(inertial))), float(np.max(np.abs(state.lam), initial=0.0)))
-    return Scales(position, rate, force)
+    return Scales(position, equations.position_scales, rate, force)
 
 
 @dataclass(frozen=True)
@@ -94,15 +103,15 @@ class ErrorControl:
         RADAU5 (Hairer & Wanner, Solving ODEs II, 1996, section IV.8).
         """
         k = self.max_order
-        return min(_SAFETY * rtol, _ASYMPTOTIC * rtol ** ((k + 1) / k)) / np.sqrt(size)
+        return min(_SAFETY * rtol, _ASYMPTOTIC[k] * rtol ** ((k + 1) / k)) / np.sqrt(size)
 
     def absolute(self, tolerance: float, scales: Scales, form: FirstOrder) -> Array:
         """Absolute tolerances of (q, v, multipliers); untested components get a huge one."""
         n = form.equations.n
         atol = np.full(form.size, _UNTESTED)
-        atol[:n] = tolerance * scales.position
+        atol[:n] = positions = scales.tolerances(tolerance)
         if self.policy in ("velocities", "all"):
-            atol[n : 2 * n] = tolerance * scales.position * scales.rate
+            atol[n : 2 * n] = positions * scales.rate
         if self.policy == "all":
             rate = scales.rate if form.formulation.impulses else 1.0
             atol[2 * n :] = tolerance * scales.force / rate
@@ -113,38 +122,53 @@ def resolve(
     policy: str,
     max_order: int | str,
     formulation: Formulation,
+    rtol: float,
     rate: float,
-    fastest_mode: Callable[[], Mode],
+    fastest_modes: Callable[[], tuple[Mode, ...]],
 ) -> ErrorControl:
     """Resolve "auto": which components are tested, and the highest order.
 
-    `rate` is that of the motion, `fastest_mode` gives the fastest natural mode.
+    `rate` is that of the motion, `fastest_modes` gives the fastest natural mode of each body.
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
     20 to 1000 times as much. BDF of order 3 to 5 is unstable next to the imaginary axis, where
-    undamped modes sit: the order stops at 2 unless all but the slowest modes are overdamped, as
-    material damping makes them if there is enough of it. On index 3 only positions
-    are tested, the error of velocities grows there as the step falls; multipliers never are, they
-    stall "ggl" and "index2".
+    undamped modes sit: the order stops at 2 unless in every body all modes that steps of order 2
+    would not resolve anyhow are overdamped, as material damping makes them if there is enough of
+    it. On index 3 only positions are tested, the error of velocities grows there as the step falls;
+    multipliers never are, they stall "ggl" and "index2".
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")
-    frequency, damping = fastest_mode()
-    if frequency <= _STIFF_RATIO * rate:
+    modes = fastest_modes()
+    fastest = max((mode.frequency for mode in modes), default=0.0)
+    stiff = _STIFF_RATIO * rate
+    light = max((_lightly_damped(mode) for mode in modes), default=0.0)
+    overdamped = all(m.damping_ratio > _STABLE_RATIO for m in modes if m.frequency > stiff)
+    if fastest <= stiff:
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
-    elif damping * _LIGHTLY_DAMPED * rate >= _STABLE_RATIO * frequency:
-        # Material damping grows with the frequency: above this share of it all modes are stable.
+    elif overdamped and light <= _RESOLVED * rate / np.sqrt(rtol):
         choice, order, reason = "positions", 5, "the fast modes are overdamped"
-    elif damping > _STABLE_RATIO:
-        choice, order, reason = "positions", 2, "modes below the fastest are lightly damped"
     else:
-        choice, order, reason = "positions", 2, "fast modes are undamped"
+        choice, order, reason = "positions", 2, "fast modes are lightly damped"
     if formulation.index == 3:
         choice = "positions"
-    reason = f"{reason} (fastest {frequency:.3g} rad/s, damping ratio {damping:.2g})"
+    reason = (
+        f"{reason} (fastest {fastest:.3g} rad/s, lightly damped up to {light:.3g} rad/s, "
+        f"motion {rate:.3g} rad/s)"
+    )
     return ErrorControl(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
     )
+
+
+def _lightly_damped(mode: Mode) -> float:
+    """Frequency up to which the modes of a body may be lightly damped [rad/s].
+
+    Material damping grows with the frequency: those above share _STABLE_RATIO are stable.
+    """
+    if mode.damping_ratio <= _STABLE_RATIO:
+        return mode.frequency
+    return mode.frequency * _STABLE_RATIO / mode.damping_ratio

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
-from beamdae.integrators.drive import Route, StepError, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
 from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.results.solution import Solution, Statistics
@@ -156,12 +156,13 @@ class GeneralizedAlpha(Integrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        return drive(self, equations, times, self._method, progress)
+        scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
+        return drive(self, equations, times, self._method, progress, scout)
 
     def _method(self, route: Route) -> FixedSteps | AdaptiveSteps:
         index3 = self.formulation == "index3"
         form = step_equations(route.equations, not index3)
-        newton = ModifiedNewton(form, self.newton_tolerance, self.linear_solver)
+        newton = ModifiedNewton(form, self.newton_tolerance, self.linear_solver, route.scales)
         cured = self.start == "cured"
         stepper = Stepper(self._member, newton, route.starter, index3)
         if self.rtol is None:

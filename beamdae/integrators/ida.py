@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -14,9 +14,9 @@ from sksundae.ida import IDA
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import FIRST_ORDER, State, first_order
-from beamdae.equations.spectrum import fastest_mode
+from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
-from beamdae.integrators.drive import STUCK, Route, StepError, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, Route, StepError, drive
 from beamdae.integrators.error_control import ERROR_CONTROL, resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.preconditioned import PreconditionedResidual
@@ -28,6 +28,8 @@ Array = np.ndarray
 
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
+# Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
+_NONE = 1e-15
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,14 @@ class Ida(Integrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        return drive(self, equations, times, partial(_Bdf, self), progress)
+        return drive(
+            self,
+            equations,
+            times,
+            partial(_Bdf, self),
+            progress,
+            partial(_Bdf, replace(self, rtol=SCOUTING_RTOL)),
+        )
 
 
 def _solver(newton: PreconditionedResidual, size: int, **options: Any) -> IDA:
@@ -113,19 +122,20 @@ class _Bdf:
     def __init__(self, settings: Ida, route: Route) -> None:
         self._form = first_order(route.equations, settings.formulation)
         self._newton = PreconditionedResidual(self._form, settings.linear_solver)
-        size = scales(route.starter, route.time, route.state, route.duration)
+        size = scales(route)
         self._control = resolve(
             settings.error_control,
             settings.max_order,
             self._form.formulation,
+            settings.rtol,
             size.rate,
-            partial(fastest_mode, route.starter, route.time, route.state),
+            partial(fastest_modes, route.starter, route.time, route.state),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._solver = _solver(
             self._newton,
             self._form.size,
-            rtol=self._tolerance,
+            rtol=_NONE,
             atol=self._control.absolute(self._tolerance, size, self._form),
             max_order=self._control.max_order,
             max_step=settings.max_step or route.longest_step,

@@ -37,16 +37,19 @@ class NewtonError(StepError):
 class ModifiedNewton:
     """Modified Newton iteration that keeps its factors as long as they serve."""
 
-    def __init__(self, form: StepEquations, tolerance: float, linear_solver: str) -> None:
+    def __init__(
+        self, form: StepEquations, tolerance: float, linear_solver: str, scales: Array
+    ) -> None:
         p = form.equations.p
         self._residual = Compiled(form.residual, p)
         self._jacobian = Compiled(form.jacobian, p)
         self._position = Compiled(form.position, p)
         self._linear = factorization(form.pattern, linear_solver)
-        self.weights = 1.0 / form.equations.position_scales
+        self.weights = 1.0 / scales
         self.coordinates = form.equations.n
         self._tolerance = tolerance
-        self.bound = _ROUNDING
+        self._least = _ROUNDING * float(np.max(form.equations.position_scales * self.weights))
+        self.bound = self._least
         self._rate = np.inf
         self.size = form.size
         self.failures = 0
@@ -62,7 +65,7 @@ class ModifiedNewton:
     def aim(self, c_q: float, acceleration: Array) -> None:
         """Set the bound on the error of increments, c_q times that of accelerations."""
         largest = float(np.abs(acceleration * self.weights).max())
-        self.bound = max(self._tolerance * c_q * largest, _ROUNDING)
+        self.bound = max(self._tolerance * c_q * largest, self._least)
 
     def solve(self, x: Array, *arguments: Array, second_guess: Array) -> None:
         """Improve x in place until the step equations hold.

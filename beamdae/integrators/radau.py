@@ -10,9 +10,9 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State, first_order
-from beamdae.equations.spectrum import fastest_mode
+from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
-from beamdae.integrators.drive import Route, StepError, drive, fitted
+from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive, fitted
 from beamdae.integrators.error_control import resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.radau_newton import Collocation
@@ -80,7 +80,14 @@ class Radau(Integrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        return drive(self, equations, times, partial(_Steps, self), progress)
+        return drive(
+            self,
+            equations,
+            times,
+            partial(_Steps, self),
+            progress,
+            partial(_Steps, replace(self, rtol=SCOUTING_RTOL)),
+        )
 
 
 class _Steps:
@@ -92,13 +99,14 @@ class _Steps:
     def __init__(self, settings: Radau, route: Route) -> None:
         self._form = first_order(route.equations, _FORM)
         self._newton = Collocation(self._form, settings.linear_solver)
-        size = scales(route.starter, route.time, route.state, route.duration)
+        size = scales(route)
         self._control = resolve(
             settings.error_control,
             _ORDER,
             self._form.formulation,
+            settings.rtol,
             size.rate,
-            partial(fastest_mode, route.starter, route.time, route.state),
+            partial(fastest_modes, route.starter, route.time, route.state),
         )
         velocities = self._control.policy == "velocities"
         self._tolerance = Tolerance.honest(settings.rtol, size, velocities)
@@ -136,8 +144,7 @@ class _Steps:
             h = fitted(size.next, left)
             if h < min(self._smallest, left):
                 raise StepError(reason)
-            weights = tolerance.weights(self._y)
-            bounds = tolerance.iteration_weights(weights, h)
+            bounds = tolerance.iteration_weights(h)
             renew = not newton.serves(h, KEEP_RATE)
             if not newton.solve(self._t, self._y, self._yp, h, bounds, renew):
                 if renew:
@@ -145,7 +152,7 @@ class _Steps:
                     size.diverged(h)
                     reason = newton.reason
                 continue
-            error = tolerance.norm(newton.error(self._yp, h), weights)
+            error = tolerance.norm(newton.error(self._yp, h))
             if error < 1.0:
                 break
             self._rejected += 1

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from beamdae.equations.formulations import State
-from beamdae.integrators.error_control import Scales
+from beamdae.integrators.error_control import ROUNDING, Scales
 from beamdae.integrators.radau_newton import MAX_ITERATIONS, Collocation
 
 Array = np.ndarray
@@ -19,8 +20,6 @@ _EXPONENT = 0.9
 # tolerances, for the error of order 6 falls faster than the estimate of order 4 that is tested.
 _FRACTION = 0.03
 _FRACTION_OF_ROOT = 3.0
-# What rounding leaves of a coordinate; over a step it is one of a velocity.
-_ROUNDING = 1e-14
 
 # One over the order of what is estimated: the embedded method is of order 3.
 _POWER = 1.0 / 4.0
@@ -65,26 +64,29 @@ class Tolerance:
         """
         return cls(_SAFETY * rtol**_EXPONENT, scales, velocities)
 
-    def weights(self, y: Array) -> Array:
+    @cached_property
+    def weights(self) -> Array:
         """One over the tolerances of (q, v)."""
-        position, rate = self.scales.position, self.scales.rate
-        least = np.concatenate([position, rate * position])
-        return 1.0 / (self.local * (least + np.abs(y[: len(least)])))
+        positions = self.scales.tolerances(self.local)
+        return 1.0 / np.concatenate([positions, self.scales.rate * positions])
 
-    def iteration_weights(self, weights: Array, h: float) -> Array:
+    def iteration_weights(self, h: float) -> Array:
         """One over what Newton's iteration may leave of (q, v) in a step h.
 
         Velocities count whether they are tested or not: they are where the next step begins, and
         over short steps positions say nothing of them.
         """
         fraction = min(_FRACTION, _FRACTION_OF_ROOT * np.sqrt(self.local))
-        n = len(self.scales.position)
-        weights = weights / max(fraction, _ROUNDING / self.local)
-        np.minimum(weights[n:], h / (_ROUNDING * self.scales.position), out=weights[n:])
+        size = self.scales.size
+        n = len(size)
+        weights = self.weights / fraction
+        np.minimum(weights[:n], 1.0 / (ROUNDING * size), out=weights[:n])
+        np.minimum(weights[n:], h / (ROUNDING * size), out=weights[n:])
         return weights
 
-    def norm(self, error: Array, weights: Array) -> float:
+    def norm(self, error: Array) -> float:
         """Largest tested error, 1 at the tolerance."""
+        weights = self.weights
         tested = len(weights) if self.velocities else len(weights) // 2
         return float(np.abs(error[:tested] * weights[:tested]).max())
 

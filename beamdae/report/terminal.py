@@ -16,6 +16,9 @@ from beamdae.results.headers import Header
 # Values this small beside the largest in their unit are what rounding leaves of zero.
 _ROUNDING = 1e-12
 
+# Settings of a run that have rows of their own.
+_TOLD_APART = ("integrator", "amplitudes")
+
 # Header in the terminal by column of a comparison.
 _COMPARED = {
     "status": "status",
@@ -62,12 +65,16 @@ def facts(title: str, rows: Mapping[str, Any]) -> Table:
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
     """What a run did and how well, from `Solution.summary()` and `Solution.integrator`."""
     s = {name: number(value) for name, value in summary.items()}
-    shown = {k: v for k, v in settings.items() if v is not None and k != "integrator"}
+    shown = {k: v for k, v in settings.items() if v is not None and k not in _TOLD_APART}
+    amplitudes = settings.get("amplitudes", {})
+    moves = ", ".join(f"{name} {number(value)}" for name, value in amplitudes.items())
+    scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
     return {
         "status": str(s["reason"]),
         "time reached": f"{number(summary['last_time'], 6)} s",
         "integrator": f"{settings.get('integrator', '')} "
         + ", ".join(f"{name}={number(value)}" for name, value in shown.items()),
+        **scaled,
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
         f"{s['newton_failures']} Newton failures",
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "

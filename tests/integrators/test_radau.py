@@ -131,17 +131,21 @@ def test_factors_are_kept_while_the_step_would_change_little():
 @pytest.mark.parametrize("velocities", [True, False])
 def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
     """Over a short step an error that is nothing for a position is one of 100 m/s."""
-    scales = Scales(np.array([2.0, 1.0]), 5.0, 1.0)
+    scales = Scales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
     tolerance = Tolerance(1e-4, scales, velocities)
-    y = np.array([10.0, 0.0, 0.0, 20.0])
-    weights = tolerance.weights(y)
-    assert_allclose(1.0 / weights, 1e-4 * np.array([12.0, 1.0, 10.0, 25.0]), rtol=1e-14)
-    tested = tolerance.norm(np.array([0.0, 0.0, 1.0, 0.0]), weights)
+    assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
+    tested = tolerance.norm(np.array([0.0, 0.0, 1.0, 0.0]))
     assert_allclose(tested, 1e3 if velocities else 0.0, rtol=1e-14)
-    assert_allclose(tolerance.iteration_weights(weights, 1e-3), weights / 0.03, rtol=1e-14)
+    assert_allclose(tolerance.iteration_weights(1e-3), tolerance.weights / 0.03, rtol=1e-14)
     # Rounding of the positions over the shortest steps.
-    bounds = 1.0 / tolerance.iteration_weights(weights, 1e-11)
-    assert_allclose(bounds[2:], 1e-3 * scales.position, rtol=1e-14)
+    bounds = 1.0 / tolerance.iteration_weights(1e-11)
+    assert_allclose(bounds[2:], 1e-3 * scales.size, rtol=1e-14)
+
+
+def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
+    tolerance = Tolerance(1e-9, Scales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False)
+    assert_allclose(1.0 / tolerance.weights[:2], [1e-14, 1e-9], rtol=1e-14)
+    assert np.all(1.0 / tolerance.iteration_weights(1.0) >= 1e-14 * (1.0 - 1e-12))
 
 
 def test_iterations_that_fail_halve_the_step_and_are_told(monkeypatch):
@@ -225,14 +229,14 @@ def test_a_sudden_moment_on_a_light_section_starts(moment):
     mech.add(bd.Moment("torque", on=beam.end, law=moment))
     mech.observe("tip", beam.end)
     loose, tight = (
-        bd.simulate(mech, integrator, t_end=4e-3, output_step=4e-3)
-        for integrator in (bd.Radau(1e-3), bd.Radau(1e-8, time_limit=20.0))
+        bd.simulate(mech, bd.Radau(rtol), t_end=1e-3, output_step=1e-3) for rtol in (1e-3, 1e-5)
     )
     assert loose.status.success
-    assert loose.statistics.steps < tight.statistics.steps / 5
+    assert tight.status.success
+    assert loose.statistics.steps < tight.statistics.steps / 3
     tips = [s.observed["tip.angle [rad]"].iloc[-1] for s in (loose, tight)]
-    # Vibrations of that size are below the tolerance of 1e-3.
-    assert_allclose(tips[0], tips[1], rtol=0.0, atol=1e-3)
+    # The section hardly turns in this time; rtol is relative to what it does.
+    assert_allclose(tips[0], tips[1], rtol=3e-2, atol=0.0)
 
 
 def test_a_step_newton_cannot_take_is_a_status():

