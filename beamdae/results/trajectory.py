@@ -12,11 +12,10 @@ from beamdae.equations.formulations import State
 
 Array = np.ndarray
 
-# Degrees of the polynomials through steps: of what is smooth, as high as that of any BDF, and of
-# what may jump from step to step.
+# Degrees of the polynomials through steps: of q and v, and of what may jump from step to step. With
+# 4 rows between the steps of BDF up to order 5 are as good as the steps; a vibration from step to
+# step grows to 2.2 times what it is there, with 3 to 1.6 times, with 5 to 3.1 times.
 _SMOOTH, _ROUGH = 4, 3
-# Gauss' points on [0, 1]: their mean is the integral of a polynomial of degree 3.
-_GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 
 
 class _Polynomials(NamedTuple):
@@ -47,7 +46,7 @@ class Interval:
     all proportion to the forces at the steps.
 
     An interval begins with a state consistent with the laws, which fast modes have yet to answer:
-    from the second node on a and lam leave it out.
+    polynomials leave it out from the second node on.
 
     Attributes
     ----------
@@ -96,8 +95,8 @@ class Interval:
     def integrals(self, rates: Array, t: Array) -> Array:
         """Integrals from the start of the interval to times inside, of rows of rates at the nodes.
 
-        Of the same polynomials, degree 3. Through the stages of Radau IIA these integrate a step by
-        its own weights (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9: that of the start is 0.
+        Of the same polynomials, degree 3 through steps. Through the stages of Radau IIA that is its
+        own quadrature, (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9: the weight of the start is 0.
         """
         sums = np.zeros((len(self.t), rates.shape[1]))
         np.cumsum(self._since_step(rates, self.t[1:]), axis=0, out=sums[1:])
@@ -106,12 +105,15 @@ class Interval:
     def _since_step(self, rates: Array, t: Array) -> Array:
         """Integrals from the start of the step around each time on."""
         step = _before(self.t, t)
-        start = self.t[step]
-        h = t - start
-        points = (
-            self._polynomials(start + x * h, step * self.per_step, _ROUGH)(rates) for x in _GAUSS
-        )
-        return 0.5 * h[:, None] * sum(points)
+        node, start = step * self.per_step, self.t[step]
+        half = 0.5 * (t - start)
+        found = np.zeros((len(t), rates.shape[1]))
+        # Exact for the degree of the polynomials.
+        degree = max(self.per_step, _ROUGH)
+        for x, weight in zip(*np.polynomial.legendre.leggauss(degree // 2 + 1), strict=True):
+            at = start + (1.0 + x) * half
+            found += (weight * half)[:, None] * self._polynomials(at, node, _ROUGH)(rates)
+        return found
 
     def _integrated(self, q: Array, v: Array, t: Array) -> Array:
         """Integrals of v from step to step, moved onto q."""
