@@ -7,7 +7,7 @@ rows.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
@@ -28,6 +28,7 @@ Array = np.ndarray
 
 STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 _PAST = "past the end of its interval; a method must stop there"
+_STAGES = "a method must give the stages inside a step in the order of time, in every step as many"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 # The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
 # is, and what is much less motion than it was tolerant of.
@@ -45,6 +46,10 @@ _ROUNDING = 1e-12
 
 class StepError(ArithmeticError):
     """A method cannot go on; the message says why, and what to do."""
+
+
+# What a step gives: its end, and the stages inside it where a method has them.
+Taken = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
 
 class Method(Protocol):
@@ -65,8 +70,12 @@ class Method(Protocol):
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval at a consistent state."""
 
-    def step(self) -> tuple[float, State]:
+    def step(self) -> Taken:
         """Time and state after one more step, at most at the end of the interval.
+
+        A method with stages may add (time, state) of those inside the step, in the order of time
+        and always as many: output between steps and the energy ledger then use them, see
+        `Interval`.
 
         Raises
         ------
@@ -225,12 +234,13 @@ class _Run:
         try:
             method.begin(start, end, branch, rows.last)
             while t < end:
-                t_next, state = method.step()
+                t_next, state, *inside = method.step()
                 if t_next <= t:
                     raise StepError(STUCK)
                 if not t_next <= end:
                     raise StepError(f"a step went to t = {t_next:g} s, {_PAST}")
-                rows.append(t_next, state)
+                if not rows.append(t_next, state, *inside):
+                    raise StepError(_STAGES)
                 t = t_next
                 self.steps += 1
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):

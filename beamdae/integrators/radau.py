@@ -15,7 +15,7 @@ from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive, fitted
 from beamdae.integrators.error_control import resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
-from beamdae.integrators.radau_newton import Collocation
+from beamdae.integrators.radau_newton import C, Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, PredictiveStepSize, Tolerance
 from beamdae.results.solution import Solution, Statistics
 
@@ -135,8 +135,8 @@ class _Steps:
         self._smallest = _SMALLEST_STEP * max(abs(start), abs(end))
         self._size = PredictiveStepSize(self._tolerance.first_step(state), self._longest)
 
-    def step(self) -> tuple[float, State]:
-        """One step that passes the error test."""
+    def step(self) -> tuple[float, State, list[tuple[float, State]]]:
+        """One step that passes the error test, and its stages."""
         newton, tolerance, size = self._newton, self._tolerance, self._size
         reason = "the step is too small to advance time; check laws and start values"
         while True:
@@ -159,6 +159,10 @@ class _Steps:
             size.refused(h, error, newton)
             reason = "the error test failed at the smallest step; loosen rtol"
         size.accepted(h, error, newton)
+        stages = [
+            (self._t + c * h, self._form.unpack(*stage))
+            for c, stage in zip(C[:-1], newton.inside(self._y, h), strict=True)
+        ]
         self._y, self._yp = newton.end(self._y, h)
         self._t = self._end if h == left else self._t + h
-        return self._t, self._form.unpack(self._y, self._yp)
+        return self._t, self._form.unpack(self._y, self._yp), stages

@@ -112,6 +112,11 @@ class Collocation:
             self._factorized = 0.0
         return found
 
+    def inside(self, y: Array, h: float) -> list[tuple[Array, Array]]:
+        """(Y, Y') of the stages before the last one; the next step overwrites them."""
+        self._stages(y, h)
+        return list(zip(self._y[:-1], self._yp[:-1], strict=True))
+
     def end(self, y: Array, h: float) -> tuple[Array, Array]:
         """Take the step: (y, y') at its end."""
         self._before = h, self._w.copy()

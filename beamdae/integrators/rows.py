@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from beamdae.equations.formulations import State
@@ -13,22 +16,38 @@ _ROWS_AT_ONCE = 1024
 
 
 class Rows:
-    """Times and states of the accepted steps of an interval, in blocks that grow in number."""
+    """Times and states of the accepted steps of an interval, in blocks that grow in number.
+
+    Steps may have stages inside, every one as many.
+    """
 
     def __init__(self, t: float, state: State) -> None:
         self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
         self._blocks: list[Array] = []
         # Raised last: an interrupt leaves no row without its values.
         self._count = 0
-        self.append(t, state)
+        self._per_step = 1
+        self._write([(t, state)])
 
-    def append(self, t: float, state: State) -> None:
-        """Add a row."""
-        block, row = divmod(self._count, _ROWS_AT_ONCE)
-        if block == len(self._blocks):
-            self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
-        np.concatenate(((t,), *state), out=self._blocks[block][row])
-        self._count += 1
+    def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
+        """Add a step with the stages inside it; whether they go with it and with those before."""
+        rows = [*stages, (t, state)]
+        times = [self.end, *(time for time, _ in rows)]
+        if any(b <= a for a, b in pairwise(times)):
+            return False
+        if self._count > 1 and len(rows) != self._per_step:
+            return False
+        self._per_step = len(rows)
+        self._write(rows)
+        return True
+
+    def _write(self, rows: list[tuple[float, State]]) -> None:
+        for k, (t, state) in enumerate(rows, self._count):
+            block, row = divmod(k, _ROWS_AT_ONCE)
+            if block == len(self._blocks):
+                self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
+            np.concatenate(((t,), *state), out=self._blocks[block][row])
+        self._count += len(rows)
 
     @property
     def last(self) -> State:
@@ -43,11 +62,11 @@ class Rows:
         return float(self._blocks[block][row, 0])
 
     def cut_to_finite(self) -> bool:
-        """Drop rows from the first one on that is not finite; whether there was none."""
+        """Drop steps from the first one on that is not finite; whether there was none."""
         finite = np.concatenate([np.isfinite(block).all(axis=1) for block in self._blocks])
         bad = np.flatnonzero(~finite[: self._count])
         if len(bad):
-            self._count = max(int(bad[0]), 1)
+            self._count = max(int(bad[0]) - 1, 0) // self._per_step * self._per_step + 1
         return len(bad) == 0
 
     def _state(self, rows: Array) -> State:
@@ -56,4 +75,5 @@ class Rows:
     def interval(self, branch: float) -> Interval:
         """All of them."""
         rows = np.concatenate(self._blocks)[: self._count]
-        return Interval(rows[:, 0].copy(), State(*(x.copy() for x in self._state(rows))), branch)
+        state = State(*(x.copy() for x in self._state(rows)))
+        return Interval(rows[:, 0].copy(), state, branch, self._per_step if len(rows) > 1 else 1)

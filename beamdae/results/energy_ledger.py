@@ -9,7 +9,7 @@ import pandas as pd
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.results.trajectory import Trajectory, accumulate, interpolate
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -44,58 +44,62 @@ class EnergyLedger:
     Attributes
     ----------
     values
-        By interval: rows of (3) energies, (3) powers, and norms, see `measures.balance`.
-    works
-        By interval: rows of the integrals of the powers from the start on [J].
+        By interval: rows of (3) energies, (3) powers, and norms at its nodes, see
+        `measures.balance`.
+    starts
+        By interval: the works until it begins [J].
     """
 
     trajectory: Trajectory
     values: tuple[Array, ...]
-    works: tuple[Array, ...]
+    starts: tuple[Array, ...]
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> EnergyLedger:
         """Keep the books of a run."""
         function = measures.balance(equations)
         rows: list[Array] = []
-        works: list[Array] = []
-        start = np.zeros(3)
+        starts: list[Array] = []
+        work = np.zeros(3)
         for interval in trajectory.intervals:
-            state = interval.state
-            values = function(interval.times, *state[:3], equations.p, state.lam)
+            q, v, a, lam = interval.rows
+            values = function(interval.times, q, v, a, equations.p, lam)
             if rows:
                 # A law whose rate jumps at a breakpoint changes the velocities at once.
-                start = start + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])
-            work = start + accumulate(interval.t, values[:, 3:6])
-            start = work[-1]
+                work = work + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])
             rows.append(values)
-            works.append(work)
-        return cls(trajectory, tuple(rows), tuple(works))
+            starts.append(work)
+            work = work + interval.integrals(values[:, 3:6], interval.t[-1:])[0]
+        return cls(trajectory, tuple(rows), tuple(starts))
 
     def at(self, times: Array) -> pd.DataFrame:
         """Energies, works and what the books are off by [J] at ascending times of the run."""
         which = self.trajectory.which(times)
-        # By interval: at a breakpoint powers jump, and a spline through the kink would ring.
         books = np.concatenate(
-            [
-                interpolate(interval.t, np.hstack([row[:, :3], work]), times[which == k])
-                for k, (interval, row, work) in enumerate(
-                    zip(self.trajectory.intervals, self.values, self.works, strict=True)
-                )
-            ]
+            [self._books(k, times[which == k]) for k in range(len(self.trajectory.intervals))]
         )
         start = np.append(self.values[0][0, :3], np.zeros(3))
         rows = np.column_stack([books, _imbalance(books, start)])
         return pd.DataFrame(rows, columns=list(measures.LEDGER_COLUMNS))
 
+    def _books(self, k: int, times: Array) -> Array:
+        """Energies and works at times inside an interval, (3 + 3) columns.
+
+        Energies and powers lie on the polynomials of the dense output.
+        """
+        interval, values = self.trajectory.intervals[k], self.values[k]
+        works = self.starts[k] + interval.integrals(values[:, 3:6], times)
+        return np.hstack([interval.smooth(values[:, :3], times), works])
+
     @property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance."""
-        values, work = np.concatenate(self.values), np.concatenate(self.works)
-        residual, reaction, force, position, velocity = np.max(values[:, 6:], axis=0)
-        books = np.hstack([values[:, :3], work])
+        intervals = self.trajectory.intervals
+        norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
+        residual, reaction, force, position, velocity = np.max(np.concatenate(norms), axis=0)
+        books = np.concatenate([self._books(k, i.t) for k, i in enumerate(intervals)])
         turnover = max(
-            np.max(values[:, :2].sum(axis=1)), np.max(np.abs(work)), np.ptp(values[:, 2])
+            np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
         )
         return Quality(
             float(residual / max(reaction, force, _TINY)),

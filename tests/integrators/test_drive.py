@@ -105,6 +105,49 @@ def test_regression_states_that_are_no_numbers_are_no_success():
     assert np.isfinite(solution.table().to_numpy()).all()
 
 
+def with_stages(t, state, k, count=2):
+    """The step before, with stages at parts of the step that leads to `t`."""
+    return t, state, [(t - 0.01 * (1.0 - x), state) for x in (0.2, 0.6, 0.8)[:count]]
+
+
+def test_stages_inside_steps_are_kept_apart_from_the_steps():
+    solution = bd.simulate(rolling(), Roll(slip=with_stages), 1.0)
+    (interval,) = solution.trajectory.intervals
+    assert solution.statistics.steps == solution.trajectory.steps == 100
+    assert_allclose(interval.t, np.linspace(0.0, 1.0, 101), rtol=1e-12)
+    assert_allclose(interval.state.q[:, 0], interval.t, rtol=1e-12)
+    assert_allclose(interval.nodes[:4], [0.0, 0.002, 0.006, 0.01], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [
+        lambda t, s, k: with_stages(t, s, k, 2 if k < 5 else 1),
+        lambda t, s, k: (t, s, [(t - 0.01, s)]) if k == 5 else (t, s, [(t - 0.005, s)]),
+        lambda t, s, k: (t, s, [(t, s)]) if k == 5 else (t, s, [(t - 0.005, s)]),
+    ],
+    ids=["fewer", "at the start", "at the end"],
+)
+def test_stages_that_do_not_go_with_their_step_end_the_run(slip):
+    solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
+    assert solution.status.kind == "failed"
+    assert "stopped at t = 0.04 s: a method must give the stages" in solution.status.sentence
+    assert_allclose(solution.trajectory.end, 0.04)
+
+
+@pytest.mark.parametrize(("bad", "end"), [(1, 0.0), (5, 0.04)])
+def test_a_step_with_a_stage_that_is_no_number_is_dropped_whole(bad, end):
+    def slip(t, state, k):
+        t, state, stages = with_stages(t, state, k)
+        stages[1] = stages[1] if k < bad else (stages[1][0], State(*(np.nan * x for x in state)))
+        return t, state, stages
+
+    solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
+    assert solution.status.kind == "failed"
+    assert_allclose(solution.trajectory.end, end)
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
 @pytest.mark.parametrize(
     ("limits", "message"),
     [

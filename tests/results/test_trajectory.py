@@ -8,99 +8,143 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.equations.formulations import State
 from beamdae.integrators.drive import plan
-from beamdae.results.trajectory import Interval, Trajectory, accumulate, interpolate
+from beamdae.integrators.radau_newton import C
+from beamdae.results.trajectory import Interval, Trajectory
 
-
-def interval(t, q, lam=None, branch=0.5):
-    """Segment of the functions q (with its derivatives) and lam."""
-    rows = State(*(np.stack([f(t)], axis=-1) for f in q), np.stack([(lam or q[0])(t)], axis=-1))
-    return Interval(t, rows, branch)
-
-
-def polynomial(degree, seed=0):
-    p = Polynomial(np.random.default_rng(seed).normal(size=degree + 1))
-    return p, p.deriv(), p.deriv(2)
-
-
-UNEVEN = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
+STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
+# Three nodes a step, as Radau has them.
+STAGES = np.append((STEPS[:-1, None] + np.append(0.0, C[:-1]) * np.diff(STEPS)[:, None]).ravel(), 1)
 BETWEEN = np.linspace(0.0, 1.0, 137)
 
 
-def test_a_polynomial_of_degree_five_is_reproduced():
-    q = polynomial(5)
-    state = interval(UNEVEN, q).at(BETWEEN)
-    for found, exact in zip(state[:3], q, strict=True):
-        # Accelerations divide by the square of the shortest step, 0.05.
-        assert_allclose(found[:, 0], exact(BETWEEN), rtol=0.0, atol=1e-11)
+def interval(nodes, functions, branch=0.5, per_step=1):
+    """Interval of functions q, v, a and lam of time."""
+    rows = State(*(np.stack([f(nodes)], axis=-1) for f in functions))
+    return Interval(nodes, rows, branch, per_step)
 
 
-def test_a_polynomial_of_degree_six_is_not():
-    q = polynomial(6)
-    difference = interval(UNEVEN, q).at(BETWEEN).q[:, 0] - q[0](BETWEEN)
-    assert np.max(np.abs(difference)) > 1e-6
+def polynomial(degree, seed=0):
+    return Polynomial(np.random.default_rng(seed).normal(size=degree + 1))
 
 
-def test_cubic_multipliers_are_reproduced():
-    lam = polynomial(3)[0]
-    found = interval(UNEVEN, polynomial(2), lam).at(BETWEEN).lam
-    assert_allclose(found[:, 0], lam(BETWEEN), rtol=0.0, atol=1e-13)
+def missed(found, functions, t):
+    """Largest error of each of q, v, a and lam."""
+    return np.array([np.max(np.abs(x[:, 0] - f(t))) for x, f in zip(found, functions, strict=True)])
 
 
-def test_orders_of_the_interpolation():
-    q = (np.sin, np.cos, lambda t: -np.sin(t))
+def test_polynomials_of_degree_four_and_of_degree_three_are_reproduced():
+    smooth, rough = [polynomial(4, k) for k in (0, 1)], [polynomial(3, k) for k in (2, 3)]
+    found = interval(STEPS, (*smooth, *rough)).at(BETWEEN)
+    assert_allclose(missed(found, (*smooth, *rough), BETWEEN), 0.0, rtol=0.0, atol=1e-13)
+    higher = [p * Polynomial([0.0, 1.0]) for p in (*smooth, *rough)]
+    assert (missed(interval(STEPS, higher).at(BETWEEN), higher, BETWEEN) > 1e-3).all()
+
+
+def test_stages_carry_a_cubic_and_what_its_integral_is():
+    v = polynomial(3)
+    functions = v.integ(), v, polynomial(3, 1), polynomial(3, 2)
+    found = interval(STAGES, functions, per_step=3).at(BETWEEN)
+    assert_allclose(missed(found, functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
+    higher = [p * Polynomial([0.0, 1.0]) for p in functions]
+    found = interval(STAGES, higher, per_step=3).at(BETWEEN)
+    assert (missed(found, higher, BETWEEN) > 1e-5).all()
+
+
+@pytest.mark.parametrize(("per_step", "orders"), [(1, [5, 5, 4, 4]), (3, [5, 4, 4, 4])])
+def test_orders_of_the_dense_output(per_step, orders):
+    functions = np.sin, np.cos, lambda t: -np.sin(t), np.sin
     at = np.linspace(0.0, 4.0, 1001)
-    exact = State(*(f(at) for f in q), np.sin(at))
     errors = []
     for steps in (32, 64):
-        state = interval(np.linspace(0.0, 4.0, steps + 1), q).at(at)
-        errors.append([np.max(np.abs(f[:, 0] - e)) for f, e in zip(state, exact, strict=True)])
-    orders = np.log2(np.divide(*errors))
-    # Quintic Hermite: 6 in q, one less for each derivative; cubic spline: 4 in lam.
-    assert_allclose(orders, [6.0, 5.0, 4.0, 4.0], rtol=0.0, atol=0.2)
+        ends = np.linspace(0.0, 4.0, steps + 1)
+        inside = np.append(0.0, C[:-1])[:per_step]
+        nodes = np.append((ends[:-1, None] + inside * (ends[1] - ends[0])).ravel(), 4.0)
+        errors.append(missed(interval(nodes, functions, per_step=per_step).at(at), functions, at))
+    assert_allclose(np.log2(np.divide(*errors)), orders, rtol=0.0, atol=0.2)
 
 
-def test_steps_themselves_are_returned_unchanged():
-    q = polynomial(7)
-    given = interval(UNEVEN, q)
-    for found, row in zip(given.at(UNEVEN), given.state, strict=True):
-        assert_allclose(found, row, rtol=0.0, atol=1e-11)
+@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_steps_themselves_are_returned_unchanged(nodes, per_step):
+    given = interval(nodes, [polynomial(7, k) for k in range(4)], per_step=per_step)
+    assert_allclose(given.t, STEPS, rtol=0.0, atol=1e-15)
+    for found, row in zip(given.at(STEPS), given.state, strict=True):
+        # The integral of v is moved onto q, up to rounding.
+        assert_allclose(found, row, rtol=0.0, atol=1e-14)
 
 
 def test_a_run_stopped_at_its_start_has_its_first_state():
-    q = polynomial(2)
-    state = interval(np.array([0.2]), q).at(np.array([0.2]))
-    assert_allclose(state.q, [[q[0](0.2)]], rtol=1e-15)
+    given = interval(np.array([0.2]), [polynomial(2, k) for k in range(4)])
+    for found, row in zip(given.at(np.array([0.2])), given.state, strict=True):
+        assert_allclose(found, row, rtol=0.0, atol=0.0)
+    assert_allclose(given.integrals(given.rows.v, given.t), 0.0, rtol=0.0, atol=0.0)
 
 
-@pytest.mark.parametrize("steps", [2, 3])
-def test_few_rows_are_joined_by_straight_lines(steps):
-    t = np.linspace(0.0, 1.0, steps)
-    values = np.stack([2.0 * t, 1.0 - t], axis=-1)
-    at = np.array([0.2, 0.7])
-    assert_allclose(interpolate(t, values, at), [[0.4, 0.8], [1.4, 0.3]], rtol=1e-14)
-    assert_allclose(accumulate(t, values)[-1], [1.0, 0.5], rtol=1e-14)
+@pytest.mark.parametrize("steps", [2, 3, 4])
+def test_few_steps_have_the_polynomial_through_all(steps):
+    functions = [polynomial(steps - 1, k) for k in range(4)]
+    given = interval(np.linspace(0.0, 1.0, steps), functions)
+    assert_allclose(missed(given.at(BETWEEN), functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
 
 
 def test_no_columns_stay_no_columns():
-    t = np.linspace(0.0, 1.0, 3)
-    assert interpolate(t, np.zeros((3, 0)), np.array([0.5, 0.6])).shape == (2, 0)
-    assert accumulate(t, np.zeros((3, 0))).shape == (3, 0)
+    nothing = np.zeros((6, 0))
+    given = Interval(STEPS, State(nothing, nothing, nothing, nothing), 0.5)
+    assert given.at(BETWEEN).lam.shape == (137, 0)
+    assert given.integrals(nothing, BETWEEN).shape == (137, 0)
 
 
-def test_integrals_of_cubics_are_exact():
-    rate = polynomial(3)[0]
-    found = accumulate(UNEVEN, np.stack([rate(UNEVEN), 0.0 * UNEVEN], axis=-1))
-    assert_allclose(found[:, 0], rate.integ()(UNEVEN), rtol=0.0, atol=1e-14)
-    assert_allclose(found[:, 1], 0.0, rtol=0.0, atol=0.0)
+@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_integrals_of_cubics_are_exact(nodes, per_step):
+    rate = polynomial(3)
+    given = interval(nodes, [rate] * 4, per_step=per_step)
+    found = given.integrals(given.rows.q, BETWEEN)
+    assert_allclose(found[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
+
+
+def test_integrals_through_stages_are_the_quadrature_of_radau():
+    """Exact to degree 4, and the start of a step has no weight, whatever happens there."""
+    rates = np.random.default_rng(0).normal(size=(4, 1))
+    given = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, per_step=3)
+    weights = np.array([16.0 - np.sqrt(6.0), 16.0 + np.sqrt(6.0), 4.0]) / 36.0
+    expected = 0.1 * weights @ rates[1:, 0]
+    assert_allclose(given.integrals(rates, STEPS[1:2])[0, 0], expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("per_step", [1, 3])
+def test_regression_vibrations_too_fast_for_the_steps_stay_as_small_as_at_the_steps(per_step):
+    """Output made 4500 N between steps with 0.1 N out of h v and h^2 a of an axial vibration."""
+    nodes = np.linspace(0.0, 1.0, 31)
+    signs = np.resize([1.0, -1.0, -1.0, 1.0, 1.0], 31)[:, None]
+    amplitude, rate = 1e-9, 1e6
+    rows = State(*(amplitude * rate**k * signs for k in (0, 1, 2)), signs)
+    found = Interval(nodes, rows, 0.5, per_step).at(BETWEEN)
+    if per_step == 1:
+        # The Lebesgue constant of a polynomial of degree 4 over its last step is 2.2.
+        assert np.max(np.abs(found.q)) < 2.3 * amplitude
+    assert np.max(np.abs(found.v)) < 2.3 * amplitude * rate
+
+
+@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_regression_what_jumps_at_the_start_does_not_ring(nodes, per_step):
+    """Reactions overshot in the steps after a start or breakpoint where sections are damped."""
+    values = np.linspace(1.0, 2.0, len(nodes))[:, None]
+    values[0] = -1e3
+    found = Interval(nodes, State(values, values, values, values), 0.5, per_step).at(BETWEEN)
+    count = np.searchsorted(BETWEEN, nodes[1], side="right")
+    for x in (found.a, found.lam):
+        assert (np.diff(x[:count, 0]) > 0.0).all()
+        # Uneven nodes bend a straight row of values a little.
+        assert x[count:].min() > 0.9
+        assert x[count:].max() < 2.1
 
 
 def test_a_trajectory_takes_each_time_from_its_interval():
     rising, falling = Polynomial([0.0, 1.0]), Polynomial([2.0, -1.0])
     still = Polynomial([0.0])
     t = np.linspace(0.0, 1.0, 5)
-    first = interval(t, (rising, rising.deriv(), still), still, branch=0.5)
+    first = interval(t, (rising, rising.deriv(), still, still), branch=0.5)
     # The reaction jumps at t = 1.
-    second = interval(t + 1.0, (falling, falling.deriv(), still), still + 7.0, branch=1.5)
+    second = interval(t + 1.0, (falling, falling.deriv(), still, still + 7.0), branch=1.5)
     times = np.array([0.0, 0.5, 1.0, 1.25, 2.0])
     rows, state = Trajectory((first, second)).at(times)
     assert_allclose(rows[:, 0], times, rtol=0.0, atol=0.0)

@@ -1,0 +1,88 @@
+"""Rows between steps: as good as the steps, whatever the method."""
+
+import numpy as np
+from conformance import integrators
+from numpy.testing import assert_allclose
+from published_cases import pendulum, pendulum_motion
+
+import beamdae as bd
+from beamdae.equations import measures
+from beamdae.integrators import radau_steps
+
+ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
+SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
+NAMES = ("q", "v", "lam")
+
+
+def errors(state, t):
+    known = pendulum_motion(GRAVITY, ANGLE, SPEED, t)
+    return np.array([np.max(np.abs(getattr(state, x) - known[x])) for x in NAMES])
+
+
+def between(interval):
+    """Times at tenths of all steps."""
+    inside = np.linspace(0.1, 0.9, 9) * np.diff(interval.t)[:, None]
+    return (interval.t[:-1, None] + inside).ravel()
+
+
+@integrators(rtol=1e-5, step=2e-3)
+def test_rows_between_steps_are_as_good_as_the_steps(integrator):
+    solution = bd.simulate(SWING, integrator, 2.0)
+    (interval,) = solution.trajectory.intervals
+    t = between(interval)
+    ratio = errors(interval.at(t), t) / errors(interval.state, interval.t)
+    bounds = np.array([1.5, 1.5, 1.5])
+    if integrator.method == "Radau":
+        # Its v is of order 5 at the steps and of order 4 between them.
+        bounds[1] = 10.0
+    assert (ratio < bounds).all(), ratio
+
+
+def test_radau_is_of_order_five_four_and_three_between_its_steps(monkeypatch):
+    # As at the steps, see test_integrator_orders: steps as long as allowed, and no Newton error.
+    monkeypatch.setattr(radau_steps, "_FRACTION", 1e-12)
+    found = []
+    for count in (80, 160):
+        solution = bd.simulate(SWING, bd.Radau(0.1, max_step=2.0 / count), 2.0)
+        (interval,) = solution.trajectory.intervals
+        t = between(interval)
+        found.append(errors(interval.at(t), t))
+    assert_allclose(np.log2(np.divide(*found)), [5.0, 4.0, 3.0], rtol=0.0, atol=0.2)
+
+
+def four_bar():
+    """Four-bar with a coupler whose sections are damped, run up in 0.02 s."""
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
+    crank = mech.add(bd.RigidBody("crank", 0.3, inertia=0.003, center=(0.0, 0.1)))
+    coupler = mech.add(bd.Beam("coupler", bd.Line((0.0, 0.2), (0.5, 0.4)), strip, elements=2))
+    rocker = mech.add(bd.RigidBody("rocker", 0.5, inertia=0.01, center=(0.5, 0.2)))
+    motor = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
+    mech.add(bd.Revolute("A", *motor))
+    mech.add(bd.Driver("motor", *motor, law=bd.run_up(1.0, 0.02)))
+    mech.add(bd.Revolute("B", crank.at(0.0, 0.2), coupler.start))
+    mech.add(bd.Revolute("C", coupler.end, rocker.at(0.5, 0.4)))
+    mech.add(bd.Revolute("D", mech.ground.at(0.5, 0.0), rocker.at(0.5, 0.0)))
+    mech.observe("section", coupler.section_forces(0.2))
+    return bd.equations_of_motion(mech)
+
+
+FOUR_BAR = four_bar()
+
+
+@integrators(rtol=1e-4, step=1e-3, slow=("alpha adaptive",))
+def test_regression_forces_in_damped_sections_do_not_spike_between_steps(integrator):
+    """Thousands of N between steps with a hundred, after the start and the end of the run-up."""
+    solution = bd.simulate(FOUR_BAR, integrator, 0.04)
+    assert solution.status.success, solution.status.sentence
+    observed, p = measures.observed(FOUR_BAR), FOUR_BAR.p
+    for interval in solution.trajectory.intervals:
+        t = between(interval)
+        inside, at_steps = (
+            np.abs(observed(np.stack([x, 0.0 * x + interval.branch], -1), *y[:3], p, y.lam))
+            for x, y in ((t, interval.at(t)), (interval.t, interval.state))
+        )
+        # A polynomial of degree 4 grows to 2.2 times the values of its last steps at most, if
+        # these are equally long; it was hundreds of times.
+        assert (inside.max(axis=0) < 2.3 * at_steps.max(axis=0)).all()
