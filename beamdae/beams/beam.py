@@ -15,7 +15,15 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
-from beamdae.symbolic.statements import SX, ForceStatement, Local, Named, Piece, Quantity
+from beamdae.symbolic.statements import (
+    SX,
+    ForceStatement,
+    Local,
+    Named,
+    Piece,
+    Quantity,
+    RangeStatement,
+)
 
 Array = np.ndarray
 
@@ -149,6 +157,14 @@ class Beam(Part):
         """Inertia, elasticity, material damping and weight."""
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
+
+    def ranges(self) -> list[RangeStatement]:
+        """How far it bends, where its kinematics has a limit to that."""
+        reach = self.kinematics.reach
+        if reach is None:
+            return []
+        pieces = (Piece(self, self.kinematics.operator),)
+        return [RangeStatement(self.name, reach.kernel, pieces, *reach[1:])]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """Points along the axis."""

@@ -16,6 +16,7 @@ from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     ForceTerm,
     Observable,
+    RangeTerm,
 )
 from beamdae.equations.fit import (
     require_body_fits,
@@ -39,6 +40,7 @@ from beamdae.symbolic.statements import (
     Named,
     Piece,
     Quantity,
+    RangeStatement,
 )
 
 Array = np.ndarray
@@ -91,12 +93,14 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
+    ranges: list[RangeStatement] = []
     # Points that tell the size of the drawing: those of the bodies, and where they are joined.
     drawn = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
-        own_forces, held = stated(part, mechanism.gravity, owners.sizes)
+        own_forces, held, reaching = stated(part, mechanism.gravity, owners.sizes)
         forces += own_forces
         constraints += held
+        ranges += reaching
         if held:
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
@@ -116,6 +120,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
+        ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
     )
@@ -171,6 +176,7 @@ def build(
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
     owners: Owners,
+    ranges: Sequence[RangeStatement] = (),
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -214,6 +220,7 @@ def build(
         observables=tuple(observed),
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
+        ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
     )
 
 
