@@ -87,9 +87,9 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
             "nor constraints()."
         )
     ranges = _listing(part.name, "ranges()", part.ranges(), RangeStatement)
-    copied: Statement
-    for copied in (*forces, *ranges):
-        _require_statement_fits(part, copied, np.shape(copied.data)[-1:], sizes)
+    copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
+    for statement in copied:
+        _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
     for held in constraints:
         _require_statement_fits(part, held, (1,), sizes)
         multipliers = _listing(part.name, "multipliers", held.multipliers, Named)
