@@ -13,6 +13,7 @@ import pandas as pd
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.trajectory import Trajectory
@@ -157,9 +158,15 @@ class Solution:
         return beam_ranges(self.equations, self.trajectory)
 
     @cached_property
+    def singular_positions(self) -> tuple[SingularPosition, ...]:
+        """Positions the run passed in which the joints lose rank and motions branch."""
+        return singular_positions(self.equations, self.trajectory)
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
-        return tuple(beam.warning for beam in self.validity if beam.warning is not None)
+        beams = (beam.warning for beam in self.validity)
+        return (*filter(None, beams), *branch_warnings(self.singular_positions))
 
     def table(self) -> pd.DataFrame:
         """Time, observed quantities and the energy ledger; headers carry units."""
@@ -205,6 +212,7 @@ class Solution:
             "integrator": self.integrator,
             "result": self.summary(),
             "validity": [asdict(beam) for beam in self.validity],
+            "singular positions": [asdict(passed) for passed in self.singular_positions],
             "warnings": list(self.warnings),
         }
         return write(Path(path), self.table(), beside)
