@@ -51,14 +51,14 @@ class FloatingFrame(Kinematics):
     name: str
     mesh: Mesh
     section: Section
-    strain: str = "nonlinear"
+    strain: str = "green"
     continuity: str = "cartesian"
     quadrature: str = "reduced"
     frame: str | None = None
 
     def __post_init__(self) -> None:
         if self.frame is None:
-            default = "tangent"
+            default = "chord" if _has_chord(self.mesh.curve) else "tangent"
             object.__setattr__(self, "frame", default)
         one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear"))
         one_of(self.name, "continuity", self.continuity, ("cartesian", "local"))

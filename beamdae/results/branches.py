@@ -109,12 +109,12 @@ def _seen_through(
         looks = at[:, None] + width * np.linspace(-1.0, 1.0, _INTO)
         looks = np.clip(looks, begin, end)
         order = np.argsort(looks, axis=None)
-        values = np.empty(looks.size)
-        values[order] = _smallest(matrix, trajectory, looks.ravel()[order])
-        values = values.reshape(looks.shape)
+        found = np.empty(looks.size)
+        found[order] = _smallest(matrix, trajectory, looks.ravel()[order])
+        values = found.reshape(looks.shape)
         best = np.argmin(values, axis=1)[:, None]
-        at = np.take_along_axis(looks, best, axis=1)[:, 0]
-        value = np.take_along_axis(values, best, axis=1)[:, 0]
+        at = np.take_along_axis(looks, best, axis=1).ravel()
+        value = np.take_along_axis(values, best, axis=1).ravel()
         width *= 2.0 / (_INTO - 1)
     return at, value
 

@@ -114,9 +114,14 @@ def moving() -> pd.DataFrame:
 
 def main() -> None:
     print("smallest and middle rotation [rad], of six loads, at which the tip is off by so much")
-    of_loads = cantilevers().groupby(["turn [deg]", "strain", "frame", "bodies"])
+    found = cantilevers()
+    of_loads = found.groupby(["turn [deg]", "strain", "frame", "bodies"])
     names = [f"{level:.1%}" for level in LEVELS]
     print(of_loads[names].agg(["min", "median"]).to_string(float_format="{:.2g}".format))
+    print("\nerror of the tip at the full load over the number of bodies")
+    at_full = ["turn [deg]", "load", "strain", "frame"]
+    full = found.pivot(index=at_full, columns="bodies", values="last error")
+    print(full.to_string(float_format="{:.2g}".format))
     print("\nerrors of moving mechanisms, measured and predicted")
     print(moving().to_string(index=False, float_format="{:.2g}".format))
     print("\nrotation [rad] at which 1 % is predicted")
