@@ -12,7 +12,7 @@ from beamdae.results.trajectory import Trajectory
 
 # From this error of its deformation on a beam is warned of.
 LEAST_ERROR = 0.01
-# What is left of the error of a beam that is cut in half, at most (validation/reach/run.py).
+# What is left of the error of a beam that is cut in half (validation/reach/run.py): 0.05 to 0.3.
 _LEFT_BY_HALVING = 0.2
 # Predictions say little beyond this.
 _MOST_ERROR = 0.5
@@ -34,8 +34,9 @@ class BeamRange:
     strain
         Largest axial strain with that of bending at the outer fibers of a rectangle [-].
     error
-        What the strains of the beam make of that: error of its deformation relative to itself,
-        within a factor of five (measured, see validation/); None if they have no limit.
+        What the strains of the beam make of that: error of its deformation relative to itself;
+        None if they have no limit. Measured (see validation/): up to three times as much for a
+        single beam, down to a thirtieth in pure bending, less for one of several welded together.
     remedies
         What helps besides cutting it into several bodies, as settings of the beam.
     """
