@@ -14,6 +14,7 @@ from .equations.assemble import equations_of_motion as equations_of_motion
 from .equations.constrained_system import ConstrainedSystem as ConstrainedSystem
 from .equations.equations_of_motion import EquationsOfMotion as EquationsOfMotion
 from .errors import BeamdaeError as BeamdaeError
+from .errors import BeamdaeWarning as BeamdaeWarning
 from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
@@ -38,6 +39,7 @@ from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
 from .results.solution import Solution as Solution
+from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate
 from .studies import Case as Case
 from .studies import Study as Study

@@ -1,4 +1,4 @@
-"""The one kind of error a user of beamdae can cause, and the checks that raise it."""
+"""What users are told by: errors, with the checks that raise them, and warnings of results."""
 
 from __future__ import annotations
 
@@ -12,6 +12,13 @@ class BeamdaeError(ValueError):
     """A mistake in a model, a setting or a command.
 
     The message is one sentence that names the part, the value and what is allowed.
+    """
+
+
+class BeamdaeWarning(UserWarning):
+    """A result that is not to be trusted as it stands.
+
+    The message is one sentence that names the part, the value and what helps.
     """
 
 

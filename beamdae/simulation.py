@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, positive
+from beamdae.errors import BeamdaeError, BeamdaeWarning, positive
 from beamdae.integrators import Ida, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
@@ -51,6 +52,11 @@ def simulate(
     ------
     BeamdaeError
         If the model or a setting is wrong.
+
+    Warns
+    -----
+    BeamdaeWarning
+        Of what is not to be trusted as it stands, see `Solution.warnings`.
     """
     information: dict[str, Any] = {}
     if isinstance(model, Model):
@@ -72,7 +78,10 @@ def simulate(
     method = Ida() if integrator is None else integrator
     require_integrator("simulate", method)
     solution = method.integrate(as_equations(model), times, progress=progress)
-    return replace(solution, model={**information, "t_end": t_end})
+    solution = replace(solution, model={**information, "t_end": t_end})
+    for sentence in solution.warnings:
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
+    return solution
 
 
 def as_equations(model: Any) -> EquationsOfMotion:

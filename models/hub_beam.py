@@ -9,6 +9,7 @@ import beamdae as bd
 def hub_beam(
     elements=8,
     bodies=1,
+    frame="tangent",
     subtended=60.0,
     shape="circular",
     strain="nonlinear",
@@ -26,7 +27,8 @@ def hub_beam(
 
     `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same chord and
     rise. The beam is cut into `bodies` beams of `elements` elements each, welded together, every
-    one in a floating frame of its own.
+    one in a floating frame of its own, on its start section ("tangent", the paper's) or from end to
+    end ("chord").
     """
     angle = np.radians(subtended)
     radius = length / angle
@@ -53,6 +55,7 @@ def hub_beam(
         section,
         bodies,
         elements=elements,
+        frame=frame,
         strain=strain,
         elements_shape=elements_shape,
         nodes=nodes,

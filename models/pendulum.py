@@ -29,7 +29,15 @@ def pendulum(
     arc = bd.Arc(radius=radius, length=0.80, start=(0.0, 0.0), angle=angle)
 
     beam = mech.add(
-        bd.Beam("beam", arc, strip, elements=elements, strain=strain, quadrature=quadrature)
+        bd.Beam(
+            "beam",
+            arc,
+            strip,
+            elements=elements,
+            strain=strain,
+            quadrature=quadrature,
+            frame="tangent",
+        )
     )
     mech.add(bd.PointMass("tip mass", tip_mass, on=beam.end))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))

@@ -35,7 +35,15 @@ def slider_crank(
     elif crank == "flexible":
         line = bd.Line((0.0, 0.0), (1.0, 0.0))
         arm = mech.add(
-            bd.Beam("crank", line, square, max(elements // 2, 1), strain, quadrature=quadrature)
+            bd.Beam(
+                "crank",
+                line,
+                square,
+                max(elements // 2, 1),
+                strain,
+                quadrature=quadrature,
+                frame="tangent",
+            )
         )
         shaft, pin = arm.start, arm.end
     else:

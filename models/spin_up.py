@@ -24,6 +24,7 @@ def spin_up(elements=4, strain="nonlinear", speed=6.0, damping=0.0, quadrature="
             elements=elements,
             strain=strain,
             quadrature=quadrature,
+            frame="tangent",
         )
     )
     axle = mech.ground.at(0.0, 0.0)

@@ -89,7 +89,7 @@ LOADS = {
 
 # Functions of (name, mesh, section).
 KINEMATICS = {
-    "tangent frame": FloatingFrame,
-    "chord frame": partial(FloatingFrame, frame="chord"),
-    "chord frame, Green's strain": partial(FloatingFrame, frame="chord", strain="green"),
+    "tangent frame": partial(FloatingFrame, frame="tangent", strain="nonlinear"),
+    "chord frame": partial(FloatingFrame, frame="chord", strain="nonlinear"),
+    "chord frame, Green's strain": FloatingFrame,
 }

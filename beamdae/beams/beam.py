@@ -15,7 +15,15 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
-from beamdae.symbolic.statements import SX, ForceStatement, Local, Named, Piece, Quantity
+from beamdae.symbolic.statements import (
+    SX,
+    ForceStatement,
+    Local,
+    Named,
+    Piece,
+    Quantity,
+    RangeStatement,
+)
 
 Array = np.ndarray
 
@@ -41,8 +49,9 @@ class Beam(Part):
     nodes
         Nodes of an element: 4 (cubic, the paper's), 3 or 2 (linear, straight whatever the curve).
     strain
-        "nonlinear" (default, eq. 5, the paper's), with the quadratic terms (u'^2 + v'^2)/2;
-        "green", with Green's ((u' - v/R)^2 + (v' + u/R)^2)/2 instead; or "linear", with none.
+        Quadratic terms of the axial strain: "green" (default), Green's
+        ((u' - v/R)^2 + (v' + u/R)^2)/2; "nonlinear", the paper's (eq. 5), (u'^2 + v'^2)/2 without
+        the curvature; or "linear", none. On straight beams the first two are the same.
     continuity
         What elements share at their common node besides the section rotation: "cartesian", the
         displacement vector (default), or "local", its components along and across the axis (the
@@ -54,10 +63,13 @@ class Beam(Part):
         as many as nodes. Reduced needs about half as many elements for the same error (measured,
         see validation/); with full quadrature 2-node elements lock, and curved ones of 3 nodes.
     frame
-        Floating frame on the start section ("tangent", default) or from end to end ("chord"). The
-        strains of eqs. (5) and (6) hold for moderate displacements and rotations relative to the
-        frame, so the two are two models that agree as the deformation falls (tip deflections of a
-        tenth of the length: to 2 %); a beam that bends further is cut into several welded together.
+        Floating frame from end to end ("chord", default unless the ends are nearer than a tenth of
+        the length) or on the start section ("tangent", the paper's, and the default of rings). The
+        strains hold for moderate rotations relative to the frame: in a chord frame a beam bends
+        several times as far for the same error (measured, see validation/; with "nonlinear"
+        strains and more than a right angle of curve the tangent frame does), and integrators take
+        up to half the steps. `Solution.validity` tells how far a beam bent; one that bends further
+        is cut into several with `welded_beams`.
     velocity, angular_velocity
         Of the floating frame at the start [m/s], [rad/s]; made consistent with the joints.
     kinematics
@@ -149,6 +161,14 @@ class Beam(Part):
         """Inertia, elasticity, material damping and weight."""
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
+
+    def ranges(self) -> list[RangeStatement]:
+        """How far it bends, where its kinematics has a limit to that."""
+        reach = self.kinematics.reach
+        if reach is None:
+            return []
+        pieces = (Piece(self, self.kinematics.operator),)
+        return [RangeStatement(self.name, reach.kernel, pieces, *reach[1:])]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """Points along the axis."""

@@ -17,16 +17,26 @@ from beamdae.beams.floating_frame_element import (
     rotation,
     strain_points,
 )
-from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues
+from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
 from beamdae.beams.mesh import Mesh
+from beamdae.beams.reach import error_by_rotation, range_kernel
 from beamdae.beams.sections import Section
 from beamdae.beams.shape_functions import shape_functions
-from beamdae.curves.plane_curves import turned
+from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError, one_of
 from beamdae.parts.attachments import rotate
 from beamdae.symbolic.statements import SX, Local, Named
 
 Array = np.ndarray
+
+
+# Distance of the ends of a curve, over its length, from which on the line between them is a frame.
+_LEAST_CHORD = 0.1
+
+
+def _has_chord(curve: PlaneCurve) -> bool:
+    ends = curve.point(np.array([0.0, curve.length]))
+    return bool(np.hypot(*(ends[1] - ends[0])) >= _LEAST_CHORD * curve.length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +51,15 @@ class FloatingFrame(Kinematics):
     name: str
     mesh: Mesh
     section: Section
-    strain: str = "nonlinear"
+    strain: str = "green"
     continuity: str = "cartesian"
     quadrature: str = "reduced"
-    frame: str = "tangent"
+    frame: str | None = None
 
     def __post_init__(self) -> None:
+        if self.frame is None:
+            default = "chord" if _has_chord(self.mesh.curve) else "tangent"
+            object.__setattr__(self, "frame", default)
         one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear"))
         one_of(self.name, "continuity", self.continuity, ("cartesian", "local"))
         one_of(self.name, "quadrature", self.quadrature, ("reduced", "full"))
@@ -205,6 +218,26 @@ class FloatingFrame(Kinematics):
             angle + self.angle,
             operator[np.concatenate(local)],
             motion,
+        )
+
+    @property
+    def reach(self) -> Reach:
+        """How far it bends, and how far its strains reach."""
+        curve = self.mesh.curve
+        data = self.data(np.zeros(2))
+        lengths = np.full((1, self.mesh.elements), curve.length)
+        turning = float(np.ptp(curve.tangent_angle(np.linspace(0.0, curve.length, 65))))
+        # Measured: the curvature in the quadratic strains helps in a chord frame alone.
+        remedies = {
+            "frame='chord'": self.frame == "tangent" and _has_chord(curve),
+            "strain='green'": self.frame == "chord" and self.strain == "nonlinear" and turning > 0,
+            "strain='nonlinear'": self.strain == "linear",
+        }
+        return Reach(
+            range_kernel(self.element),
+            np.concatenate([data, lengths]),
+            error_by_rotation(self.strain, str(self.frame), turning),
+            tuple(setting for setting, helps in remedies.items() if helps),
         )
 
     @property

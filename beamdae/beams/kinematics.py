@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.mesh import Mesh
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.statements import SX, ForceKernel, Local, Named
+from beamdae.symbolic.statements import SX, ForceKernel, Local, Named, RangeKernel
 
 Array = np.ndarray
 
@@ -121,6 +121,15 @@ class PointValues(NamedTuple):
     values: Callable[[Local], SX]
 
 
+class Reach(NamedTuple):
+    """How far the strains of a kinematics reach; see `RangeStatement`."""
+
+    kernel: RangeKernel
+    data: Array
+    error: tuple[float, float] | None = None
+    remedies: tuple[str, ...] = ()
+
+
 class Kinematics(ABC):
     """How the points of one beam follow from its coordinates.
 
@@ -171,6 +180,14 @@ class Kinematics(ABC):
     def curvature_error(self) -> float:
         """Largest error of the elements' curvature, times the length of the beam."""
         return 0.0
+
+    @property
+    def reach(self) -> Reach | None:
+        """How far its strains reach; its kernel takes the coordinates of an element.
+
+        None where they hold however far the beam bends, and there is nothing to tell.
+        """
+        return None
 
     @property
     def floating_frame(self) -> MaterialPoint:

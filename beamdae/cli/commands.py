@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
@@ -26,7 +27,7 @@ from beamdae.cli.options import (
     require_writable,
     say_written,
 )
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
@@ -116,7 +117,9 @@ def run(
     from beamdae.report import pictures, terminal
     from beamdae.simulation import simulate
 
-    with _progress(t_end or model.t_end) as progress:
+    with _progress(t_end or model.t_end) as progress, warnings.catch_warnings():
+        # They are told with the result.
+        warnings.simplefilter("ignore", BeamdaeWarning)
         reached = partial(progress, method.label) if progress else None
         solution = simulate(model, method, t_end, output_step, reached)
     written = solution.to_csv(out / f"{model.name}.csv")
@@ -125,6 +128,10 @@ def run(
     screen.print(terminal.facts(model.name, rows))
     if len(solution.observed.columns):
         screen.print(terminal.ranges(solution.observed))
+    if solution.validity:
+        screen.print(terminal.validity(solution.validity))
+    for sentence in solution.warnings:
+        screen.print(f"warning: {sentence}", style="yellow", markup=False, highlight=False)
     picture = pictures.picture_of_run(
         out / f"{model.name}.png", solution.table(), f"{model.name}, {method.label}"
     )

@@ -17,6 +17,7 @@ from beamdae.equations.equations_of_motion import (
     ForceTerm,
     Observable,
     PartCoordinates,
+    RangeTerm,
 )
 from beamdae.equations.fit import (
     require_body_fits,
@@ -40,6 +41,7 @@ from beamdae.symbolic.statements import (
     Named,
     Piece,
     Quantity,
+    RangeStatement,
 )
 
 Array = np.ndarray
@@ -92,12 +94,14 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
+    ranges: list[RangeStatement] = []
     # Points that tell the size of the drawing: those of the bodies, and where they are joined.
     drawn = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
-        own_forces, held = stated(part, mechanism.gravity, owners.sizes)
+        own_forces, held, reaching = stated(part, mechanism.gravity, owners.sizes)
         forces += own_forces
         constraints += held
+        ranges += reaching
         if held:
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
@@ -118,6 +122,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
+        ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
     )
@@ -187,6 +192,7 @@ def build(
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
     owners: Owners,
+    ranges: Sequence[RangeStatement] = (),
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -231,6 +237,7 @@ def build(
         observables=tuple(observed),
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
+        ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
     )
 
 

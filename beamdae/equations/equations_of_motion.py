@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.sparse_sums import Block, gather, scatter
-from beamdae.symbolic.statements import ConstraintKernel, ForceKernel, Named
+from beamdae.symbolic.statements import ConstraintKernel, ForceKernel, Named, RangeStatement
 
 Array = np.ndarray
 MX = ca.MX
@@ -43,6 +43,22 @@ class ConstraintTerm:
     operator: sp.csr_array
     data: slice
     rows: slice
+
+
+@dataclass(frozen=True)
+class RangeTerm:
+    """What tells how far a part's strains are to be trusted, on the global coordinates."""
+
+    statement: RangeStatement
+    operator: sp.csr_array
+
+    def largest(self, q: Array) -> Array:
+        """Largest (deflection over length, rotation [rad], strain) over rows of coordinates."""
+        kernel, data = self.statement.kernel, self.statement.data
+        copies = data.shape[1]
+        local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
+        found = kernel.function(local, np.tile(data.T, (len(q), 1)))
+        return found.max(axis=0)
 
 
 @dataclass(frozen=True)
@@ -118,6 +134,7 @@ class EquationsOfMotion:
     observables: tuple[Observable, ...]
     forces: tuple[ForceTerm, ...] = field(repr=False)
     joints: tuple[ConstraintTerm, ...] = field(repr=False)
+    ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

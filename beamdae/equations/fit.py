@@ -11,11 +11,17 @@ import numpy as np
 from beamdae.errors import BeamdaeError
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
-from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Named, Piece
+from beamdae.symbolic.statements import (
+    ConstraintStatement,
+    ForceStatement,
+    Named,
+    Piece,
+    RangeStatement,
+)
 
 T = TypeVar("T")
 Sizes = Mapping[int, int]
-Statement = ForceStatement | ConstraintStatement
+Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 
 def require_body_fits(part: Part) -> None:
@@ -63,8 +69,10 @@ def require_columns_fit(part: str, columns: Any) -> None:
         require_unit(part, column.unit)
 
 
-def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list]:
-    """Forces and constraints of a part, if they fit; `sizes` are those of bodies by identity.
+def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
+    """Forces, constraints and ranges of a part, if they fit.
+
+    `sizes` are those of bodies by identity.
 
     Raises
     ------
@@ -78,8 +86,10 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list]:
             f"{part.name}: the part has nothing to say, it states neither coordinates nor forces() "
             "nor constraints()."
         )
-    for force in forces:
-        _require_statement_fits(part, force, np.shape(force.data)[-1:], sizes)
+    ranges = _listing(part.name, "ranges()", part.ranges(), RangeStatement)
+    copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
+    for statement in copied:
+        _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
     for held in constraints:
         _require_statement_fits(part, held, (1,), sizes)
         multipliers = _listing(part.name, "multipliers", held.multipliers, Named)
@@ -88,7 +98,7 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list]:
                 f"{part.name}: it names {len(multipliers)} multipliers for "
                 f"{held.kernel.local.n_multipliers} constraints, these must be as many."
             )
-    return forces, constraints
+    return forces, constraints, ranges
 
 
 def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:

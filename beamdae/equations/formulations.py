@@ -48,6 +48,8 @@ class Formulation:
         Whether multipliers mu of the velocity constraints correct q' = v.
     impulses
         Whether the multipliers among the unknowns are those of time integrals: lam = Lam'.
+    note
+        What every run of it has to be told, if anything.
     """
 
     name: str
@@ -55,16 +57,21 @@ class Formulation:
     levels: tuple[int, ...]
     stabilized: bool = False
     impulses: bool = False
+    note: str = ""
 
 
+_DRIFTS = "positions drift off the joints, in singular positions on to another branch"
+# Measured on a rigid slider-crank: positions off by 20 to 170 rtol and velocities by 160 to 1400,
+# where stabilized-index1 is off by 0.5 and 4 to 19; on the hub beam the two are alike.
+_LOOSE = "rtol is not kept, positions of rigid mechanisms were off by up to 170 rtol"
 FORMULATIONS = {
     formulation.name: formulation
     for formulation in (
         Formulation("stabilized-index1", 1, (0, 1), stabilized=True, impulses=True),
         Formulation("ggl", 2, (0, 1), stabilized=True),
-        Formulation("index2", 2, (1,)),
-        Formulation("index1", 1, (2,)),
-        Formulation("index3", 3, (0,)),
+        Formulation("index2", 2, (1,), note=_DRIFTS),
+        Formulation("index1", 1, (2,), note=_DRIFTS),
+        Formulation("index3", 3, (0,), note=_LOOSE),
     )
 }
 FIRST_ORDER = tuple(FORMULATIONS)

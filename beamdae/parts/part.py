@@ -11,7 +11,12 @@ import numpy as np
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
-from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Named
+from beamdae.symbolic.statements import (
+    ConstraintStatement,
+    ForceStatement,
+    Named,
+    RangeStatement,
+)
 
 Array = np.ndarray
 
@@ -81,6 +86,10 @@ class Part:
 
     def constraints(self) -> Sequence[ConstraintStatement]:
         """What it holds."""
+        return ()
+
+    def ranges(self) -> Sequence[RangeStatement]:
+        """What tells, after a run, whether it stayed where its strains hold."""
         return ()
 
     @property

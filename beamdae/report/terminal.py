@@ -12,6 +12,7 @@ from rich import box
 from rich.table import Table
 
 from beamdae.results.headers import Header
+from beamdae.results.validity import BeamRange
 
 # Values this small beside the largest in their unit are what rounding leaves of zero.
 _ROUNDING = 1e-12
@@ -84,6 +85,15 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy turned over",
     }
+
+
+def validity(beams: Iterable[BeamRange]) -> Table:
+    """How far each beam went from its floating frame, and what its strains make of it."""
+    table = _table("beam", "deflection\nof length", "rotation\n[rad]", "strain\n[-]", "error\n[-]")
+    for beam in beams:
+        row = (beam.deflection, beam.rotation, beam.strain, beam.error)
+        table.add_row(beam.name, *(number(value, 2) for value in row))
+    return table
 
 
 def ranges(observed: pd.DataFrame) -> Table:

@@ -13,9 +13,11 @@ import pandas as pd
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.trajectory import Trajectory
+from beamdae.results.validity import BeamRange, beam_ranges
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named
 
@@ -150,6 +152,22 @@ class Solution:
         """Largest residual, drift and energy imbalance over all steps."""
         return self._books.quality
 
+    @cached_property
+    def validity(self) -> tuple[BeamRange, ...]:
+        """How far each beam went from its floating frame, and what that makes of its strains."""
+        return beam_ranges(self.equations, self.trajectory)
+
+    @cached_property
+    def singular_positions(self) -> tuple[SingularPosition, ...]:
+        """Positions the run passed in which the joints lose rank and motions branch."""
+        return singular_positions(self.equations, self.trajectory)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
+        beams = (beam.warning for beam in self.validity)
+        return (*filter(None, beams), *branch_warnings(self.singular_positions))
+
     def table(self) -> pd.DataFrame:
         """Time, observed quantities and the energy ledger; headers carry units."""
         time = pd.DataFrame({"t [s]": self.t})
@@ -189,5 +207,12 @@ class Solution:
         BeamdaeError
             If the folder cannot be written.
         """
-        beside = {"model": self.model, "integrator": self.integrator, "result": self.summary()}
+        beside = {
+            "model": self.model,
+            "integrator": self.integrator,
+            "result": self.summary(),
+            "validity": [asdict(beam) for beam in self.validity],
+            "singular positions": [asdict(passed) for passed in self.singular_positions],
+            "warnings": list(self.warnings),
+        }
         return write(Path(path), self.table(), beside)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time as clock
+import warnings
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import REACHED_END, Solution, Status
@@ -112,7 +113,10 @@ def _performed(task: Task) -> Outcome:
     solutions = []
     for _ in range(task.repetitions):
         watch = _Watchman(task.limits, task.t_end)
-        solutions.append(simulate(equations, integrator, task.t_end, task.output_step, watch))
+        with warnings.catch_warnings():
+            # They are a column of the table.
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            solutions.append(simulate(equations, integrator, task.t_end, task.output_step, watch))
         if not solutions[-1].status.success:
             break
     solution = solutions[-1]
@@ -183,6 +187,7 @@ def values(solution: Solution) -> dict[str, Any]:
         "error control": chosen.get("error_control", ""),
         "max order": chosen.get("max_order"),
         **{column: summary[name] for column, name in (COUNTS | MEASURES).items()},
+        "warnings": " ".join(solution.warnings),
     }
 
 

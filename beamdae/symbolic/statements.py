@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.native import native
 
 SX = ca.SX
@@ -292,6 +293,60 @@ class ConstraintStatement:
     pieces: tuple[Piece, ...]
     multipliers: tuple[Named, ...]
     data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+
+
+@dataclass(frozen=True)
+class RangeKernel:
+    """How far one copy of a statement has gone from where it holds.
+
+    Attributes
+    ----------
+    local
+        Symbols.
+    values
+        (deflection over length [-], rotation [rad], strain [-]) from local.q and local.data, all
+        positive or zero.
+    """
+
+    local: Local
+    values: SX
+
+    # Rotations follow no law of time.
+    has_branches = False
+
+    @cached_property
+    def misfit(self) -> str:
+        """What is wrong with its expression, a phrase, or nothing."""
+        return _misfit("values", self.values, 3, self.local.q, self.local.data)
+
+    @cached_property
+    def function(self) -> RowFunction:
+        """Rows of (q, data) -> rows of `values`."""
+        inputs = [self.local.q, self.local.data]
+        return RowFunction(ca.Function("range", inputs, [ca.densify(self.values)]))
+
+
+@dataclass(frozen=True)
+class RangeStatement:
+    """What of a part tells how far its strains are to be trusted.
+
+    Pieces, copies and `data` as in `ForceStatement`.
+
+    Attributes
+    ----------
+    error
+        (a, b): at a rotation of r [rad] its deformation is off by a r + b r^2 of itself; None if
+        its strains have no limit.
+    remedies
+        What helps besides cutting it into several bodies, as settings.
+    """
+
+    part: str
+    kernel: RangeKernel
+    pieces: tuple[Piece, ...]
+    data: np.ndarray
+    error: tuple[float, float] | None = None
+    remedies: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

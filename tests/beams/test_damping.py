@@ -288,7 +288,7 @@ def cantilever(strain="linear", parts=(), retardation=0.0):
     mech = bd.Mechanism()
     section = replace(STRIP, damping=retardation)
     line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=2, strain=strain))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2, strain=strain, frame="tangent"))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     for part, words in parts:
         mech.add(part(part.__name__, beam, **words))

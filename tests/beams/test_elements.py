@@ -63,7 +63,8 @@ def element_data(kind, elements, shape, section, gravity):
     quadrature = "full" if kind.quadrature == kind.nodes else "reduced"
     mesh = Mesh(ARC, elements, kind.nodes, shape)
     any_section = bd.Section(SOFT, area=0.9, second_moment=0.05)
-    data = FloatingFrame("beam", mesh, any_section, quadrature=quadrature).data(gravity)
+    frame = FloatingFrame("beam", mesh, any_section, quadrature=quadrature, frame="tangent")
+    data = frame.data(gravity)
     data[-8:-2] = np.reshape(section, (6, 1))
     return data
 

@@ -324,3 +324,12 @@ def test_chord_frame_is_refused_for_a_ring():
         bd.Beam("hoop", ring, SECTION, frame="chord")
     # Fewer elements than the ring has turns to resolve are no excuse to fail otherwise.
     assert beam(ring, 8, frame="tangent").kinematics.angle == 0.0
+
+
+@pytest.mark.parametrize(
+    ("turn", "frame"), [(0.5 * np.pi, "chord"), (1.7 * np.pi, "chord"), (2.0 * np.pi, "tangent")]
+)
+def test_the_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
+    beam = bd.Beam("hoop", bd.Arc(radius=1.0, length=turn), SECTION)
+    assert beam.kinematics.frame == frame
+    assert beam.kinematics.strain == "green"

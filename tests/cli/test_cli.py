@@ -211,6 +211,19 @@ def test_run_writes_table_settings_and_picture(command):
         assert word in result.stdout
 
 
+def test_run_tells_how_far_beams_bent_and_warns_once(command):
+    bent = more('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
+    result = command("run", bent, "--set", "elements=2", "--rtol", "1e-3")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    said = " ".join(result.stdout.split())
+    assert "deflection" in said
+    assert said.count("warning: beam: it bends") == 1
+    sidecar = json.loads(Path("results/arm.json").read_text())
+    assert sidecar["validity"][0]["name"] == "beam"
+    assert sidecar["warnings"][0].startswith("beam: it bends")
+
+
 def test_run_with_generalized_alpha(command):
     result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
                      "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip

@@ -1,5 +1,7 @@
 """Comparing here and now: what a row says, what errors are measured by."""
 
+import warnings
+
 import casadi as ca
 import numpy as np
 import pandas as pd
@@ -39,6 +41,16 @@ def torn(limit=0.2):
 def doubled():
     mech = swing()
     mech.add(bd.Revolute("again", mech.ground.at(0.0, 0.0), mech.part("bob").at(0.0, 0.0)))
+    return mech
+
+
+@bd.model(t_end=0.02)
+def bent():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material(E=7e10, nu=0.3, rho=2700.0), 0.02, 0.005)
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
+    mech.add(bd.Moment("torque", on=beam.end, law=100.0))
+    mech.observe("tip", beam.end)
     return mech
 
 
@@ -262,3 +274,17 @@ def test_names_the_ledger_needs_are_refused():
     for name in ("energy", "energy.x", "t"):
         with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is taken"):
             mech.observe(name, mech.part("bob").at(2.0, 0.0))
+
+
+def test_warnings_of_a_run_are_in_its_row():
+    with pytest.warns(bd.BeamdaeWarning, match="strip: it bends"):
+        table = bd.compare([bd.Case(bent, {}, bd.Radau(rtol=1e-3))])
+    assert table["warnings"][0].startswith("strip: it bends")
+
+
+def test_a_case_of_a_study_warns_in_its_row_alone():
+    task = work.Task("bent", bd.Case(bent, {}, bd.Radau(rtol=1e-3)), 0.02, 0.01)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", bd.BeamdaeWarning)
+        outcome = work.perform(task.packed())
+    assert outcome.values["warnings"].startswith("strip: it bends")

@@ -1,0 +1,132 @@
+"""Singular positions of closed loops: found, and told from those where a run changes its branch."""
+
+import numpy as np
+import pytest
+from slider_crank import slider_crank
+
+import beamdae as bd
+from beamdae.equations.formulations import State
+from beamdae.equations.rank import has_loops, joint_matrix
+from beamdae.results.branches import branch_warnings, singular_positions
+from beamdae.results.trajectory import Interval, Trajectory
+
+SPEED = 6.0
+# The cranks start upright; they lie on the line of their pivots a quarter of a turn later, and
+# every half turn from then on.
+FIRST, HALF_TURN = 0.5 * np.pi / SPEED, np.pi / SPEED
+
+
+def rhombus(longer=0.0):
+    """Four bars of 1 m, turned by both cranks at a steady speed without gravity."""
+    mech = bd.Mechanism()
+    bars = [((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.0), (1.0, 1.0 + longer))]
+    cranks = []
+    for k, (pivot, tip) in enumerate(bars):
+        arm = np.subtract(tip, pivot) / 2.0
+        center, velocity = tuple(pivot + arm), (-SPEED * arm[1], SPEED * arm[0])
+        body = bd.RigidBody(f"crank {k}", 1.0, 0.1, center, velocity, SPEED)
+        cranks.append(mech.add(body))
+        mech.add(bd.Revolute(f"pivot {k}", mech.ground.at(*pivot), body.at(*pivot)))
+    middle = (0.5, 1.0 + longer / 2.0)
+    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, middle, (-SPEED, 0.0)))
+    for crank, (_, tip) in zip(cranks, bars, strict=True):
+        mech.add(bd.Revolute(f"{crank.name} tip", crank.at(*tip), coupler.at(*tip)))
+    return mech
+
+
+def moved(mech, motion, t_end, steps=500):
+    """A trajectory of (angle, pivot, arm) by body name, functions of time."""
+    equations = bd.equations_of_motion(mech)
+    t = np.linspace(0.0, t_end, steps)
+    q = np.concatenate([motion(name, t) for name in ("crank 0", "crank 1", "coupler")], axis=1)
+    v = np.gradient(q, t, axis=0)
+    a = np.gradient(v, t, axis=0)
+    lam = np.zeros((steps, equations.m))
+    return equations, Trajectory((Interval(t, State(q, v, a, lam), 0.5 * t_end),))
+
+
+def turned_about(pivot, arm, angle):
+    """Center and angle of a bar of 1 m that starts upright (`arm` 0.5) about a pivot."""
+    return np.stack([pivot[0] - arm * np.sin(angle), pivot[1] + arm * np.cos(angle), angle], -1)
+
+
+def on(branch):
+    """The steady rhombus; from its first singular position on it stays one or folds."""
+
+    def motion(name, t):
+        angle = SPEED * t
+        folded = (t > FIRST) & (branch == "folded")
+        if name == "crank 0":
+            return turned_about((0.0, 0.0), 0.5, angle)
+        if name == "crank 1":
+            return turned_about((1.0, 0.0), 0.5, np.where(folded, 0.5 * np.pi, angle))
+        carried = np.stack([0.5 - np.sin(angle), np.cos(angle), 0.0 * t], axis=-1)
+        # Its right end on the pivot of crank 0, it goes round with that crank.
+        lying = turned_about((0.0, 0.0), 0.5, angle) - [0.0, 0.0, 0.5 * np.pi]
+        return np.where(folded[:, None], lying, carried)
+
+    return motion
+
+
+def test_passing_on_the_same_branch_is_no_jump_and_folding_over_is():
+    mech = rhombus()
+    (kept,) = singular_positions(*moved(mech, on("straight"), FIRST + 0.2))
+    assert kept.t == pytest.approx(FIRST, abs=1e-3)
+    assert set(kept.joints) == {"pivot 0", "pivot 1", "crank 0 tip", "crank 1 tip"}
+    assert not kept.jump
+    (left, *_) = singular_positions(*moved(mech, on("folded"), FIRST + 0.2))
+    assert left.jump
+    passed, jumped = branch_warnings((left,))
+    assert "lose rank near t = 0.26" in passed
+    assert "goes over to another branch" in jumped
+
+
+def test_a_run_through_singular_positions_says_when_and_where():
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"pivot 0, .* lose rank near t = 0\.26.*motions branch"
+    ):
+        solution = bd.simulate(rhombus(), bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
+    assert solution.status.success
+    times = [passed.t for passed in solution.singular_positions]
+    # The run is 1e-4 of itself off at most at this tolerance, and so are the looks.
+    np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
+    assert not any(passed.jump for passed in solution.singular_positions)
+    assert len(solution.warnings) == 1
+
+
+@pytest.mark.parametrize("longer", [1e-3, 0.05])
+def test_missing_the_singular_position_is_not_warned_of(longer):
+    solution = bd.simulate(rhombus(longer), bd.Radau(rtol=1e-4), t_end=2.0 * FIRST)
+    assert has_loops(solution.equations)
+    assert solution.singular_positions == ()
+
+
+def test_ordinary_loops_are_not_warned_of():
+    solution = bd.simulate(slider_crank(elements=2), bd.Radau(rtol=1e-3), t_end=2.5)
+    assert has_loops(solution.equations)
+    assert solution.singular_positions == ()
+
+
+def test_open_chains_need_no_look():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=0.1, height=0.01)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    first, last = bd.welded_beams(mech, "beam", line, section, bodies=2, elements=1)
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), first.start))
+    equations = bd.equations_of_motion(mech)
+    assert not has_loops(equations)
+    mech.add(bd.PointOnLine("guide", mech.ground.at(1.0, 0.0), last.end))
+    assert has_loops(bd.equations_of_motion(mech))
+
+
+def test_the_joint_matrix_is_that_of_the_joints():
+    equations = bd.equations_of_motion(rhombus())
+    matrix = joint_matrix(equations)
+    q = equations.q0[None]
+    assert matrix.at(np.zeros((1, 2)), q).shape == (1, equations.m, equations.n)
+    lying = on("straight")
+    t = np.array([FIRST])
+    flat = np.concatenate([lying(name, t) for name in ("crank 0", "crank 1", "coupler")], axis=1)
+    upright, singular = matrix.smallest(np.zeros((2, 2)), np.concatenate([q, flat]))
+    # Squares of singular values are off by rounding, 1e-16.
+    assert singular < 1e-7 < 0.1 < upright

@@ -1,0 +1,107 @@
+"""How far beams go from their floating frames, and when a run warns of it."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.results.validity import LEAST_ERROR, BeamRange
+
+SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
+STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
+LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
+ARC = bd.Arc(radius=1.0, length=1.0)
+
+
+def bent(turn, curve=LINE, bodies=1, **settings):
+    """Cantilever of 1 m, slowly bent by a moment that turns its end by `turn` [rad]."""
+    mech = bd.Mechanism()
+    beams = bd.welded_beams(mech, "strip", curve, STRIP, bodies, elements=4, **settings)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
+    mech.add(bd.Moment("moment", beams[-1].end, lambda t: STRIP.EI * turn * t / 4.0))
+    mech.observe("tip", beams[-1].end)
+    return bd.simulate(mech, bd.Radau(rtol=1e-3), t_end=4.0)
+
+
+def test_ranges_are_those_of_a_beam_bent_to_an_arc():
+    # Constant curvature: a deflection of turn / 2 and a strain of turn h / 2 over a length of 1 m.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", bd.BeamdaeWarning)
+        (found,) = bent(0.05, frame="tangent").validity
+    assert found.name == "strip"
+    # Material damping and inertia hold it back by a fifth at most.
+    assert 0.04 < found.rotation < 0.051
+    assert found.deflection == pytest.approx(0.5 * found.rotation, rel=0.05)
+    assert found.strain == pytest.approx(0.005 * found.rotation, rel=0.3)
+    assert found.error == pytest.approx(found.rotation**2)
+
+
+def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
+    with pytest.warns(bd.BeamdaeWarning, match=r"strip: it bends .* rad away .* bodies=\d") as seen:
+        solution = bent(1.0, frame="tangent")
+    (sentence,) = solution.warnings
+    assert str(seen[0].message) == sentence
+    assert "or set frame='chord'" in sentence
+    beside = json.loads(solution.to_csv(tmp_path / "bent.csv").with_suffix(".json").read_text())
+    assert beside["warnings"] == [sentence]
+    assert beside["validity"][0]["rotation"] == solution.validity[0].rotation > 0.5
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", bd.BeamdaeWarning)
+        better = bent(1.0, frame="chord", bodies=4)
+    assert len(better.validity) == 4
+    assert max(beam.error for beam in better.validity) < LEAST_ERROR
+
+
+@pytest.mark.parametrize(
+    ("settings", "said", "not_said"),
+    [
+        ({"frame": "chord", "strain": "nonlinear"}, "strain='green'", "frame="),
+        ({}, "bodies=", "set"),
+        ({"frame": "tangent", "strain": "linear"}, "strain='nonlinear'", "green"),
+    ],
+)
+def test_a_warning_names_settings_that_help(settings, said, not_said):
+    reach = bd.Beam("arc", ARC, STRIP, **settings).kinematics.reach
+    beam = BeamRange("arc", 0.2, 0.5, 0.0, 0.04, reach.remedies)
+    assert said in beam.warning
+    assert not_said not in beam.warning
+
+
+def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
+    small, large, hopeless = (BeamRange("b", 0.1, 0.1, 0.0, e) for e in (0.011, 0.24, 3.0))
+    assert "bodies=2)" in small.warning
+    assert "bodies=4)" in large.warning
+    assert "wrong" in hopeless.warning
+    assert "%" not in hopeless.warning
+    assert BeamRange("b", 0.1, 0.1, 0.0, LEAST_ERROR).warning is None
+
+
+def test_kinematics_without_a_limit_are_never_warned_of():
+    assert BeamRange("b", 2.0, 6.0, 0.1).warning is None
+
+    class Unlimited(FloatingFrame):
+        reach = None
+
+    mech = bd.Mechanism()
+    mech.add(bd.Beam("free", LINE, STRIP, elements=1, kinematics=Unlimited))
+    assert bd.equations_of_motion(mech).ranges == ()
+    assert bd.simulate(mech, bd.Radau(), t_end=0.1).validity == ()
+
+
+def test_ranges_are_the_largest_of_all_elements_and_rows():
+    beam = bd.Beam("beam", LINE, STRIP, elements=2, frame="tangent")
+    mech = bd.Mechanism()
+    mech.add(beam)
+    equations = bd.equations_of_motion(mech)
+    q = np.tile(equations.q0, (300, 1))
+    names = list(equations.q_names)
+    q[170, names.index("beam.v5")] = -0.3
+    q[299, names.index("beam.phi6")] = -0.2
+    # A turn of the frame is no deformation.
+    q[:, names.index("beam.theta")] += 2.0
+    deflection, rotation, strain = equations.ranges[0].largest(q)
+    assert (deflection, rotation) == pytest.approx((0.3, 0.2))
+    assert strain > 0.01

@@ -1,0 +1,47 @@
+"""Reach of the floating frames: the orders and the predictions the README states."""
+
+import numpy as np
+import pytest
+from reach.run import EI, TIMES, curve
+from reach.statics import cantilever, exact_tips, tip_and_rotation
+
+from beamdae.beams.reach import error_by_rotation
+
+FORCE, HALF_CIRCLE = ((0.0, 6.0 * EI), 0.0), ((0.0, 0.0), np.pi * EI)
+
+
+def error(degrees, load, times, **settings):
+    """Errors of the tip over its displacement, and the rotations they come with."""
+    axis = curve(degrees)
+    exact = exact_tips(axis, *load, times)
+    tip, rotation = tip_and_rotation(cantilever(axis, *load, **settings), times)
+    return np.linalg.norm(tip - exact, axis=1) / np.linalg.norm(
+        exact - axis.point(1.0), axis=1
+    ), rotation
+
+
+@pytest.mark.slow(reason="equilibria of eight cantilevers")
+@pytest.mark.parametrize(
+    ("frame", "order", "at_eight"), [("chord", 4.0, 3e-5), ("tangent", 3.0, 2e-3)]
+)
+def test_error_of_half_a_roll_up_falls_at_the_stated_order(frame, order, at_eight):
+    errors = [error(0, HALF_CIRCLE, TIMES, bodies=n, frame=frame)[0][-1] for n in (2, 4, 8)]
+    orders = -np.diff(np.log2(errors))
+    assert np.all(orders > order)
+    assert errors[-1] < at_eight
+
+
+@pytest.mark.slow(reason="equilibria of eight cantilevers")
+@pytest.mark.parametrize("degrees", [0, 60, 120])
+@pytest.mark.parametrize("frame", ["chord", "tangent"])
+@pytest.mark.parametrize("strain", ["green", "nonlinear"])
+@pytest.mark.parametrize("load", [FORCE, HALF_CIRCLE], ids=["force", "moment"])
+def test_errors_are_within_what_is_said_of_the_prediction(degrees, frame, strain, load):
+    times = np.array([0.003, 0.02, 0.08, 0.12])
+    found, rotation = error(degrees, load, times, bodies=1, frame=frame, strain=strain)
+    first, second = error_by_rotation(strain, frame, np.radians(degrees))
+    predicted = first * rotation + second * rotation**2
+    # Below that it is the mesh and the reference.
+    seen = (predicted > 3e-3) & (predicted < 0.3)
+    assert np.all(found[seen] < 3.0 * predicted[seen])
+    assert np.all(found[seen] > predicted[seen] / 30.0)
