@@ -10,13 +10,15 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from pan_liu_2012 import axes, run, table_1, table_2
-from pan_liu_2012.claims import summary
+from pan_liu_2012.claims import OPEN, VERDICTS, summary, within
+from pan_liu_2012.figures_9_10_claims import judged_readings
 from pan_liu_2012.manoeuvre import EXACT, EXACT_PEAK, STEADY_EXTENSION
 from pan_liu_2012.runs import deviation
 
 RESULTS = Path(__file__).parents[2] / "validation" / "pan_liu_2012" / "results"
-# All that takes less than ten seconds; of Table 2 one job is enough.
-JOBS = [job for job in run.jobs() if not job[0].startswith("table")]
+# All that takes less than ten seconds; of Table 2 one job is enough, the appendix has its own
+# tests.
+JOBS = [job for job in run.jobs() if not job[0].startswith(("table", "appendix"))]
 JOBS += [("table 2", table_2.errors, ("generalized-alpha, 1e-3 s", 60.0, "circular"))]
 # What differs from day to day, and what rounding leaves of nothing.
 UNSTEADY = ("wall time", "against IDA", "late rms", "energy lost")
@@ -75,7 +77,7 @@ def assert_same_rows(name, table):
     keys = [c for c in table if table[c].dtype.kind in "OSU" or c in ("number", "torque factor")]
     keys = [c for c in keys if c not in ("status", "range", "angular velocity", "figure")]
     keys = [c for c in keys if not c.endswith(("[1e-4]", "at [m]"))]
-    keys += [c for c in ("subtended [deg]", "bodies") if c in table]
+    keys += [c for c in ("subtended [deg]", "bodies", "speed [rad/s]", "step [s]") if c in table]
     both = table.merge(known, on=list(dict.fromkeys(keys)), suffixes=("", ", stored"))
     assert len(both) == len(table), name
     if "integrator" in both:
@@ -113,11 +115,46 @@ def test_summary_is_made_from_the_stored_tables():
     pd.testing.assert_frame_equal(found, stored("summary"))
     counts = found["verdict"].value_counts()
     assert dict(counts) == {
-        "agrees": 11,
-        "cannot be decided": 4,
+        "agrees": 10,
+        "agrees in direction": 2,
+        "differs in size": 1,
+        "differs": 5,
+        "cannot be decided": 6,
         "by construction": 3,
-        "differs": 2,
     }
+    assert set(counts.index) <= set(VERDICTS)
+    # What was tested and the threshold stand in every row that was decided.
+    decided = found[~found["verdict"].isin([OPEN])]
+    assert not (decided[["tested", "threshold"]] == "-").any(axis=None)
+
+
+def test_tables_made_of_others_are_the_stored_ones():
+    made = table_2.table(stored("table_2_errors"))
+    pd.testing.assert_frame_equal(made, stored("table_2"), rtol=1e-6, check_dtype=False)
+    pd.testing.assert_frame_equal(judged_readings(tables()), stored("rod_readings"), rtol=1e-6)
+
+
+def test_the_verdict_counts_of_the_readme():
+    readme = (RESULTS.parent / "README.md").read_text()
+    for verdict, count in stored("summary")["verdict"].value_counts().items():
+        assert f"| {verdict} | {count} |" in readme, verdict
+
+
+def test_an_error_at_the_threshold_decides_nothing():
+    assert within([0.002, 0.0102], 0.01) == OPEN
+    assert within([0.002, 0.0097], 0.01) == OPEN
+    assert within([0.002, 0.0094], 0.01) == "agrees"
+    assert within([0.0102, 0.02], 0.01) == "differs"
+
+
+def test_numbers_of_elements_are_marked_where_an_error_is_at_the_threshold():
+    def row(errors):
+        return pd.DataFrame({"number": [1, 2, 3], "error [-]": errors})
+
+    assert table_2.marked(row([0.2, 0.00996, 0.001]), 0.01) == "2 or 3"
+    assert table_2.marked(row([0.2, 0.0102, 0.001]), 0.01) == "2 or 3"
+    assert table_2.marked(row([0.2, 0.009, 0.001]), 0.01) == "2"
+    assert table_2.marked(row([0.2, 0.1, 0.0098]), 0.01) == "3 or more"
 
 
 def test_generalized_alpha_and_ida_agree_on_the_figures():
@@ -172,7 +209,7 @@ def test_the_papers_numbers_of_curved_elements_are_enough():
 
 
 def test_curved_elements_take_less_work_than_the_straight_ones_of_table_2():
-    times = stored("table_2_times")
+    times = stored("table_2_times").dropna(subset="paper CPU time, 2012 [s]")
     work = times.assign(work=times["number"] * times["residual calls"])
     work = work.set_index(["subtended [deg]", "elements", "integrator"])["work"].unstack("elements")
     # Elements times evaluations: what the paper's CPU times are made of.
@@ -212,18 +249,18 @@ def test_limits_of_curved_and_straight_elements_differ_by_the_curvature_in_the_q
     assert_allclose(apart[60.0], 1.0e-3, rtol=0.1)
 
 
-def test_figure_5_linear_strain_is_off_and_angular_velocity_is_not():
+def test_figure_5_linear_strain_is_off_and_angular_velocity_less():
     exact, linear = (
-        column("figure_5a", f"gauge 1, lower, {strain}, damped [-]")
-        for strain in ("nonlinear", "linear")
+        column("figure_5a", f"gauge 1, lower, {strain}, damped [-]") for strain in STRAINS
     )
     assert deviation(linear, exact) > 0.4
     assert_allclose(np.ptp(linear) / np.ptp(exact), 1.12, atol=0.02)
-    exact, linear = (
-        column("figure_5c", f"{strain}, damped [rad/s]") for strain in ("nonlinear", "linear")
-    )
-    assert deviation(linear, exact) < 0.1
-    assert_allclose(np.ptp(linear) / np.ptp(exact), 1.0, atol=0.02)
+    exact, linear = (column("figure_5c", f"{strain}, damped [rad/s]") for strain in STRAINS)
+    # 7 % of the amplitude, and to be seen on an axis of 12 rad/s.
+    off = np.abs(linear - exact)
+    assert_allclose(off.max(), 0.33, atol=0.01)
+    assert_allclose(off.idxmax(), 0.65, atol=0.011)
+    assert axes.seen(linear, exact, axes.FIGURE_5C).max() > axes.VISIBLE
     assert np.abs(exact).max() < 6.0
 
 
@@ -239,15 +276,13 @@ def test_figure_5b_cannot_be_met_with_gauge_2_where_it_is_printed():
     assert_allclose(ratio, 1.10, atol=0.02)
 
 
-def test_figure_9_curves_part_at_0_35_s_and_the_linear_one_swings_wider():
-    exact, linear = (
-        column("figure_9", f"{strain}, tangent, v, local [m]") for strain in ("nonlinear", "linear")
-    )
-    off = np.abs(linear - exact) / (0.5 * np.ptp(exact))
-    assert off[:0.30].max() < 0.01
-    assert off[:0.35].max() < 0.05
-    assert off[:0.50].max() > 0.10
-    assert_allclose(np.ptp(linear) / np.ptp(exact), 1.28, atol=0.02)
+@pytest.mark.parametrize(("frame", "wider"), [("chord", 1.124), ("tangent", 1.28)])
+def test_figure_9_curves_coincide_until_0_35_s_and_the_linear_one_swings_wider(frame, wider):
+    exact, linear = (column("figure_9", f"{s}, {frame}, v, local [m]") for s in STRAINS)
+    off = pd.Series(axes.seen(linear, exact, axes.FIGURE_9), exact.index)
+    assert off[:0.35].max() < axes.VISIBLE
+    assert off[:0.50].max() > axes.VISIBLE
+    assert_allclose(np.ptp(linear) / np.ptp(exact), wider, atol=0.01)
 
 
 def test_deformation_of_the_tip_fits_the_axes_of_figures_6_and_7():
@@ -273,15 +308,43 @@ def test_longitudinal_deformation_does_not_fit_the_axis_of_figure_9_and_the_tran
             assert axes.fills(low, high, axes.FIGURE_9) == fits
 
 
-def test_figure_10_rates_differ_in_the_tangent_frame_alone():
-    rates = stored("figure_10")
-    tangent, chord = (
-        deviation(rates[f"linear, {frame} [rad/s]"], rates[f"nonlinear, {frame} [rad/s]"])
-        for frame in ("tangent", "chord")
-    )
-    assert tangent > 0.4
-    assert chord < 0.05
-    assert rates["nonlinear, tangent [rad/s]"].abs().max() < 1.5
+def test_figures_9_and_10_are_filled_by_one_reading_with_the_rigid_crank():
+    table = stored("rod_readings").set_index(["crank", "frame", "angular velocity"])
+    rigid = table.loc["rigid"]
+    assert list(rigid.index[rigid["fills both"]]) == [("chord", "start section")]
+    used = rigid.loc[("chord", "start section")]
+    assert_allclose(used["linear against nonlinear [-]"], 0.262, atol=0.002)
+    assert_allclose(used["share of Fig. 10 [-]"], 1.01, atol=0.005)
+    # By its linear curve, 1.58 of 1.5 rad/s; the chord hardly turns differently.
+    assert not rigid.loc[("tangent", "start section"), "fills Fig. 10"]
+    assert_allclose(column("figure_10", "linear, tangent, start section [rad/s]").max(), 1.58, 2e-3)
+    assert rigid.loc[("chord", "chord"), "linear against nonlinear [-]"] < 0.05
+    assert table["linear against nonlinear [-]"][table["fills both"]].min() > 0.25
+
+
+def test_a_step_of_1e_3_s_is_enough_for_deformation_and_not_for_forces():
+    table = stored("steps")
+    witness = table[table["integrator"].str.startswith("IDA")]
+    # Another method, rtol 1e-7, errs by 5e-5 itself; forces ring.
+    assert witness["error [-]"][~witness["quantity"].str.contains("force")].max() < 2e-4
+    fixed = table.dropna(subset="step [s]").set_index(["system", "quantity", "step [s]"])
+    error = fixed["error [-]"].unstack()
+    hub = error[error.index.get_level_values(0).str.startswith("hub")]
+    deformation = hub.xs("tip deformation", level=1)
+    assert np.all(deformation[1e-3] < 0.002)
+    # Order 2.
+    assert_allclose(np.log2(deformation[1e-3] / deformation[5e-4]), 2.0, atol=0.15)
+    assert np.all(hub.xs("normal force at the root", level=1)[1e-3] > 0.01)
+
+
+def test_the_linear_model_fails_with_speed_on_the_papers_curved_beam():
+    table = stored("curved_spin_up")
+    curved = table[table["shape"].str.startswith("circular")].sort_values("speed [rad/s]")
+    linear, paper = curved["error, linear [-]"], curved["error, eq. (5) [-]"]
+    assert np.all(np.diff(linear) > 0.0)
+    assert linear.iloc[-1] > 1.0
+    assert paper.max() < 0.02
+    assert table["change without rotary inertia [-]"].max() < 1e-3
 
 
 def test_spin_up_holds_with_the_papers_strains_and_fails_with_linear_ones():

@@ -8,12 +8,10 @@ from pendulum import pendulum
 
 import beamdae as bd
 from pan_liu_2012.axes import FIGURE_5A, FIGURE_5B, FIGURE_5C, fills
-from pan_liu_2012.claims import BY_CONSTRUCTION, OPEN, Judgement, Tables, agrees, claim
 from pan_liu_2012.runs import (
     PAPER_SCHEME,
     SCHEME,
     WITNESS,
-    deviation,
     observed,
     second_method,
     solved,
@@ -166,105 +164,3 @@ def _stretches(places: np.ndarray) -> str:
         return "nowhere"
     groups = np.split(places, np.flatnonzero(np.diff(places) > 0.021) + 1)
     return ", ".join(f"{g[0]:.2f}" if len(g) == 1 else f"{g[0]:.2f}-{g[-1]:.2f}" for g in groups)
-
-
-@claim(
-    "The strain of gauge 1 stays within the axis",
-    "Fig. 5a",
-    "-1.6e-4 .. 0.4e-4",
-)
-def gauge_range(tables: Tables) -> Judgement:
-    table = tables["figure_5a"]
-    curves = [table[f"gauge 1, lower, {s}, damped [-]"].iloc[:501] for s in ("nonlinear", "linear")]
-    both = np.concatenate(curves)
-    good = fills(both.min(), both.max(), FIGURE_5A)
-    return Judgement(
-        f"nonlinear {span(curves[0])}, linear {span(curves[1])}",
-        BY_CONSTRUCTION if good else agrees(good),
-        "orientation and surface were chosen by this axis (gauge_scan.csv); damping coefficients "
-        "are ours",
-    )
-
-
-@claim(
-    "Linear strains differ significantly from the nonlinear ones",
-    "Figs. 5a, 5b",
-    "the curves are apart",
-)
-def linear_strain(tables: Tables) -> Judgement:
-    parts, apart = [], True
-    for figure, gauge in (("figure_5a", "gauge 1"), ("figure_5b", "gauge 2")):
-        table = tables[figure].iloc[:501]
-        name = f"{gauge}, lower, {{}}, damped [-]"
-        exact, linear = table[name.format("nonlinear")], table[name.format("linear")]
-        off, ratio = deviation(linear, exact), np.ptp(linear) / np.ptp(exact)
-        parts.append(f"{gauge}: largest difference {off:.0%} of the amplitude, range {ratio:.2f}")
-        apart &= bool(off > 0.1 and ratio > 1.05)
-    return Judgement(
-        "; ".join(parts),
-        agrees(apart),
-        "the linear model swings wider: range linear over nonlinear",
-    )
-
-
-@claim(
-    "The strain of gauge 2 is about a third of that of gauge 1",
-    "Fig. 5b",
-    "-0.5e-4 .. 0.1e-4",
-)
-def second_gauge(tables: Tables) -> Judgement:
-    table = tables["figure_5b"]
-    name = "lower, nonlinear, damped [-]"
-    second, moved = table[f"gauge 2, {name}"], table[f"gauge 2 at 0.70 m, {name}"]
-    first = tables["figure_5a"][f"gauge 1, {name}"]
-    ratio = np.ptp(second) / np.ptp(first)
-    nowhere = not tables["gauge_scan"]["fills Fig. 5b"].any()
-    return Judgement(
-        f"{span(second)}, {ratio:.2f} of gauge 1; at 0.70 m: {span(moved)}",
-        agrees(ratio < 0.5),
-        "a strip hinged at one end and free to turn at the other bends most near 0.35 m, so a "
-        "gauge at 0.25 m sees more than one at 0.50 m; of the readings tried "
-        + ("none fits, " if nowhere else "some fit, ")
-        + "about 0.70 m from the hinge (0.10 m from the tip mass) would",
-    )
-
-
-@claim(
-    "The nonlinear terms hardly affect the angular velocity",
-    "Fig. 5c",
-    "the curves coincide within +-6 rad/s",
-)
-def same_rate(tables: Tables) -> Judgement:
-    table = tables["figure_5c"]
-    exact, linear = (table[f"{s}, damped [rad/s]"] for s in ("nonlinear", "linear"))
-    off, ratio = deviation(linear, exact), np.ptp(linear) / np.ptp(exact)
-    strain = tables["figure_5a"]
-    other = deviation(
-        *(strain[f"gauge 1, lower, {s}, damped [-]"] for s in ("linear", "nonlinear"))
-    )
-    return Judgement(
-        f"largest difference {off:.1%} of the amplitude (strain: {other:.0%}), range {ratio:.3f} "
-        f"times as large; {span(exact)} rad/s",
-        agrees(off < 0.1 and abs(ratio - 1.0) < 0.03),
-        "both within the axis of +-6 rad/s",
-    )
-
-
-@claim(
-    "The nonlinear model agrees with the experiment, damping included",
-    "Figs. 5a to 5c",
-    "-",
-)
-def experiment(tables: Tables) -> Judgement:
-    return Judgement(
-        "-", OPEN, "the measurements and the damping coefficients are not given in numbers"
-    )
-
-
-CLAIMS = (
-    gauge_range,
-    linear_strain,
-    second_gauge,
-    same_rate,
-    experiment,
-)

@@ -7,7 +7,6 @@ import pandas as pd
 from spin_up import spin_up
 
 import beamdae as bd
-from pan_liu_2012.claims import Judgement, Tables, agrees, claim
 from pan_liu_2012.runs import WITNESS, observed, second_method
 
 LONG_SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-9)
@@ -64,28 +63,3 @@ def against_exact(table: pd.DataFrame) -> pd.DataFrame:
     rows = table.loc[[table.index[np.argmin(np.abs(table.index - t))] for t in EXACT.index]]
     rows.index = EXACT.index
     return EXACT.join(rows[["u, nonlinear [m]", "v, nonlinear [m]"]])
-
-
-@claim(
-    "Geometric nonlinearity is necessary at high rotating speed",
-    "conclusions",
-    "-",
-)
-def stiffening(tables: Tables) -> Judgement:
-    table = tables["spin_up"]
-    steady = table.loc[15.0:, "u, nonlinear [m]"].mean()
-    peak = table["v, nonlinear [m]"].min()
-    linear = table["v, linear [m]"].abs().max()
-    held = abs(steady / STEADY_EXTENSION - 1.0) < 2e-3 and abs(peak / EXACT_PEAK[0] - 1.0) < 5e-3
-    reach = tables["reach"].set_index("torque factor")["error, linear, 1 frame [-]"]
-    return Judgement(
-        f"spin-up of a straight beam (Simo & Vu-Quoc 1986): nonlinear peak {peak:.4f} m (exact "
-        f"{EXACT_PEAK[0]:.4f}), steady extension {steady:.4e} m (exact {STEADY_EXTENSION:.4e}), "
-        f"linear {linear:.0f} m at 10 s; hub beam: linear off by {reach[1]:.1%} of the amplitude, "
-        f"by {reach[10]:.0%} with ten times the torque",
-        agrees(held and linear > 10.0),
-        "the linear model lacks the stiffening by centrifugal tension and diverges",
-    )
-
-
-CLAIMS = (stiffening,)

@@ -42,7 +42,7 @@ def draw_all(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
     _figures_9_10(tables, folder)
     convergence(tables["table_2_errors"], folder / "table_2.png")
     generalized_alpha(tables, folder / "generalized_alpha.png")
-    spin_up(tables["spin_up"], folder / "spin_up.png")
+    spin_up(tables, folder / "spin_up.png")
     reach(tables, folder / "reach.png")
 
 
@@ -138,29 +138,32 @@ def _figures_9_10(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
     time, label = (0, 4.5, 0.5), "deformation of the middle [m]"
     figure, axes = panels(3, width=4.4)
     for axis, pattern, title in (
-        (axes[0], "{}, tangent, v, local [m]", "across the axis, tangent frame"),
-        (axes[1], "{}, tangent, u, local [m]", "along the axis, tangent frame"),
-        (axes[2], "{}, chord, v, local [m]", "across the axis, chord frame"),
+        (axes[0], "{}, chord, v, local [m]", "across the axis, chord frame (used)"),
+        (axes[1], "{}, chord, u, local [m]", "along the axis, chord frame"),
+        (axes[2], "{}, tangent, v, local [m]", "across the axis, tangent frame"),
     ):
         plot(axis, pick(nine, styles, pattern), label, title, time, FIGURE_9)
     save(figure, folder / "figure_9.png")
     rate = "angular velocity [rad/s]"
-    figure, (left, right) = panels(2)
-    for axis, frame in ((left, "tangent"), (right, "chord")):
-        curves = pick(ten, styles, f"{{}}, {frame} [rad/s]")
-        plot(axis, curves, rate, f"{frame} frame", time, FIGURE_10)
-        # The linear curve is a little beyond the paper's axis.
+    figure, axes = panels(3, width=4.4)
+    for axis, pattern, title in (
+        (axes[0], "{}, chord, start section [rad/s]", "start section, chord frame (used)"),
+        (axes[1], "{}, tangent, start section [rad/s]", "start section, tangent frame"),
+        (axes[2], "{}, chord, chord [rad/s]", "chord, chord frame"),
+    ):
+        plot(axis, pick(ten, styles, pattern), rate, title, time, FIGURE_10)
+        # Linear curves are a little beyond the paper's axis.
         axis.set_ylim(-1.65, 1.65)
     save(figure, folder / "figure_10.png")
     figure, (left, right) = panels(2)
     for axis, pattern, name, label in (
-        (left, "{}, tangent, v, local [m]", "figure_9", "v of the middle [m]"),
-        (right, "{}, tangent [rad/s]", "figure_10", rate),
+        (left, "{}, chord, v, local [m]", "figure_9", "v of the middle [m]"),
+        (right, "{}, chord, start section [rad/s]", "figure_10", rate),
     ):
         rigid, flexible = tables[name], tables[f"{name}_flexible_crank"]
         curves = {
             "rigid crank": (rigid[pattern.format("nonlinear")], NONLINEAR),
             "flexible crank": (flexible[pattern.format("nonlinear")], LINEAR),
         }
-        plot(axis, curves, label, "nonlinear, tangent frame", time)
+        plot(axis, curves, label, "nonlinear, chord frame", time)
     save(figure, folder / "flexible_crank.png")

@@ -89,8 +89,9 @@ def generalized_alpha(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
     save(figure, path)
 
 
-def spin_up(table: pd.DataFrame, path: Path) -> None:
-    figure, (left, right) = panels(2)
+def spin_up(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
+    table = tables["spin_up"]
+    figure, (left, right, errors) = panels(3, width=4.4)
     dots = {"color": "black", "ls": "none", "marker": "o", "ms": 3, "clip_on": False}
     for axis, component, ends in (
         (left, "u", (-0.020, 0.005, 0.005)),
@@ -101,7 +102,19 @@ def spin_up(table: pd.DataFrame, path: Path) -> None:
             "linear": (table[f"{component}, linear [m]"], LINEAR),
             "geometrically exact": (EXACT[f"{component}, exact [m]"], dots),
         }
-        plot(axis, curves, f"{component} of the tip [m]", "", (0, 20, 5), ends)
+        title = "straight beam to 6 rad/s"
+        plot(axis, curves, f"{component} of the tip [m]", title, (0, 20, 5), ends)
+    rows = tables["curved_spin_up"]
+    rows = rows[rows["shape"].str.startswith("circular")].sort_values("speed [rad/s]")
+    for name, color in (("linear", RED), ("eq. (5)", BLUE)):
+        column = rows[f"error, {name} [-]"]
+        errors.loglog(rows["speed [rad/s]"], column, "o-", color=color, ms=3, lw=1, label=name)
+    errors.set_xticks([0.5, 1, 2, 4, 6], ["0.5", "1", "2", "4", "6"])
+    errors.minorticks_off()
+    errors.set_xlabel("speed [rad/s]", fontsize=9)
+    errors.set_ylabel("error of the tip / amplitude [-]", fontsize=9)
+    errors.set_title("the paper's curved beam, 60 degrees", fontsize=9)
+    errors.legend(fontsize=7, frameon=False)
     save(figure, path)
 
 

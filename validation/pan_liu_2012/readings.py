@@ -7,7 +7,7 @@ import pandas as pd
 from hub_beam import hub_beam
 
 from pan_liu_2012.axes import FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10, Axis, fills
-from pan_liu_2012.figures_9_10 import END, MIDDLE, RATE, ROWS, mechanism
+from pan_liu_2012.figures_9_10 import END, FRAME, MIDDLE, ROWS, mechanism, rates
 from pan_liu_2012.runs import PAPER_SCHEME, observed, observed_until_failure, span
 
 TIP = ["deformation.u [m]", "deformation.v [m]"]
@@ -29,13 +29,14 @@ def hub(reading: str) -> dict[str, pd.DataFrame]:
     return {"readings": pd.DataFrame(lines)}
 
 
+USED = {"frame": FRAME, "crank": "rigid"}
 CRANK = {
-    "as used": {},
-    "speed 2 pi rad/s": {"speed": 2.0 * np.pi},
-    "density 27 667 kg/m^3, as printed for the hub beam": {"density": 27667.0},
-    "chord frame": {"frame": "chord"},
-    "flexible crank": {"crank": "flexible"},
-    "flexible crank, chord frame": {"crank": "flexible", "frame": "chord"},
+    "as used": USED,
+    "speed 2 pi rad/s": USED | {"speed": 2.0 * np.pi},
+    "density 27 667 kg/m^3, as printed for the hub beam": USED | {"density": 27667.0},
+    "tangent frame": USED | {"frame": "tangent"},
+    "flexible crank": USED | {"crank": "flexible"},
+    "flexible crank, tangent frame": {"crank": "flexible", "frame": "tangent"},
 }
 
 
@@ -50,8 +51,9 @@ def crank(reading: str) -> dict[str, pd.DataFrame]:
     for column, name in MIDDLE.items():
         quantity = f"{name}, of the middle [m]"
         lines.append(_line("slider-crank", reading, quantity, "9", both[column], FIGURE_9))
-    rate = both[RATE]
-    lines.append(_line("slider-crank", reading, "rod frame [rad/s]", "10", rate, FIGURE_10))
+    for name, rate in rates(both).items():
+        quantity = f"angular velocity, {name} [rad/s]"
+        lines.append(_line("slider-crank", reading, quantity, "10", rate, FIGURE_10))
     return {"readings": pd.DataFrame(lines)}
 
 

@@ -23,13 +23,18 @@ import pandas as pd
 from rich.console import Console
 
 from pan_liu_2012 import (
+    appendix_claims,
+    curved_spin_up,
     dissipation,
     figure_5,
+    figure_5_claims,
     figures_6_7,
     figures_9_10,
+    figures_9_10_claims,
     manoeuvre,
     reach,
     readings,
+    steps,
     table_1,
     table_2,
     table_2_claims,
@@ -39,7 +44,16 @@ from pan_liu_2012.pictures import draw_all
 
 Tables = dict[str, pd.DataFrame]
 Job = tuple[str, Callable[..., Tables], tuple[Any, ...]]
-STUDIES = (table_2_claims, figures_6_7, figure_5, figures_9_10, dissipation, manoeuvre)
+STUDIES = (
+    table_2_claims,
+    steps,
+    figures_6_7,
+    figure_5_claims,
+    figures_9_10_claims,
+    dissipation,
+    curved_spin_up,
+    appendix_claims,
+)
 CLAIMS = [claim for study in STUDIES for claim in study.CLAIMS]
 
 
@@ -55,7 +69,9 @@ def jobs() -> list[Job]:
         ("damping", figure_5.damping, ()),
         ("figure 5", figure_5.histories, ()),
         *(("gauge scan", figure_5.scan, (name,)) for name in figure_5.ORIENTATIONS),
-        *(("figures 9 and 10", figures_9_10.histories, (c,)) for c in ("rigid", "flexible")),
+        *(("figures 9 and 10", figures_9_10.histories, (c,)) for c in figures_9_10.CRANKS),
+        *(("curved spin-up", curved_spin_up.errors, (speed,)) for speed in curved_spin_up.SPEEDS),
+        *(("steps", steps.errors, (name,)) for name in steps.SYSTEMS),
         *(("reach", reach.hub, (factor,)) for factor in reach.FACTORS),
         ("reach", reach.rod, ()),
         *(("readings", readings.hub, (name,)) for name in readings.HUB),
@@ -63,6 +79,7 @@ def jobs() -> list[Job]:
         *(("figures 6 and 7", figures_6_7.histories, (angle,)) for angle in (60.0, 30.0)),
         ("spin-up", manoeuvre.histories, ()),
         ("table 1", table_1.table, ()),
+        ("appendix", appendix_claims.table, ()),
     ]
 
 
@@ -111,6 +128,7 @@ def main() -> None:
     tables["table_2"] = table_2.table(tables["table_2_errors"])
     # Alone, for these are the times to lay beside the paper's.
     tables["table_2_times"] = table_2.times()
+    tables["rod_readings"] = figures_9_10_claims.judged_readings(tables)
     tables["summary"] = summary(CLAIMS, tables)
     write(tables, folder)
     draw_all(tables, folder)
