@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.formulations import FirstOrder, Formulation
+from beamdae.equations.formulations import FirstOrder, Formulation, State
 from beamdae.equations.spectrum import Mode
 from beamdae.integrators.drive import Route
 
@@ -57,6 +57,11 @@ class Scales:
     def tolerances(self, local: float) -> Array:
         """Tolerances of the positions, at least what rounding leaves of them."""
         return np.maximum(local * self.position, ROUNDING * self.size)
+
+    def first_step(self, local: float, state: State) -> float:
+        """Step [s] over which accelerations move a position by its tolerance."""
+        fastest = float(np.max(np.abs(state.a) / self.tolerances(local)))
+        return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
 
 
 def scales(route: Route) -> Scales:

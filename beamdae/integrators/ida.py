@@ -28,6 +28,8 @@ Array = np.ndarray
 
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
+# IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
+_SHORTER = 1e-4
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
 _NONE = 1e-15
 
@@ -123,7 +125,7 @@ class _Bdf:
     def __init__(self, settings: Ida, route: Route) -> None:
         self._form = first_order(route.equations, settings.formulation)
         self._newton = PreconditionedResidual(self._form, settings.linear_solver)
-        size = scales(route)
+        self._scales = size = scales(route)
         self._control = resolve(
             settings.error_control,
             settings.max_order,
@@ -133,14 +135,13 @@ class _Bdf:
             partial(fastest_modes, route.starter, route.time, route.state),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
-        self._solver = _solver(
-            self._newton,
-            self._form.size,
-            rtol=_NONE,
-            atol=self._control.absolute(self._tolerance, size, self._form),
-            max_order=self._control.max_order,
-            max_step=settings.max_step or route.longest_step,
-        )
+        self._longest = settings.max_step or route.longest_step
+        self._options = {
+            "rtol": _NONE,
+            "atol": self._control.absolute(self._tolerance, size, self._form),
+            "max_order": self._control.max_order,
+            "max_step": self._longest,
+        }
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -163,7 +164,16 @@ class _Bdf:
         """Begin a smooth interval."""
         self._t, self._end = start, end
         self._newton.restart(branch)
-        self._solver.init_step(start, *self._form.pack(state))
+        # IDA's own guess knows no accelerations, and fails where they are huge for an instant.
+        first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
+        self._start(first, state)
+
+    def _start(self, first: float, state: State) -> None:
+        """Begin with a step of this length [s]."""
+        self._first = first
+        self._state: State | None = state
+        self._solver = _solver(self._newton, self._form.size, first_step=first, **self._options)
+        self._solver.init_step(self._t, *self._form.pack(state))
 
     def step(self) -> tuple[float, State]:
         """One step of IDA."""
@@ -171,8 +181,13 @@ class _Bdf:
         with silent:
             result = self._solver.step(self._end, "onestep", self._end)
         if not result.success or not result.t > self._t:
-            raise StepError(self._reason(result))
+            shorter = _SHORTER * self._first
+            if self._state is None or self._t + shorter == self._t:
+                raise StepError(self._reason(result))
+            self._start(shorter, self._state)
+            return self.step()
         self._t = result.t
+        self._state = None
         self._newton.accepted += 1
         return result.t, self._form.unpack(result.y, result.yp)
 

@@ -99,7 +99,7 @@ class _Steps:
     def __init__(self, settings: Radau, route: Route) -> None:
         self._form = first_order(route.equations, _FORM)
         self._newton = Collocation(self._form, settings.linear_solver)
-        size = scales(route)
+        self._scales = size = scales(route)
         self._control = resolve(
             settings.error_control,
             _ORDER,
@@ -133,7 +133,9 @@ class _Steps:
         self._t, self._end = start, end
         self._y, self._yp = self._form.pack(state)
         self._smallest = _SMALLEST_STEP * max(abs(start), abs(end))
-        self._size = PredictiveStepSize(self._tolerance.first_step(state), self._longest)
+        self._size = PredictiveStepSize(
+            self._scales.first_step(self._tolerance.local, state), self._longest
+        )
 
     def step(self) -> tuple[float, State, list[tuple[float, State]]]:
         """One step that passes the error test, and its stages."""

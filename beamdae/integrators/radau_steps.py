@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from beamdae.equations.formulations import State
 from beamdae.integrators.error_control import ROUNDING, Scales
 from beamdae.integrators.radau_newton import MAX_ITERATIONS, Collocation
 
@@ -89,11 +88,6 @@ class Tolerance:
         weights = self.weights
         tested = len(weights) if self.velocities else len(weights) // 2
         return float(np.abs(error[:tested] * weights[:tested]).max())
-
-    def first_step(self, state: State) -> float:
-        """Step over which accelerations move the positions by the tolerance."""
-        fastest = float(np.max(np.abs(state.a / self.scales.position)))
-        return float(np.sqrt(2.0 * self.local / max(self.scales.rate**2, fastest)))
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.rank import JointMatrix, has_loops, joint_matrix
@@ -123,12 +124,13 @@ def _jumps(
     equations: EquationsOfMotion, trajectory: Trajectory, passed: Array, width: float
 ) -> Array:
     """Whether velocities jump near each time, by looks in this distance [s]."""
-    t = np.clip(passed[:, None] + width * _AROUND, trajectory.intervals[0].t[0], trajectory.end)
-    order = np.argsort(t, axis=None)
-    _, state = trajectory.at(t.ravel()[order])
-    v = np.empty_like(state.v)
-    v[order] = state.v / equations.position_scales
-    v = v.reshape(*t.shape, -1)
+    steps, first = np.unique(
+        np.concatenate([interval.t for interval in trajectory.intervals]), return_index=True
+    )
+    rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
+    t = np.clip(passed[:, None] + width * _AROUND, steps[0], steps[-1])
+    # Straight from step to step: a polynomial of higher degree would ring about a jump.
+    v = make_interp_spline(steps, rates / equations.position_scales, k=1)(t)
     changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
     most, mostly = changes.max(axis=1), np.median(changes, axis=1)
     return (most > _TIMES * mostly) & (most > _SHARE * np.linalg.norm(v, axis=2).max(axis=1))

@@ -34,7 +34,7 @@ def rhombus(longer=0.0):
     return mech
 
 
-def moved(mech, motion, t_end, steps=500):
+def moved(mech, motion, t_end, steps=5000):
     """A trajectory of (angle, pivot, arm) by body name, functions of time."""
     equations = bd.equations_of_motion(mech)
     t = np.linspace(0.0, t_end, steps)

@@ -40,6 +40,7 @@ def beam_force(gravity: np.ndarray) -> Callable[..., np.ndarray]:
         ARC,
         SECTION,
         elements=ELEMENTS,
+        strain="nonlinear",
         frame="tangent",
         continuity="local",
         quadrature="full",
