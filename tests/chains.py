@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import beamdae as bd
+from beamdae.equations.consistent_start import _saddle_function
 from beamdae.equations.formulations import first_order
 from beamdae.equations.step_equations import step_equations
 from beamdae.integrators.radau_newton import GAMMA, PAIR
@@ -35,7 +36,7 @@ def state(equations, seed=0):
 
 
 def matrices(equations, step):
-    """Patterns and non-zeros of Ida, Radau (the complex ones) and generalized-alpha, by name."""
+    """Patterns and non-zeros of Ida, Radau, generalized-alpha and the start, by name."""
     q, v, a, lam = state(equations)
     time, still = np.zeros(2), np.zeros(equations.m)
     form = first_order(equations, "stabilized-index1")
@@ -59,7 +60,10 @@ def matrices(equations, step):
         coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
         nonzeros = Compiled(form.jacobian, equations.p)(x, time, q, v, a, q, coefficients)[0]
         found[name] = (form.pattern, nonzeros.copy())
-    return found
+    function, pattern = _saddle_function(equations)
+    inertia_alone = np.array([0.0, 0.0, 1.0])
+    nonzeros = Compiled(function, equations.p)(time, q, v, a, inertia_alone)[1]
+    return {**found, "start": (pattern, nonzeros.copy())}
 
 
 def backward_error(pattern, nonzeros, x, right):
