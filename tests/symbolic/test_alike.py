@@ -26,9 +26,7 @@ def workshop():
         law = bd.sine(amplitude=0.1 + k, frequency=1.0 + k)
         mech.add(bd.Driver(f"driver {k}", mech.ground.at(0.0, 0.0), side.at(k, 1.0), law=law))
         line = mech.ground.at(k + 2.0, 1.0)
-        mech.add(
-            bd.PointOnLine(f"line {k}", line, side.at(k + 2.0, 1.0), direction=(1.0, 0.1 * k))
-        )
+        mech.add(bd.PointOnLine(f"line {k}", line, side.at(k + 2.0, 1.0), direction=(1.0, 0.1 * k)))
         mech.add(bd.Moment(f"moment {k}", on=body.at(k, 0.3), law=law))
     return mech
 
@@ -55,7 +53,7 @@ def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
     monkeypatch.setattr(assemble, "by_kernel", each_on_its_own)
     alone = bd.equations_of_motion(workshop())
-        # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
+    # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
     assert (len(alone.joints), len(shared.joints)) == (12, 4)
     assert (len(alone.forces), len(shared.forces)) == (15, 4)
     for got, expected in zip(numbers(shared, name), numbers(alone, name), strict=True):

@@ -1,6 +1,6 @@
 """Cost over the number of elements of one beam, and over the number of beams of a chain.
 
-    python validation/performance/scaling.py             all of both, about ten minutes
+    python validation/performance/scaling.py             all of both, about fifteen minutes
     python validation/performance/scaling.py --quick     up to a quarter of that
 
 "build" is from a model to its compiled residual and Jacobian, "s / 100 steps" is what so many steps
@@ -79,7 +79,13 @@ def form_of(equations: bd.EquationsOfMotion, integrator: bd.Integrator) -> tuple
     start = Starter(equations).state(np.zeros(2), equations.q0, equations.v0)
     if isinstance(integrator, bd.GeneralizedAlpha):
         form = step_equations(equations, False)
-        motion = (start.q, start.v, start.a, start.q, np.array([2.0 / STEP, 3.0 / STEP**2, STEP**2]))
+        motion = (
+            start.q,
+            start.v,
+            start.a,
+            start.q,
+            np.array([2.0 / STEP, 3.0 / STEP**2, STEP**2]),
+        )
         arguments = (np.zeros(form.size), np.zeros(2), *motion)
         functions = (Compiled(form.residual, equations.p), Compiled(form.jacobian, equations.p))
     else:
@@ -102,7 +108,7 @@ def added(integrator: bd.Integrator, equations: bd.EquationsOfMotion) -> tuple[f
         limited = replace(integrator, max_steps=steps)
         found: list[bd.Solution] = []
         times.append(
-            least_time(lambda run=limited, to=found: to.append(bd.simulate(equations, run, 2.0)), 3)
+            least_time(lambda run=limited, to=found: to.append(bd.simulate(equations, run, 2.0)), 4)
         )
         assert found[0].statistics.steps == steps, found[0].status
         counts.append(found[0].statistics.factorizations)
@@ -169,10 +175,11 @@ def main() -> None:
         peak(options.peak)
         return
     last = -2 if options.quick else None
+    # First of all: a process counts what the one had in use that started it.
+    command = [sys.executable, __file__, "--peak", str(ELEMENTS[:last][-1])]
+    print(subprocess.run(command, check=True, capture_output=True, text=True).stdout, flush=True)
     table(beam, ELEMENTS[:last])
     table(chain, BEAMS[:last])
-    command = [sys.executable, __file__, "--peak", str(ELEMENTS[:last][-1])]
-    print(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 if __name__ == "__main__":
