@@ -38,7 +38,7 @@ def each_on_its_own(statements):
 def numbers(equations, name):
     """Residual and Jacobian of a first-order form at some state."""
     form = first_order(equations, name)
-    q, v, a, lam = state(equations)
+    q, v, a, _ = state(equations)
     rest = np.cos(np.arange(form.size - 2 * equations.n))
     y, yp = np.concatenate([q, v, rest]), np.concatenate([v, a, 2.0 * rest])
     time = np.array([0.7, 0.7])
