@@ -31,6 +31,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
+from beamdae.symbolic.alike import by_kernel
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
@@ -198,28 +199,31 @@ def build(
     numbers = _Numbers()
     force_terms = [
         ForceTerm(
-            alike[0].kernel,
-            _stack([owners.globally(statement.pieces) for statement in alike]),
-            numbers.store(np.concatenate([statement.data for statement in alike], axis=1)),
-            sum(statement.count for statement in alike),
+            alike.kernel,
+            _stack([owners.globally(forces[k].pieces) for k in alike.members]),
+            numbers.store(alike.data),
+            alike.data.shape[1],
         )
-        for alike in _by_kernel(forces)
+        for alike in by_kernel(forces)
     ]
     held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
-    ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)]).tolist()
+    ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
+    places = [np.arange(first, last) for first, last in pairwise(ends)]
+    every = sp.eye_array(len(held), format="csr")
     constraint_terms = [
         ConstraintTerm(
-            statement.kernel,
-            owners.globally(statement.pieces),
-            numbers.store(statement.data),
-            slice(first, last),
+            alike.kernel,
+            _stack([owners.globally(constraints[k].pieces) for k in alike.members]),
+            numbers.store(alike.data),
+            sp.csr_array(every[np.concatenate([places[k] for k in alike.members])]),
+            alike.data.shape[1],
         )
-        for statement, (first, last) in zip(constraints, pairwise(ends), strict=True)
+        for alike in by_kernel(constraints)
     ]
     rows: dict[str, slice] = {}
-    for statement, term in zip(constraints, constraint_terms, strict=True):
+    for statement, (first, last) in zip(constraints, pairwise(ends.tolist()), strict=True):
         # A part may state several constraints, one after the other.
-        rows[statement.part] = slice(rows.get(statement.part, term.rows).start, term.rows.stop)
+        rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     observed = [
         _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
@@ -265,6 +269,7 @@ class _Numbers:
 
     def __init__(self) -> None:
         self._stored: list[Array] = []
+        self._end = 0
 
     @property
     def all(self) -> Array:
@@ -272,17 +277,10 @@ class _Numbers:
 
     def store(self, values: Array) -> slice:
         """Where the values are from now on, column after column."""
-        begin = sum(len(stored) for stored in self._stored)
+        begin = self._end
         self._stored.append(np.asarray(values, float).ravel(order="F"))
-        return slice(begin, begin + len(self._stored[-1]))
-
-
-def _by_kernel(statements: list[ForceStatement]) -> list[list[ForceStatement]]:
-    """Statements that share a kernel, together: they are evaluated in one map."""
-    groups: dict[int, list[ForceStatement]] = {}
-    for statement in statements:
-        groups.setdefault(id(statement.kernel), []).append(statement)
-    return list(groups.values())
+        self._end += len(self._stored[-1])
+        return slice(begin, self._end)
 
 
 def _stack(operators: list[sp.csr_array]) -> sp.csr_array:

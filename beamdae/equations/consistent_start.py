@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
 from beamdae.equations.formulations import State
+from beamdae.equations.independence import require_independent
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.compiled import Compiled
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -34,8 +35,6 @@ _JUMP = 1e-3
 # What rounding leaves of a mass matrix that is not what it should be, relative to its entries.
 _SKEW = 1e-9
 _MOST_MASSES = 300
-# A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
-_VANISHING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Starter:
 
     @cached_property
     def _constraints(self) -> Compiled:
-        return Compiled(_constraints_function(self.equations), self.equations.p)
+        return Compiled(_constraints_function(self.equations)[0], self.equations.p)
 
     @cached_property
     def _saddle(self) -> tuple[Compiled, Factorization, sp.csc_array]:
@@ -74,11 +73,12 @@ class Starter:
         solver, _ = self._factorized(time, state.q, state.v, _MASS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
-    def constraint_matrix(self, time: Array, q: Array) -> Array:
-        """G = dg/dq, dense (m, n)."""
-        e = self.equations
-        still = np.zeros(e.n)
-        return self._constraints(time, q, still, still)[3].reshape(e.m, e.n, order="F").copy()
+    def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
+        """G = dg/dq, sparse (m, n)."""
+        still = np.zeros(self.equations.n)
+        pattern = _constraints_function(self.equations)[1]
+        nonzeros = self._constraints(time, q, still, still)[3].copy()
+        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Consistent state nearest to (q, v) at time = (t, branch).
@@ -210,42 +210,21 @@ class Starter:
 
     def _check_rank(self, time: Array, q: Array) -> None:
         e = self.equations
-        if e.m == 0:
-            return
-        matrix = self.constraint_matrix(time, q) * e.position_scales
-        size = np.linalg.norm(matrix, axis=1, keepdims=True)
-        if np.any(size <= _VANISHING):
-            name = e.lam_names[int(np.argmin(size))]
-            raise BeamdaeError(
-                f"{name}: this constraint holds nothing at t = {time[0]:g}, its gradient is zero; "
-                "it cannot be met from the start given, or is none."
-            )
-        matrix = matrix / size
-        left, singular, _ = la.svd(matrix, full_matrices=False)
-        rank = int(np.sum(singular > 1e-10))
-        if rank == e.m:
-            return
-        if e.m > e.n:
-            left = la.svd(matrix)[0]
-        involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
-        names = ", ".join(name for name, is_in in zip(e.lam_names, involved, strict=True) if is_in)
-        raise BeamdaeError(
-            f"{names}: these constraints depend on each other at t = {time[0]:g}, "
-            f"remove {e.m - rank} of them."
-        )
+        scaled = self.constraint_matrix(time, q) @ sp.diags_array(e.position_scales)
+        require_independent(sp.csr_array(scaled), e.lam_names, float(time[0]))
 
 
 @once
-def _constraints_function(e: EquationsOfMotion) -> ca.Function:
-    """(time, q, v, a, p) -> g, g_dot, g_ddot and G."""
+def _constraints_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_array]:
+    """(time, q, v, a, p) -> g, g_dot, g_ddot and the non-zeros of G; its pattern."""
     time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
     p = MX.sym("p", len(e.p))
     levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
     total = SparseSum((e.m, e.n))
     for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
         total.add(block)
-    outputs = [*levels, ca.densify(total.matrix())]
-    return ca.Function("constraints", [time, q, v, a, p], outputs)
+    pattern, nonzeros = total.assemble()
+    return ca.Function("constraints", [time, q, v, a, p], [*levels, nonzeros]), pattern
 
 
 @once

@@ -37,12 +37,13 @@ class ForceTerm:
 
 @dataclass(frozen=True)
 class ConstraintTerm:
-    """One joint on the global coordinates; `rows` are its rows of g."""
+    """Copies of one constraint kernel on the global coordinates; `rows` picks their rows of g."""
 
     kernel: ConstraintKernel
     operator: sp.csr_array
     data: slice
-    rows: slice
+    rows: sp.csr_array
+    count: int
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,10 @@ class EquationsOfMotion:
 
     # Symbolic pieces ------------------------------------------------------------------------
 
-    def _force_inputs(self, term: ForceTerm, time: MX, vectors: Sequence[MX], p: MX) -> list[MX]:
+    def _inputs(
+        self, term: ForceTerm | ConstraintTerm, time: MX, vectors: Sequence[MX], p: MX
+    ) -> list[MX]:
+        """(time, local vectors, data), a column a copy."""
         local = [gather(term.operator, x, term.count) for x in vectors]
         data = ca.reshape(p[term.data], term.kernel.local.n_data, term.count)
         return [time, *local, data]
@@ -182,7 +186,7 @@ class EquationsOfMotion:
         total = MX.zeros(self.n)
         for term in self.forces:
             function = self._map(term.kernel.force_function, term.count, [0])
-            total += scatter(term.operator, function(*self._force_inputs(term, time, (q, v, a), p)))
+            total += scatter(term.operator, function(*self._inputs(term, time, (q, v, a), p)))
         return total
 
     def tangent(
@@ -193,7 +197,7 @@ class EquationsOfMotion:
         damping_and_mass: list[Block] = []
         for term in self.forces:
             function = self._map(term.kernel.tangent_function, term.count, [0, 5, 6])
-            inputs = self._force_inputs(term, time, (q, v, a), p)
+            inputs = self._inputs(term, time, (q, v, a), p)
             blocks = function(*inputs, c_v, c_a)
             for target, values in zip((stiffness, damping_and_mass), blocks, strict=True):
                 target.append(Block(values, term.operator, term.operator, term.count))
@@ -204,36 +208,36 @@ class EquationsOfMotion:
         total = MX.zeros(5)
         for term in self.forces:
             function = self._map(term.kernel.energy_function, term.count, [0], [0])
-            total += function(*self._force_inputs(term, time, (q, v), p))
+            total += function(*self._inputs(term, time, (q, v), p))
         return total
-
-    def _joint_vectors(self, term: ConstraintTerm, *vectors: MX) -> list[MX]:
-        return [gather(term.operator, x, 1) for x in vectors]
 
     def level(self, order: int, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
         """Constraints g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
-        rows = [
-            t.kernel.level_functions[order](time, *self._joint_vectors(t, q, v, a), p[t.data])
-            for t in self.joints
-        ]
-        return ca.vertcat(*rows) if rows else MX.zeros(0)
+        total = MX.zeros(self.m)
+        for t in self.joints:
+            function = self._map(t.kernel.level_functions[order], t.count, [0])
+            total += scatter(t.rows, function(*self._inputs(t, time, (q, v, a), p)))
+        return total
+
+    def _held(self, term: ConstraintTerm, lam: MX) -> MX:
+        """Multipliers, a column a copy."""
+        return gather(term.rows, lam, term.count)
 
     def reaction(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
         """G^T lam, shape (n,)."""
         total = MX.zeros(self.n)
         for t in self.joints:
-            (local,) = self._joint_vectors(t, q)
-            total += scatter(
-                t.operator, t.kernel.reaction_function(time, local, p[t.data], lam[t.rows])
-            )
+            function = self._map(t.kernel.reaction_function, t.count, [0])
+            forces = function(*self._inputs(t, time, (q,), p), self._held(t, lam))
+            total += scatter(t.operator, forces)
         return total
 
     def driver_power(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
         """Power of the drivers on the mechanism, lam . dg/dt [W]."""
         total = MX(0)
         for t in self.joints:
-            (local,) = self._joint_vectors(t, q)
-            total += t.kernel.power_function(time, local, p[t.data], lam[t.rows])
+            function = self._map(t.kernel.power_function, t.count, [0], [0])
+            total += function(*self._inputs(t, time, (q,), p), self._held(t, lam))
         return total
 
     def constraint_blocks(
@@ -242,12 +246,12 @@ class EquationsOfMotion:
         """Blocks of G, d g_dot/dq (m, n) and d(G^T lam)/dq (n, n)."""
         jacobian, rate, curvature = [], [], []
         for t in self.joints:
-            inputs = (time, *self._joint_vectors(t, q, v), p[t.data], lam[t.rows])
-            big_g, g_dot_q, reaction_q = t.kernel.matrices_function(*inputs)
-            rows = self._rows(t)
-            jacobian.append(Block(big_g, rows, t.operator, 1))
-            rate.append(Block(g_dot_q, rows, t.operator, 1))
-            curvature.append(Block(reaction_q, t.operator, t.operator, 1))
+            function = self._map(t.kernel.matrices_function, t.count, [0])
+            inputs = (*self._inputs(t, time, (q, v), p), self._held(t, lam))
+            big_g, g_dot_q, reaction_q = function(*inputs)
+            jacobian.append(Block(big_g, t.rows, t.operator, t.count))
+            rate.append(Block(g_dot_q, t.rows, t.operator, t.count))
+            curvature.append(Block(reaction_q, t.operator, t.operator, t.count))
         return jacobian, rate, curvature
 
     def acceleration_blocks(
@@ -257,15 +261,11 @@ class EquationsOfMotion:
         by_q: list[Block] = []
         by_v: list[Block] = []
         for t in self.joints:
-            inputs = (time, *self._joint_vectors(t, q, v, a), p[t.data])
-            for target, values in zip(
-                (by_q, by_v), t.kernel.acceleration_function(*inputs), strict=True
-            ):
-                target.append(Block(values, self._rows(t), t.operator, 1))
+            function = self._map(t.kernel.acceleration_function, t.count, [0])
+            blocks = function(*self._inputs(t, time, (q, v, a), p))
+            for target, values in zip((by_q, by_v), blocks, strict=True):
+                target.append(Block(values, t.rows, t.operator, t.count))
         return by_q, by_v
-
-    def _rows(self, term: ConstraintTerm) -> sp.csr_array:
-        return sp.csr_array(sp.eye_array(self.m, format="csr")[term.rows])
 
     def observed(self, time: MX, q: MX, v: MX, p: MX, lam: MX) -> MX:
         """All observed columns, in the order of `observables`."""

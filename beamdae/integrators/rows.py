@@ -61,19 +61,30 @@ class Rows:
         block, row = divmod(self._count - 1, _ROWS_AT_ONCE)
         return float(self._blocks[block][row, 0])
 
+    @property
+    def _used(self) -> list[Array]:
+        """The blocks, of the last one what is in use: of large systems that is a small part."""
+        starts = range(0, self._count, _ROWS_AT_ONCE)
+        return [
+            block[: self._count - start] for block, start in zip(self._blocks, starts, strict=False)
+        ]
+
     def cut_to_finite(self) -> bool:
         """Drop steps from the first one on that is not finite; whether there was none."""
-        finite = np.concatenate([np.isfinite(block).all(axis=1) for block in self._blocks])
-        bad = np.flatnonzero(~finite[: self._count])
+        finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._used])
+        bad = np.flatnonzero(~finite)
         if len(bad):
             self._count = max(int(bad[0]) - 1, 0) // self._per_step * self._per_step + 1
         return len(bad) == 0
 
-    def _state(self, rows: Array) -> State:
-        return State(*np.split(rows[..., 1:], [e - 1 for e in self._ends[1:-1]], axis=-1))
+    def _state(self, row: Array) -> State:
+        return State(*np.split(row[1:], [e - 1 for e in self._ends[1:-1]]))
 
     def interval(self, branch: float) -> Interval:
         """All of them."""
-        rows = np.concatenate(self._blocks)[: self._count]
-        state = State(*(x.copy() for x in self._state(rows)))
-        return Interval(rows[:, 0].copy(), state, branch, self._per_step if len(rows) > 1 else 1)
+        t, *state = (
+            np.concatenate([rows[:, first:last] for rows in self._used])
+            for first, last in pairwise([0, *self._ends])
+        )
+        per_step = self._per_step if len(t) > 1 else 1
+        return Interval(t[:, 0], State(*state), branch, per_step)

@@ -92,7 +92,7 @@ class Mechanism:
         return [law for part in self.parts.values() for law in part.laws]
 
     def _require_member(self, part: str, body: Part) -> None:
-        if body is self.ground or any(body is other for other in self.parts.values()):
+        if body is self.ground or self.parts.get(body.name) is body:
             return
         ground = body.name == self.ground.name
         whose = "another mechanism's ground" if ground else f"{body.name!r}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -36,23 +36,25 @@ def scatter(operator: sp.csr_array, local: ca.MX) -> ca.MX:
 class Block:
     """Local matrices R_e^T V_e C_e of `count` copies, placed at (row, column) of a larger matrix.
 
-    `values` is (r, c * count), copies side by side; `rows` is (r * count, .), `columns` is
-    (c * count, .).
+    `values` is (r, c * count), copies side by side, and sparse: what it has no entries for is zero
+    for all coordinates; `rows` is (r * count, .), `columns` is (c * count, .). The transposed one
+    is placed at (column, row).
     """
 
     values: ca.MX
     rows: sp.csr_array
     columns: sp.csr_array
     count: int
+    is_transposed: bool = False
 
     def scaled(self, factor: ca.MX | float) -> Block:
         """The block times a factor."""
-        return Block(factor * self.values, self.rows, self.columns, self.count)
+        return replace(self, values=factor * self.values)
 
     @property
     def transposed(self) -> Block:
-        """The transposed block; for a single copy only."""
-        return Block(self.values.T, self.columns, self.rows, self.count)
+        """The transposed block."""
+        return replace(self, is_transposed=not self.is_transposed)
 
 
 @dataclass
@@ -70,8 +72,8 @@ class SparseSum:
         """Add a block whose global rows and columns start at (row, column)."""
         i, j, source, weight = _expand(block)
         self._entries.append((i + row, j + column, source + self._size, weight))
-        self._values.append(ca.vec(block.values))
-        self._size += block.values.numel()
+        self._values.append(ca.vec(block.values.nz[:]))
+        self._size += block.values.nnz()
 
     def add_identity(self, size: int, value: ca.MX | float, row: int, column: int) -> None:
         """Add value * identity of `size` at (row, column)."""
@@ -106,15 +108,18 @@ class SparseSum:
 
 
 def _expand(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(row, column, index into vec(values), weight) of every product R_ai V_ab C_bj."""
+    """(row, column, index into the entries of values, weight) of every product R_ai V_ab C_bj."""
     r, c = block.rows.shape[0] // block.count, block.columns.shape[0] // block.count
-    left, right = sp.coo_array(block.rows), sp.coo_array(block.columns)
-    (a, i), (b, j) = left.coords, right.coords
-    by_copy = np.argsort(b // c, kind="stable")
-    b, j, right_data = b[by_copy], j[by_copy], right.data[by_copy]
-    start = np.searchsorted(b // c, np.arange(block.count + 1))
-    per_left = np.diff(start)[a // r]
-    first = np.repeat(start[a // r], per_left)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(per_left) - per_left, per_left)
-    k, index = first + within, np.repeat(np.arange(len(a)), per_left)
-    return i[index], j[k], b[k] * r + a[index] % r, left.data[index] * right_data[k]
+    row, column = (np.array(x, int) for x in block.values.sparsity().get_triplet())
+    row += column // c * r
+    left, right = sp.csr_array(block.rows), sp.csr_array(block.columns)
+    of_left, of_right = (np.diff(x.indptr)[at] for x, at in ((left, row), (right, column)))
+    pairs = of_left * of_right
+    source = np.repeat(np.arange(len(row)), pairs)
+    within = np.arange(len(source)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    a = left.indptr[row[source]] + within // of_right[source]
+    b = right.indptr[column[source]] + within % of_right[source]
+    i, j = left.indices[a], right.indices[b]
+    if block.is_transposed:
+        i, j = j, i
+    return i, j, source, left.data[a] * right.data[b]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -139,6 +139,22 @@ class ForceKernel:
     powers: SX = field(default_factory=lambda: SX.zeros(2))
     reused: bool = False
 
+    @property
+    def inputs(self) -> list[SX]:
+        """(time, q, v, a, data), what it may depend on."""
+        x = self.local
+        return [x.time, x.q, x.v, x.a, x.data]
+
+    @property
+    def outputs(self) -> list[SX]:
+        """(force, energies, powers)."""
+        return [self.force, self.energies, self.powers]
+
+    def restated(self, local: Local, outputs: list[SX]) -> ForceKernel:
+        """The same in other symbols."""
+        force, energies, powers = outputs
+        return ForceKernel(local, force, energies, powers, self.reused)
+
     @cached_property
     def misfit(self) -> str:
         """What is wrong with its expressions, a phrase, or nothing."""
@@ -158,22 +174,19 @@ class ForceKernel:
     @cached_property
     def force_function(self) -> ca.Function:
         """(time, q, v, a, data) -> F."""
-        x = self.local
-        inputs = [x.time, x.q, x.v, x.a, x.data]
-        return self._final(ca.Function("force", inputs, [ca.densify(self.force)]))
+        return self._final(ca.Function("force", self.inputs, [ca.densify(self.force)]))
 
     @cached_property
     def tangent_function(self) -> ca.Function:
-        """(..., c_v, c_a) -> dF/dq and c_v dF/dv + c_a dF/da, each (size, size) dense."""
+        """(..., c_v, c_a) -> dF/dq and c_v dF/dv + c_a dF/da, (size, size) each, sparse."""
         x = self.local
         c_v, c_a, d = SX.sym("c_v"), SX.sym("c_a"), SX.sym("d", x.size)
         moved = ca.substitute(
             self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c_v * d, x.a + c_a * d)
         )
         damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
-        outputs = [ca.densify(ca.jacobian(self.force, x.q)), ca.densify(damping_and_mass)]
-        inputs = [x.time, x.q, x.v, x.a, x.data, c_v, c_a]
-        return self._final(ca.Function("tangent", inputs, ca.cse(outputs)))
+        outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
+        return self._final(ca.Function("tangent", [*self.inputs, c_v, c_a], outputs))
 
     def _final(self, function: ca.Function) -> ca.Function:
         return native(function) if self.reused else function
@@ -211,6 +224,22 @@ class ConstraintKernel:
 
     local: Local
     constraint: SX
+    reused: ClassVar[bool] = False
+
+    @property
+    def inputs(self) -> list[SX]:
+        """(time, q, data), what it may depend on."""
+        return [self.local.time, self.local.q, self.local.data]
+
+    @property
+    def outputs(self) -> list[SX]:
+        """The constraints alone."""
+        return [self.constraint]
+
+    def restated(self, local: Local, outputs: list[SX]) -> ConstraintKernel:
+        """The same in other symbols."""
+        (constraint,) = outputs
+        return ConstraintKernel(local, constraint)
 
     @property
     def size(self) -> int:
@@ -255,25 +284,21 @@ class ConstraintKernel:
 
     @cached_property
     def matrices_function(self) -> ca.Function:
-        """(time, q, v, data, lam) -> G, d g_dot/dq and d(G^T lam)/dq, dense."""
+        """(time, q, v, data, lam) -> G, d g_dot/dq and d(G^T lam)/dq, sparse."""
         x = self.local
         outputs = [
             self._jacobian,
             ca.jacobian(self._g_dot, x.q),
             ca.jacobian(self._jacobian.T @ x.lam, x.q),
         ]
-        return ca.Function(
-            "matrices",
-            [x.time, x.q, x.v, x.data, x.lam],
-            ca.cse([ca.densify(o) for o in outputs]),
-        )
+        return ca.Function("matrices", [x.time, x.q, x.v, x.data, x.lam], ca.cse(outputs))
 
     @cached_property
     def acceleration_function(self) -> ca.Function:
-        """(time, q, v, a, data) -> d g_ddot/dq, d g_ddot/dv, dense."""
+        """(time, q, v, a, data) -> d g_ddot/dq, d g_ddot/dv, sparse."""
         x = self.local
         level = x.ddot(self.constraint)
-        outputs = [ca.densify(ca.jacobian(level, x.q)), ca.densify(ca.jacobian(level, x.v))]
+        outputs = [ca.jacobian(level, x.q), ca.jacobian(level, x.v)]
         return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
 
     @cached_property

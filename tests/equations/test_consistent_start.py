@@ -305,3 +305,19 @@ def test_normal_jerk_of_a_turning_pendulum():
     expected = jerk - along * (along @ mass @ jerk) / (along @ mass @ along)
     # Central differences of step 1e-4: 1e-8 of truncation, 1e-12 of rounding, times omega^5.
     assert_allclose(found, expected, atol=1e-5)
+
+
+def test_dependent_constraints_are_named_among_many():
+    """Of more than a hundred constraints those alone are taken apart that may be dependent."""
+    mech = bd.Mechanism()
+    before = mech.ground.at(0.0, 0.0)
+    for k in range(52):
+        link = mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k + 0.5, 0.0)))
+        mech.add(bd.Revolute(f"hinge {k}", before, link.at(k, 0.0)))
+        before = link.at(k + 1.0, 0.0)
+    _, state = started(mech)
+    assert_allclose(state.v, 0.0, atol=1e-15)
+    mech.add(bd.Revolute("twice", mech.ground.at(0.0, 0.0), mech.part("link 0").at(0.0, 0.0)))
+    pattern = r"hinge 0.x, hinge 0.y, twice.x, twice.y: .* depend on each other.*remove 2 of them"
+    with pytest.raises(bd.BeamdaeError, match=pattern):
+        started(mech)

@@ -1,0 +1,72 @@
+"""Whether constraints depend on each other, and which."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from beamdae.errors import BeamdaeError
+
+Array = np.ndarray
+
+# A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
+_VANISHING = 1e-13
+# Constraints depend on each other from this singular value of their scaled gradients on.
+_DEPENDENT = 1e-10
+# So many gradients are looked at by a singular value decomposition, which takes their number cubed;
+# of more of them those alone whose squared singular values may be smaller than this.
+_FEW = 100
+_DOUBTFUL = 1e-8
+_INVERSE_ITERATIONS = 3
+
+
+def require_independent(gradients: sp.csr_array, names: tuple[str, ...], t: float) -> None:
+    """Refuse constraints that hold nothing or depend on each other at time `t` [s].
+
+    `gradients` are those of the constraints `names`, a row each, in the scales of the coordinates.
+
+    Raises
+    ------
+    BeamdaeError
+        Naming them.
+    """
+    count, size = gradients.shape
+    if count == 0:
+        return
+    lengths = np.sqrt(gradients.multiply(gradients).sum(axis=1))
+    if np.any(lengths <= _VANISHING):
+        name = names[int(np.argmin(lengths))]
+        raise BeamdaeError(
+            f"{name}: this constraint holds nothing at t = {t:g}, its gradient is zero; "
+            "it cannot be met from the start given, or is none."
+        )
+    scaled = sp.csr_array(sp.diags_array(1.0 / lengths) @ gradients)
+    if count > _FEW and _are_clearly_independent(scaled):
+        return
+    matrix = scaled.toarray()
+    left, singular, _ = la.svd(matrix, full_matrices=False)
+    rank = int(np.sum(singular > _DEPENDENT))
+    if rank == count:
+        return
+    if count > size:
+        left = la.svd(matrix)[0]
+    involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
+    listed = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
+    raise BeamdaeError(
+        f"{listed}: these constraints depend on each other at t = {t:g}, "
+        f"remove {count - rank} of them."
+    )
+
+
+def _are_clearly_independent(rows: sp.csr_array) -> bool:
+    """Whether the smallest eigenvalue of rows @ rows.T, by inverse iteration, is far from zero."""
+    try:
+        factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
+    except RuntimeError:
+        return False
+    x = np.cos(np.arange(rows.shape[0]) ** 2.0)
+    for _ in range(_INVERSE_ITERATIONS):
+        x = factors.solve(x / np.linalg.norm(x))
+    return bool(np.linalg.norm(x) < 1.0 / _DOUBTFUL)

@@ -1,0 +1,73 @@
+"""Chains of beams, and the matrices that integrators factorize."""
+
+import numpy as np
+import scipy.sparse as sp
+
+import beamdae as bd
+from beamdae.equations.consistent_start import _saddle_function
+from beamdae.equations.formulations import first_order
+from beamdae.equations.step_equations import step_equations
+from beamdae.integrators.radau_newton import GAMMA, PAIR
+from beamdae.symbolic.compiled import Compiled
+
+ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)
+
+
+def chain(beams, joint=bd.Revolute, elements=4, frame="tangent"):
+    """Straight beams in a row, the first one hinged to the ground."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    links = []
+    for k in range(beams):
+        line = bd.Line((0.4 * k, 0.0), (0.4 * (k + 1), 0.0))
+        links.append(mech.add(bd.Beam(f"link {k}", line, STRIP, elements=elements, frame=frame)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), links[0].start))
+    for k in range(1, beams):
+        mech.add(joint(f"joint {k}", links[k - 1].end, links[k].start))
+    return mech
+
+
+def state(equations, seed=0):
+    """Coordinates, velocities, accelerations and multipliers of no rest and no symmetry."""
+    rng = np.random.default_rng(seed)
+    motion = (rng.normal(size=equations.n) * equations.position_scales for _ in range(3))
+    q, v, a = (size * x for size, x in zip((1e-5, 1e-3, 0.1), motion, strict=True))
+    return equations.q0 + q, v, a, 10.0 * rng.normal(size=equations.m)
+
+
+def matrices(equations, step):
+    """Patterns and non-zeros of Ida, Radau, generalized-alpha and the start, by name."""
+    q, v, a, lam = state(equations)
+    time, still = np.zeros(2), np.zeros(equations.m)
+    form = first_order(equations, "stabilized-index1")
+    jacobian = Compiled(form.jacobian, equations.p, np.zeros(1))
+
+    def at(c):
+        jacobian.inputs[-1][0] = c
+        y, yp = np.concatenate([q, v, still, still]), np.concatenate([v, a, lam, still])
+        return jacobian(time, y, yp)[0].copy()
+
+    stiffness, inertia = at(0.0), at(1.0) - at(0.0)
+    found = {
+        "Ida": (form.pattern, at(1.0 / step)),
+        "Radau": (form.pattern, at(GAMMA / step)),
+        "Radau, complex": (form.pattern, stiffness + (PAIR / step) * inertia),
+    }
+    for name, stabilized in (("index 3", False), ("index 2", True)):
+        form = step_equations(equations, stabilized)
+        x = np.zeros(form.size)
+        x[equations.n :][: equations.m] = step**2 * lam
+        coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
+        nonzeros = Compiled(form.jacobian, equations.p)(x, time, q, v, a, q, coefficients)[0]
+        found[name] = (form.pattern, nonzeros.copy())
+    function, pattern = _saddle_function(equations)
+    inertia_alone = np.array([0.0, 0.0, 1.0])
+    nonzeros = Compiled(function, equations.p)(time, q, v, a, inertia_alone)[1]
+    return {**found, "start": (pattern, nonzeros.copy())}
+
+
+def backward_error(pattern, nonzeros, x, right):
+    """Of Oettli & Prager: the largest error of an equation relative to its terms."""
+    matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+    terms = abs(matrix) @ np.abs(x) + np.abs(right)
+    return float(np.max(np.abs(matrix @ x - right) / terms))

@@ -1,0 +1,80 @@
+"""Statements of one kind share a kernel, and mean what they meant on their own."""
+
+import numpy as np
+import pytest
+from chains import STRIP, chain, state
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.equations import assemble
+from beamdae.equations.formulations import FIRST_ORDER, first_order
+from beamdae.symbolic.alike import Alike, by_kernel
+from beamdae.symbolic.compiled import Compiled
+
+
+def workshop():
+    """Two or three of every kind of statement, no two with the same numbers."""
+    mech = bd.Mechanism(gravity=(0.3, -9.81))
+    for k in (1, 2, 3):
+        arc = bd.Arc(radius=0.8 + 0.1 * k, length=0.5, start=(k, 0.1 * k), angle=0.2 * k)
+        beam = mech.add(bd.Beam(f"beam {k}", arc, STRIP, elements=2, frame="tangent"))
+        body = mech.add(bd.RigidBody(f"body {k}", 1.0 + k, 0.1, center=(k, 0.3)))
+        mech.add(bd.PointMass(f"mass {k}", 0.1 + k, on=beam.at(0.1 + 0.1 * k)))
+        mech.add(bd.Revolute(f"hinge {k}", mech.ground.at(k, 0.1 * k), beam.start))
+        mech.add(bd.Weld(f"weld {k}", beam.end, body.at(*beam.end.point)))
+        side = mech.add(bd.RigidBody(f"side {k}", 2.0, 0.2, center=(k + 2.0, 1.0)))
+        law = bd.sine(amplitude=0.1 + k, frequency=1.0 + k)
+        mech.add(bd.Driver(f"driver {k}", mech.ground.at(0.0, 0.0), side.at(k, 1.0), law=law))
+        line = mech.ground.at(k + 2.0, 1.0)
+        mech.add(bd.PointOnLine(f"line {k}", line, side.at(k + 2.0, 1.0), direction=(1.0, 0.1 * k)))
+        mech.add(bd.Moment(f"moment {k}", on=body.at(k, 0.3), law=law))
+    return mech
+
+
+def each_on_its_own(statements):
+    return [Alike(x.kernel, [k], x.data) for k, x in enumerate(statements)]
+
+
+def numbers(equations, name):
+    """Residual and Jacobian of a first-order form at some state."""
+    form = first_order(equations, name)
+    q, v, a, _ = state(equations)
+    rest = np.cos(np.arange(form.size - 2 * equations.n))
+    y, yp = np.concatenate([q, v, rest]), np.concatenate([v, a, 2.0 * rest])
+    time = np.array([0.7, 0.7])
+    residual = Compiled(form.residual, equations.p)(time, y, yp)[0]
+    jacobian = form.pattern.copy()
+    jacobian.data = Compiled(form.jacobian, equations.p, np.array([30.0]))(time, y, yp)[0]
+    return residual, jacobian.toarray()
+
+
+@pytest.mark.parametrize("name", FIRST_ORDER)
+def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
+    shared = bd.equations_of_motion(workshop())
+    monkeypatch.setattr(assemble, "by_kernel", each_on_its_own)
+    alone = bd.equations_of_motion(workshop())
+    # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
+    assert (len(alone.joints), len(shared.joints)) == (12, 4)
+    assert (len(alone.forces), len(shared.forces)) == (15, 4)
+    for got, expected in zip(numbers(shared, name), numbers(alone, name), strict=True):
+        assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
+def test_a_longer_chain_has_no_longer_program(joint):
+    programs = []
+    for beams in (5, 10):
+        form = first_order(bd.equations_of_motion(chain(beams, joint)), "stabilized-index1")
+        programs.append((form.residual.n_instructions(), form.jacobian.n_instructions()))
+    assert programs[0] == programs[1]
+
+
+def test_numbers_that_do_not_differ_are_no_data():
+    mech = bd.Mechanism()
+    masses = [
+        mech.add(bd.PointMass(f"mass {k}", 1.0, at=(0.0, 0.0))).forces(mech.gravity)[0]
+        for k in range(2)
+    ]
+    (alike,) = by_kernel(masses)
+    assert alike.kernel.local.n_data == masses[0].kernel.local.n_data
+    assert alike.data.shape == (3, 2)
