@@ -23,8 +23,8 @@ def _filled(shape: tuple[int, ...], entries: dict) -> np.ndarray:
     return array
 
 
-# Shapes of the rod: sin(pi x/l) and sin(2 pi x/l) across it, quadratic ones along it. Integrals over
-# the rod of shapes, of x times shapes, and of the products of bending and axial ones.
+# Shapes of the rod: sin(pi x/l) and sin(2 pi x/l) across it, quadratic ones along it. Below are
+# integrals over the rod of shapes, of x times shapes, and of bending times axial ones.
 MASS = DENSITY * VOLUME * _filled((4, 4), {(0, 0): 0.5, (1, 1): 0.5, (2, 2): 8.0, (3, 3): 2.0})
 MASS[2, 3] = MASS[3, 2] = DENSITY * VOLUME
 STIFFNESS = (YOUNG * SIDE**2 / ROD) * _filled(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 import beamdae as bd
 
@@ -177,3 +178,21 @@ def double_four_bar(speed=3.0):
     mech.observe("top", uprights[0].at(0.0, 1.0))
     mech.observe("bar", bar.at(1.0, 1.0))
     return mech
+
+
+def double_four_bar_motion(t: np.ndarray) -> np.ndarray:
+    """(x, y) of the left top and x of the middle one, from the one angle that tells all.
+
+    Its uprights lean by the same angle from the vertical, 3 theta'' = 3.5 g sin(theta).
+    """
+    motion = solve_ivp(
+        lambda _, y: [y[1], 3.5 / 3.0 * 9.81 * np.sin(y[0])],
+        (0.0, t[-1]),
+        [0.0, 3.0],
+        method="DOP853",
+        t_eval=t,
+        rtol=1e-13,
+        atol=1e-13,
+    )
+    x, y = np.sin(motion.y[0]), np.cos(motion.y[0])
+    return np.stack([x, y, 1.0 + x], axis=-1)

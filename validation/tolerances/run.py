@@ -21,7 +21,8 @@ from pendulum import pendulum
 from slider_crank import slider_crank
 
 import beamdae as bd
-from tolerances.cases import CASES, FOLDER, ToleranceCase
+from tolerances.cases import CASES
+from tolerances.tolerance_case import FOLDER, ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from tolerances.cases import ToleranceCase
 from tolerances.references import SUMMARY
+from tolerances.tolerance_case import ToleranceCase
 
 # A run is given up after so long [s].
 TIME_LIMIT = 30.0
@@ -65,7 +65,7 @@ def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> di
 
 
 def condensed(table: pd.DataFrame) -> pd.DataFrame:
-    """r by case over integrator and rtol; how a run ended where it has none."""
+    """Table of r by case over integrator and rtol; how a run ended where it has none."""
     cells = table["r"].map("{:.3g}".format).where(table["status"] == "ok", table["status"])
     shown = table.assign(cell=cells, rtol=table["rtol"].map("{:.0e}".format))
     order = {"index": ["case", "bound"], "columns": ["integrator", "rtol"], "values": "cell"}
