@@ -15,12 +15,24 @@ from tolerances.modal import small_vibrations
 from tolerances.tolerance_case import FOLDER, ToleranceCase, deviations
 
 SUMMARY = FOLDER / "summary.csv"
-# Refinement ends where it changes less than this share of the amplitude.
-SETTLED = 1e-7
-# A method is refined while its next run is expected to take less processor time [s].
-PATIENCE = 15.0
 RTOLS = tuple(10.0**-k for k in range(7, 13))
 STEPS = tuple(2000 * 2**k for k in range(10))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far references are refined.
+
+    Attributes
+    ----------
+    settled
+        Refinement ends where it changes less than this share of the amplitude.
+    patience
+        A method is refined while its next run is expected to take less processor time [s].
+    """
+
+    settled: float = 1e-7
+    patience: float = 15.0
 
 
 @dataclass(frozen=True)
@@ -31,37 +43,45 @@ class Answer:
     rows: np.ndarray
 
 
-def make_reference(case: ToleranceCase) -> pd.DataFrame:
-    """Store the reference of a case; the lines of the summary tell how well it is known.
+def make_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
+    """Store the reference of a case, and in the summary how well it is known; its lines there."""
+    table, lines = reference(case, effort)
+    FOLDER.mkdir(exist_ok=True)
+    table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
+    known = pd.read_csv(SUMMARY) if SUMMARY.exists() else lines.iloc[:0]
+    others = known[known["case"] != case.name]
+    pd.concat([others, lines]).to_csv(SUMMARY, index=False, float_format="%.2g")
+    return lines
+
+
+def reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Rows by the first method, and by column how far the second one is from them.
 
     Raises
     ------
     SystemExit
-        If one of the methods did not reach the end.
+        If no run of one of the methods reached the end.
     """
-    answers = _settled(case, _radau(case))
+    answers = _settled(case, _radau(case, effort), effort)
     if not answers:
         raise SystemExit(f"{case.name}: Radau did not reach the end")
     truth = answers[-1]
     if case.exact:
         truth, witness = Answer("closed form", case.exact(case.times)), truth
     elif case.small:
-        columns = small_vibrations(case.model(**case.parameters), case.times)
-        rows = np.stack([columns[name] for name in (*case.columns, *case.reactions)], axis=-1)
-        witness = Answer("modes of the linearized equations", rows)
+        witness = _modal(case)
     else:
-        witness = _nearest(case, truth, chain(_bdf(case), _extrapolated(case)))
+        others = chain(_bdf(case, effort), _extrapolated(case, effort))
+        witness = _nearest(case, truth, others, effort)
     headers = [*case.columns, *case.reactions]
     table = pd.DataFrame(truth.rows, columns=headers)
     table.insert(0, "t [s]", case.times)
-    FOLDER.mkdir(exist_ok=True)
-    table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
     lines = pd.DataFrame({"case": case.name, "column": headers})
     lines["method 1"], lines["method 2"] = truth.method, witness.method
     lines["disagreement"] = deviations(witness.rows, truth.rows)
     if len(answers) > 1:
         lines["last refinement"] = deviations(answers[-2].rows, answers[-1].rows)
-    return pd.concat([lines, _published(case, table)])
+    return table, pd.concat([lines, _published(case, table)])
 
 
 def _published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
@@ -82,36 +102,31 @@ def _published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def note(lines: pd.DataFrame) -> None:
-    """Put the lines of one case into the stored summary, in place of older ones."""
-    known = pd.read_csv(SUMMARY) if SUMMARY.exists() else lines.iloc[:0]
-    others = known[known["case"] != lines["case"].iloc[0]]
-    pd.concat([others, lines]).to_csv(SUMMARY, index=False, float_format="%.2g")
-
-
 def _apart(case: ToleranceCase, truth: Answer, other: Answer) -> float:
     """How far two answers differ in the columns the promise is about."""
     n = len(case.columns)
     return float(deviations(other.rows[:, :n], truth.rows[:, :n]).max())
 
 
-def _settled(case: ToleranceCase, answers: Iterable[Answer]) -> list[Answer]:
+def _settled(case: ToleranceCase, answers: Iterable[Answer], effort: Effort) -> list[Answer]:
     """Ever finer answers up to the first that hardly differs from the one before."""
     found: list[Answer] = []
     for answer in answers:
         found.append(answer)
-        if len(found) > 1 and _apart(case, answer, found[-2]) < SETTLED:
+        if len(found) > 1 and _apart(case, answer, found[-2]) < effort.settled:
             break
     return found
 
 
-def _nearest(case: ToleranceCase, truth: Answer, answers: Iterable[Answer]) -> Answer:
+def _nearest(
+    case: ToleranceCase, truth: Answer, answers: Iterable[Answer], effort: Effort
+) -> Answer:
     """The answer nearest to the truth, or the first that is near enough."""
     nearest = None
     for answer in answers:
         if nearest is None or _apart(case, truth, answer) < _apart(case, truth, nearest):
             nearest = answer
-        if _apart(case, truth, nearest) < SETTLED:
+        if _apart(case, truth, nearest) < effort.settled:
             break
     if nearest is None:
         raise SystemExit(f"{case.name}: the second method did not reach the end")
@@ -119,7 +134,7 @@ def _nearest(case: ToleranceCase, truth: Answer, answers: Iterable[Answer]) -> A
 
 
 def _rows(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
-    """Compared rows, if the run reached its end, and what it took [s]."""
+    """Compared rows, if the run reached its end, and the processor time it took [s]."""
     began = process_time()
     solution = case.run(integrator)
     rows = None
@@ -128,35 +143,36 @@ def _rows(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | 
     return rows, process_time() - began
 
 
-def _radau(case: ToleranceCase) -> Iterator[Answer]:
+def _radau(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
     spent = 0.0
     for rtol in RTOLS:
-        if 1.6 * spent > PATIENCE:
+        # Of order 5, a tenth of the tolerance takes 1.6 times the steps.
+        if 1.6 * spent > effort.patience:
             return
-        rows, spent = _rows(case, bd.Radau(rtol, time_limit=6.0 * PATIENCE))
+        rows, spent = _rows(case, bd.Radau(rtol, time_limit=6.0 * effort.patience))
         if rows is None:
             return
         yield Answer(f"Radau({rtol:.0e})", rows)
 
 
-def _bdf(case: ToleranceCase) -> Iterator[Answer]:
+def _bdf(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
     """Ida, where damping or the lack of fast modes lets it use its order 5."""
     look = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
     if look.integrator["max_order"] < 5:
         return
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
-        settings = bd.Ida(rtol, error_control="velocities", time_limit=PATIENCE)
+        settings = bd.Ida(rtol, error_control="velocities", time_limit=effort.patience)
         rows, _ = _rows(case, settings)
         if rows is None:
             return
         yield Answer(f"Ida({rtol:.0e}, velocities tested)", rows)
 
 
-def _extrapolated(case: ToleranceCase) -> Iterator[Answer]:
+def _extrapolated(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
     """Generalized-alpha of steps 2 h and h, extrapolated (Richardson)."""
     coarse, spent = None, 0.0
     for steps in STEPS:
-        if 2.0 * spent > PATIENCE:
+        if 2.0 * spent > effort.patience:
             return
         step = case.duration / steps
         fine, spent = _rows(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
@@ -166,3 +182,9 @@ def _extrapolated(case: ToleranceCase) -> Iterator[Answer]:
             method = f"GeneralizedAlpha({step:.3g} s), extrapolated"
             yield Answer(method, fine + (fine - coarse) / 3.0)
         coarse = fine
+
+
+def _modal(case: ToleranceCase) -> Answer:
+    columns = small_vibrations(case.model(**case.parameters), case.times)
+    rows = np.stack([columns[name] for name in (*case.columns, *case.reactions)], axis=-1)
+    return Answer("modes of the linearized equations", rows)
