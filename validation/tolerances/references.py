@@ -149,7 +149,7 @@ def _radau(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
         # Of order 5, a tenth of the tolerance takes 1.6 times the steps.
         if 1.6 * spent > effort.patience:
             return
-        rows, spent = _rows(case, bd.Radau(rtol, time_limit=6.0 * effort.patience))
+        rows, spent = _rows(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
         if rows is None:
             return
         yield Answer(f"Radau({rtol:.0e})", rows)
@@ -161,7 +161,7 @@ def _bdf(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
     if look.integrator["max_order"] < 5:
         return
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
-        settings = bd.Ida(rtol, error_control="velocities", time_limit=effort.patience)
+        settings = bd.Ida(rtol, error_control="velocities", time_limit=4.0 * effort.patience)
         rows, _ = _rows(case, settings)
         if rows is None:
             return

@@ -34,8 +34,6 @@ class ToleranceCase:
         Observed forces and moments, compared as well, but told of separately.
     rows
         Output times, from 0 to the end.
-    fine_step
-        The step of generalized-alpha for the reference [s].
     exact
         The compared columns and reactions at given times in closed form, where there is one.
     published
@@ -54,7 +52,6 @@ class ToleranceCase:
     t_end: float | None = None
     reactions: tuple[str, ...] = ()
     rows: int = 201
-    fine_step: float = 5e-5
     exact: Callable[[np.ndarray], np.ndarray] | None = None
     published: dict[str, float] | None = None
     small: bool = False
