@@ -8,7 +8,7 @@ python validation/tolerances/run.py --random         random mechanisms, all inte
 python validation/tolerances/run.py --references     recompute the stored references (half an hour)
 python validation/tolerances/run.py --random-references 200 210    and of further seeds
 
---case and --integrator (several times) pick some; tables of all of them go to results/.
+--case, --integrator and --rtol (several times) pick some; tables of all of them go to results/.
 """
 
 from __future__ import annotations
@@ -100,15 +100,15 @@ def measured(
     chosen = [case for case in cases if not options.case or case.name in options.case]
     names = options.integrator or list(wide.INTEGRATORS)
     lines = []
-    for line in wide.lines(chosen, names, rtols):
+    for line in wide.lines(chosen, names, options.rtol or rtols):
         lines.append(line)
         print(*(f"{x:.3g}" if isinstance(x, float) else x for x in line.values()), flush=True)
     return pd.DataFrame(lines)
 
 
 def store(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
-    """Write a table, unless it is one of some cases or integrators only."""
-    if not (options.case or options.integrator):
+    """Write a table, unless it is one of some cases, integrators or tolerances only."""
+    if not (options.case or options.integrator or options.rtol):
         RESULTS.mkdir(exist_ok=True)
         table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
 
@@ -143,6 +143,7 @@ def main() -> None:
     what.add_argument("--random-references", type=int, nargs=2, metavar=("FIRST", "END"))
     parser.add_argument("--case", action="append")
     parser.add_argument("--integrator", action="append", choices=wide.INTEGRATORS)
+    parser.add_argument("--rtol", action="append", type=float)
     parser.add_argument("--patience", type=float, default=Effort().patience)
     options = parser.parse_args()
     if options.random_references:
