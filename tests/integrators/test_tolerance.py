@@ -1,7 +1,7 @@
 """Honest tolerance: the error of a whole run stays within a known factor of rtol.
 
-References: Richardson extrapolation of generalized-alpha, confirmed by IDA at 1e-7
-(validation/tolerances/run.py --references), agreement 8e-6 of the amplitude or better.
+References: Radau at a tight tolerance, confirmed by Richardson extrapolation of generalized-alpha
+(validation/tolerances/run.py --references), agreement 4e-6 of the amplitude or better.
 """
 
 import numpy as np

@@ -1,69 +1,144 @@
-"""Cases of the tolerance study: models, compared columns, stored references, the error measure."""
+"""The cases of the tolerance study: five published ones, and a wide set around them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from hub_beam import hub_beam
 from pendulum import pendulum
 from slider_crank import slider_crank
+from spin_up import spin_up
 
 import beamdae as bd
+from tolerances import constrained_systems as c
+from tolerances import mechanisms as m
+from tolerances.flexible_slider_crank import CRANK_END, flexible_slider_crank
+from tolerances.tolerance_case import DAMPED, UNDAMPED, ToleranceCase
 
-FOLDER = Path(__file__).parent / "references"
-ROWS = 501
-
-
-@dataclass(frozen=True)
-class ToleranceCase:
-    """A model whose tip position and frame angle are compared with a stored reference.
-
-    `bound` is the promised error over rtol: 30 for damped models, 100 for undamped ones.
-    `fine_step` is the step of generalized-alpha for the reference.
-    """
-
-    name: str
-    model: bd.Model
-    columns: tuple[str, ...]
-    parameters: dict[str, Any] = field(default_factory=dict)
-    bound: float = 100.0
-    fine_step: float = 5e-5
-
-    def run(self, integrator: Any) -> bd.Solution:
-        """Solve the case with rows at the times of the reference."""
-        t_end = self.model.t_end
-        mechanism = self.model(**self.parameters)
-        return bd.simulate(mechanism, integrator, t_end=t_end, output_step=t_end / (ROWS - 1))
-
-    def observed(self, solution: bd.Solution) -> np.ndarray:
-        """The compared columns, (rows, columns)."""
-        return solution.observed[list(self.columns)].to_numpy()
-
-    @property
-    def reference(self) -> np.ndarray:
-        """The stored reference, (ROWS, columns)."""
-        return pd.read_csv(FOLDER / f"{self.name}.csv")[list(self.columns)].to_numpy()
-
-    def errors(self, solution: bd.Solution, reference: np.ndarray | None = None) -> np.ndarray:
-        """Largest error of each column over the run, relative to its amplitude.
-
-        The amplitude is half the range of the reference, the smallest of the usual definitions.
-        """
-        reference = self.reference if reference is None else reference
-        amplitude = 0.5 * np.ptp(reference, axis=0)
-        return np.max(np.abs(self.observed(solution) - reference), axis=0) / amplitude
-
-
+HUB = ("tip.x [m]", "tip.y [m]", "hub.angle [rad]")
 PENDULUM = ("tip.x [m]", "tip.y [m]", "frame.angle [rad]")
 SLIDER = ("slider.x [m]", "rod frame.angle [rad]")
 CASES = (
-    ToleranceCase("hub_beam", hub_beam, ("tip.x [m]", "tip.y [m]", "hub.angle [rad]")),
-    ToleranceCase("pendulum_damped", pendulum, PENDULUM, bound=30.0),
-    ToleranceCase("pendulum_undamped", pendulum, PENDULUM, {"damping": 0.0}, fine_step=2e-5),
-    ToleranceCase("slider_crank_tangent", slider_crank, SLIDER),
-    ToleranceCase("slider_crank_chord", slider_crank, SLIDER, {"frame": "chord"}),
+    ToleranceCase("hub_beam", hub_beam, HUB, rows=501),
+    ToleranceCase("pendulum_damped", pendulum, PENDULUM, bound=DAMPED, rows=501),
+    ToleranceCase("pendulum_undamped", pendulum, PENDULUM, {"damping": 0.0}, rows=501),
+    ToleranceCase("slider_crank_tangent", slider_crank, SLIDER, rows=501),
+    ToleranceCase("slider_crank_chord", slider_crank, SLIDER, {"frame": "chord"}, rows=501),
 )
+
+
+def _case(
+    name: str,
+    model: bd.Model,
+    columns: tuple[str, ...],
+    t_end: float,
+    bound: float = UNDAMPED,
+    **parameters: Any,
+) -> ToleranceCase:
+    return ToleranceCase(name, model, columns, parameters, bound, t_end)
+
+
+MECHANISMS = (
+    _case("hub_slow", hub_beam, HUB, 5.0, frequency=0.1),
+    _case("hub_fast", hub_beam, HUB, 0.5, frequency=10.0),
+    _case("hub_fast_damped", hub_beam, HUB, 0.5, DAMPED, frequency=10.0, damping=1e-5),
+    _case("hub_strong", hub_beam, HUB, 1.0, torque=50.0),
+    _case("hub_weak", hub_beam, HUB, 1.0, torque=2.0),
+    _case("flexible_crank", slider_crank, SLIDER, 1.5, crank="flexible"),
+    _case(
+        "flexible_crank_damped", slider_crank, SLIDER, 1.5, DAMPED, crank="flexible", damping=1e-4
+    ),
+    _case("no_tip_mass", pendulum, PENDULUM, 1.0, tip_mass=0.0, damping=0.0),
+    _case("no_tip_mass_damped", pendulum, PENDULUM, 2.0, DAMPED, tip_mass=0.0),
+)
+
+TIP = ("tip.x [m]", "tip.y [m]", "tip.angle [rad]")
+BLADE = (
+    _case("spin_up", spin_up, TIP, 20.0),
+    _case("spin_up_damped", spin_up, TIP, 20.0, DAMPED, damping=1e-2),
+)
+
+COUPLER = ("middle.x [m]", "middle.y [m]", "rocker.angle [rad]")
+LOOP = ("crank.angle [rad]", "coupler.angle [rad]", "rocker.angle [rad]")
+TOPS = ("top.x [m]", "top.y [m]", "bar.x [m]")
+LOOPS = (
+    _case("four_bar", m.four_bar, COUPLER, 1.0),
+    _case("four_bar_damped", m.four_bar, COUPLER, 1.5, DAMPED, damping=1e-4),
+    _case("parallelogram", m.parallelogram, LOOP, 1.0),
+    replace(
+        _case("double_four_bar", m.double_four_bar, TOPS, 2.0),
+        exact=m.double_four_bar_motion,
+        singular=True,
+    ),
+)
+
+ENDS = ("upper end.x [m]", "upper end.y [m]", "lower end.x [m]", "lower end.y [m]")
+BOTH = {"upper_damping": 1e-4, "lower_damping": 1e-4}
+STRIPS = (
+    _case("double_strips", m.double_strip_pendulum, ENDS, 0.6),
+    _case("double_strips_damped", m.double_strip_pendulum, ENDS, 1.0, DAMPED, **BOTH),
+    _case(
+        "mixed_damping", m.double_strip_pendulum, ENDS, 0.6, upper_height=0.02, lower_damping=1e-3
+    ),
+    _case("thin_strip", m.strip_pendulum, PENDULUM, 0.5, height=5e-4),
+    _case("thin_strip_damped", m.strip_pendulum, PENDULUM, 1.0, DAMPED, height=5e-4, damping=1e-4),
+    _case("thick_strip", m.strip_pendulum, PENDULUM, 1.0, height=0.01),
+    _case("thick_strip_damped", m.strip_pendulum, PENDULUM, 1.0, DAMPED, height=0.01, damping=1e-4),
+)
+
+# Along the beam the tip moves by the square of the deflection only.
+BENT = ("tip.y [m]", "tip.angle [rad]")
+# Two elements: what the many undamped modes of more do after a step, no second method tells.
+TWO = {"elements": 2}
+THICK = TWO | {"width": 0.03, "height": 0.03, "force": 1.0}
+SMALL = (
+    _case("cantilever_small", m.cantilever, BENT, 0.5, **TWO),
+    _case("cantilever_small_damped", m.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **TWO),
+    _case("cantilever_30mm", m.cantilever, BENT, 0.2, **THICK),
+    _case("cantilever_30mm_damped", m.cantilever, BENT, 0.2, DAMPED, damping=1e-4, **THICK),
+)
+LARGE = TWO | {"force": 10.0}
+LIGHT = TWO | {"width": 0.01, "height": 0.003, "force": 0.05, "start": 0.1, "alloy": True}
+BENDING = (
+    _case("cantilever_10N", m.cantilever, BENT, 0.5, **LARGE),
+    _case("cantilever_10N_damped", m.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **LARGE),
+    _case("step_on_beam", m.cantilever, BENT, 0.6, **LIGHT),
+    _case("step_on_beam_damped", m.cantilever, BENT, 0.6, DAMPED, damping=1e-3, **LIGHT),
+    _case(
+        "step_on_tip_mass", m.cantilever, BENT, 0.6, DAMPED, tip_mass=1e-3, damping=1e-4, **LIGHT
+    ),
+)
+CANTILEVERS = tuple(
+    replace(case, reactions=("root.M [N m]",), small=case in SMALL) for case in (*SMALL, *BENDING)
+)
+
+CRANK = ("phi1 [rad]", *CRANK_END)
+XY = ("x [m]", "y [m]")
+SYSTEMS = (
+    replace(_case("car_axis", c.car_axis, tuple(c.CAR_AXIS_END), 3.0), published=c.CAR_AXIS_END),
+    replace(_case("arevalo", c.arevalo, XY, 2.0), exact=c.arevalo_motion),
+    replace(_case("period_two", c.particle_pendulum, XY, 4.0), exact=c.pendulum_motion),
+    replace(
+        _case("iftomm_pendulum", c.particle_pendulum, XY, 10.0, gravity=9.81, side=-1.0),
+        exact=c.iftomm_motion,
+        published=c.IFTOMM_END,
+    ),
+    replace(
+        _case(
+            "spring_slider_crank",
+            c.spring_slider_crank,
+            tuple(c.SPRING_SLIDER_CRANK_END),
+            10.0,
+            DAMPED,
+        ),
+        published=c.SPRING_SLIDER_CRANK_END,
+    ),
+    replace(_case("ivp_crank", flexible_slider_crank, CRANK, 0.1), published=CRANK_END),
+    _case("ivp_crank_damped", flexible_slider_crank, CRANK, 0.1, DAMPED, damped=True),
+    replace(
+        _case("free_particle", c.free_particle, ("r [m]", "phi [rad]"), 4.0),
+        exact=c.free_particle_motion,
+    ),
+)
+WIDE = (*CASES, *MECHANISMS, *BLADE, *LOOPS, *STRIPS, *CANTILEVERS, *SYSTEMS)

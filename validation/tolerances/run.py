@@ -1,29 +1,39 @@
-"""Print the table behind the defaults of Ida's error control.
+"""Print the tables behind the error control of the adaptive integrators.
 
-python validation/tolerances/run.py                  error over rtol, default settings
-python validation/tolerances/run.py --alternatives   other error controls and orders
+python validation/tolerances/run.py                  Ida: error over rtol, default settings
+python validation/tolerances/run.py --alternatives   Ida: other error controls and orders
 python validation/tolerances/run.py --damping        steps of orders 2 and 5 over damping (minutes)
-python validation/tolerances/run.py --references     recompute the stored references (minutes)
+python validation/tolerances/run.py --wide           all cases and integrators (half an hour)
+python validation/tolerances/run.py --random         random mechanisms, all integrators (minutes)
+python validation/tolerances/run.py --references     recompute the stored references (half an hour)
+python validation/tolerances/run.py --random-references 200 210    and of further seeds
+
+--case, --integrator and --rtol (several times) pick some; tables of all of them go to results/.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).parents[1])]
 
-import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
 from pendulum import pendulum
 from slider_crank import slider_crank
 
 import beamdae as bd
-from tolerances.cases import CASES, FOLDER, ToleranceCase
+from tolerances import wide
+from tolerances.cases import CASES, WIDE
+from tolerances.random_cases import make_random_references, random_cases
+from tolerances.references import Effort, make_reference
+from tolerances.tolerance_case import ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+RESULTS = Path(__file__).parent / "results"
 
 
 def row(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
@@ -83,52 +93,71 @@ def damping() -> list[dict[str, object]]:
     return lines
 
 
-def references() -> list[dict[str, object]]:
-    """Recompute the references: Richardson on generalized-alpha, checked by IDA at 1e-7."""
+def measured(
+    options: argparse.Namespace, cases: Iterable[ToleranceCase], rtols: tuple[float, ...]
+) -> pd.DataFrame:
+    """Lines of the chosen cases and integrators, printed as they come."""
+    chosen = [case for case in cases if not options.case or case.name in options.case]
+    names = options.integrator or list(wide.INTEGRATORS)
     lines = []
-    for case in CASES:
-        coarse, fine = (
-            case.observed(
-                case.run(bd.GeneralizedAlpha(k * case.fine_step, 0.9, newton_tolerance=1e-7))
-            )
-            for k in (2.0, 1.0)
-        )
-        reference = fine + (fine - coarse) / 3.0
-        disagreement = case.errors(case.run(bd.Ida(1e-7)), reference).max()
-        if disagreement > 1e-4:
-            raise SystemExit(f"{case.name}: the two methods disagree by {disagreement:.1e}")
-        change = np.max(np.abs(reference - fine) / (0.5 * np.ptp(reference, axis=0)))
-        lines.append(
-            {
-                "case": case.name,
-                "last extrapolation": f"{change:.1e}",
-                "against IDA at 1e-7": f"{disagreement:.1e}",
-            }
-        )
-        FOLDER.mkdir(exist_ok=True)
-        table = pd.DataFrame(reference, columns=list(case.columns))
-        times = np.linspace(0.0, case.model.t_end, len(table))
-        table.insert(0, "t [s]", times)
-        table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
-    return lines
+    for line in wide.lines(chosen, names, options.rtol or rtols):
+        lines.append(line)
+        print(*(f"{x:.3g}" if isinstance(x, float) else x for x in line.values()), flush=True)
+    return pd.DataFrame(lines)
+
+
+def store(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
+    """Write a table, unless it is one of some cases, integrators or tolerances only."""
+    if not (options.case or options.integrator or options.rtol):
+        RESULTS.mkdir(exist_ok=True)
+        table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
+
+
+def wide_set(options: argparse.Namespace) -> pd.DataFrame:
+    """Error over rtol of all cases by all integrators."""
+    table = measured(options, WIDE, RTOLS)
+    store(options, table, "wide")
+    return wide.condensed(table)
+
+
+def random_set(options: argparse.Namespace) -> pd.DataFrame:
+    """How error over rtol is spread over random mechanisms, after the worst of them."""
+    table = measured(options, random_cases(), RTOLS[:3])
+    store(options, table, "random")
+    print(wide.broken(table).head(30).to_string(index=False), end="\n\n")
+    return wide.quantiles(table)
+
+
+def references(options: argparse.Namespace) -> pd.DataFrame:
+    """Recompute the stored references."""
+    effort = Effort(patience=options.patience)
+    chosen = [case for case in WIDE if not options.case or case.name in options.case]
+    return pd.concat([make_reference(case, effort) for case in chosen])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--references", action="store_true")
-    parser.add_argument("--alternatives", action="store_true")
-    parser.add_argument("--damping", action="store_true")
+    what = parser.add_mutually_exclusive_group()
+    for name in ("alternatives", "damping", "wide", "random", "references"):
+        what.add_argument(f"--{name}", action="store_true")
+    what.add_argument("--random-references", type=int, nargs=2, metavar=("FIRST", "END"))
+    parser.add_argument("--case", action="append")
+    parser.add_argument("--integrator", action="append", choices=wide.INTEGRATORS)
+    parser.add_argument("--rtol", action="append", type=float)
+    parser.add_argument("--patience", type=float, default=Effort().patience)
     options = parser.parse_args()
-    lines = (
-        references()
-        if options.references
-        else alternatives()
-        if options.alternatives
-        else damping()
-        if options.damping
-        else defaults()
-    )
-    print(pd.DataFrame(lines).to_string(index=False))
+    if options.random_references:
+        table = pd.concat(make_random_references(range(*options.random_references)))
+    elif options.wide:
+        table = wide_set(options)
+    elif options.random:
+        table = random_set(options)
+    elif options.references:
+        table = references(options)
+    else:
+        run = alternatives if options.alternatives else damping if options.damping else defaults
+        table = pd.DataFrame(run())
+    print(table.to_string(index=table.index.nlevels > 1))
 
 
 if __name__ == "__main__":

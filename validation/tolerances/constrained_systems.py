@@ -1,0 +1,182 @@
+"""Constrained systems of the wide set with published or closed-form answers, stated in CasADi."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from scipy.special import ellipj, ellipk
+
+import beamdae as bd
+
+# The period of a pendulum of 1 m released from the horizontal, 4 sqrt(l/g) K(1/sqrt 2), is 2 s.
+PERIOD_TWO_GRAVITY = 4.0 * float(ellipk(0.5)) ** 2
+
+
+def symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
+
+
+def lagrange(q: ca.SX, v: ca.SX, mass: ca.SX, applied: ca.SX) -> ca.SX:
+    """Right-hand side f of M q'' = f where the kinetic energy is v . M(q) v / 2."""
+    kinetic = 0.5 * ca.dot(v, mass @ v)
+    return applied + ca.gradient(kinetic, q) - ca.jtimes(mass @ v, q, v)
+
+
+@bd.model(t_end=3.0)
+def car_axis(epsilon=1e-2):
+    """Car axis on two stiff springs over a bumpy road, index 3.
+
+    F. Mazzia, C. Magherini, Test Set for Initial Value Problem Solvers, release 2.4 (2008),
+    problem caraxis, https://archimede.dm.uniba.it/~testset/; numbers of cran/deTestSet.
+    """
+    t, q, v = symbols(4)
+    left, right = q[:2], q[2:]
+    mass = 0.5 * 10.0 * epsilon**2
+    bump = 0.1 * ca.sin(10.0 * t)
+    wheel = ca.vertcat(ca.sqrt(1.0 - bump**2), bump)
+    weight = ca.vertcat(0.0, -mass)
+
+    def spring(stretched: ca.SX) -> ca.SX:
+        return (0.5 / ca.norm_2(stretched) - 1.0) * stretched
+
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[mass] * 4,
+        force=ca.vertcat(spring(left) + weight, spring(right - wheel) + weight),
+        constraints=ca.vertcat(ca.dot(left, wheel), ca.sumsqr(left - right) - 1.0),
+        q0=[0.0, 0.5, 1.0, 0.5],
+        v0=[-0.5, 0.0, -0.5, 0.0],
+        names=("xl", "yl", "xr", "yr"),
+        units=("m",) * 4,
+    )
+
+
+CAR_AXIS_END = {
+    "xl [m]": 0.493455784275402809122e-1,
+    "yl [m]": 0.496989460230171153861,
+    "xr [m]": 0.104174252488542151681e1,
+    "yr [m]": 0.373911027265361256927,
+}
+
+
+@bd.model(t_end=2.0)
+def arevalo():
+    """Particle on a circle, ever faster, index 3: x = sin t^2, y = cos t^2.
+
+    C. Arevalo, P. Loetstedt, Improving the accuracy of BDF methods for index 3
+    differential-algebraic equations, BIT 35 (1995) 297, doi:10.1007/BF01732606.
+    """
+    t, q, v = symbols(2)
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=ca.vertcat(2.0 * q[1], -2.0 * q[0]),
+        constraints=0.5 * (ca.sumsqr(q) - 1.0),
+        q0=[0.0, 1.0],
+        v0=[0.0, 0.0],
+        names=("x", "y"),
+        units=("m", "m"),
+    )
+
+
+def arevalo_motion(t: np.ndarray) -> np.ndarray:
+    """(x, y) of `arevalo`."""
+    return np.stack([np.sin(t**2), np.cos(t**2)], axis=-1)
+
+
+@bd.model(t_end=4.0)
+def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, side=1.0):
+    """Particle on a rod of 1 m released from the horizontal, on the right (`side` = 1) or left.
+
+    With gravity 9.81 and side -1: IFToMM multibody benchmark A01, M. Gonzalez, D. Dopico,
+    U. Lugris, J. Cuadrado, Multibody Syst. Dyn. 16 (2006) 179, doi:10.1007/s11044-006-9020-8.
+    """
+    t, q, v = symbols(2)
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=ca.vertcat(0.0, -gravity),
+        constraints=0.5 * (ca.sumsqr(q) - 1.0),
+        q0=[side, 0.0],
+        v0=[0.0, 0.0],
+        names=("x", "y"),
+        units=("m", "m"),
+    )
+
+
+def pendulum_motion(t: np.ndarray, gravity: float = PERIOD_TWO_GRAVITY, side: float = 1.0):
+    """(x, y) of `particle_pendulum`: the sine of half its angle is cd(sqrt(g) t) / sqrt 2."""
+    _, cn, dn, _ = ellipj(np.sqrt(gravity) * t, 0.5)
+    half = np.sqrt(0.5) * cn / dn
+    return np.stack([2.0 * side * half * np.sqrt(1.0 - half**2), 2.0 * half**2 - 1.0], axis=-1)
+
+
+def iftomm_motion(t: np.ndarray) -> np.ndarray:
+    """The same with the numbers of IFToMM A01."""
+    return pendulum_motion(t, 9.81, -1.0)
+
+
+# Twelve digits as Exudyn's Examples/pendulumIftommBenchmark.py asks for.
+IFTOMM_END = {"x [m]": -0.275087462577, "y [m]": -0.961419205099}
+
+
+@bd.model(t_end=10.0)
+def spring_slider_crank():
+    """Rigid slider-crank with a spring and damper between crank and rod.
+
+    E. Haug, Intermediate Dynamics, 1992, example 6.1.8; SUNDIALS examples/ida/serial
+    idaSlCrank_dns.c, whose output has five digits (t = 10: 1.2757, 1.0236, -0.49881).
+    """
+    t, u, v = symbols(3)
+    q, x, p = u[0], u[1], u[2]
+    a = 0.5
+    crank = 0.5 * a * ca.vertcat(ca.cos(q), ca.sin(q))
+    rod = ca.vertcat(x - 0.5 * ca.cos(p), -0.5 * ca.sin(p))
+    length = ca.norm_2(rod - crank)
+    tension = (length - 1.0) + ca.jtimes(length, u, v)
+    push = ca.jacobian(x + ca.cos(p), u).T
+    return bd.ConstrainedSystem(
+        t=t,
+        q=u,
+        v=v,
+        mass=[1.0, 1.0, 2.0],
+        force=push - tension * ca.jacobian(length, u).T,
+        constraints=ca.vertcat(x - ca.cos(p) - a * ca.cos(q), -ca.sin(p) - a * ca.sin(q)),
+        q0=[np.pi / 2.0, np.cos(np.arcsin(-a)), np.arcsin(-a)],
+        v0=[0.0, 0.0, 0.0],
+        names=("crank", "slider", "rod"),
+        units=("rad", "m", "rad"),
+    )
+
+
+SPRING_SLIDER_CRANK_END = {"crank [rad]": 1.2757, "slider [m]": 1.0236, "rod [rad]": -0.49881}
+
+
+@bd.model(t_end=4.0)
+def free_particle(offset=0.5):
+    """Force-free particle in polar coordinates (r, phi), mass diag(1, r^2): a straight line."""
+    t, q, v = symbols(2)
+    mass = ca.diag(ca.vertcat(1.0, q[0] ** 2))
+    r = np.hypot(2.0, offset)
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=mass,
+        force=lagrange(q, v, mass, ca.SX.zeros(2)),
+        q0=[r, np.arctan2(-2.0, offset)],
+        v0=[-2.0 / r, offset / r**2],
+        names=("r", "phi"),
+        units=("m", "rad"),
+    )
+
+
+def free_particle_motion(t: np.ndarray, offset: float = 0.5) -> np.ndarray:
+    """(r, phi) of `free_particle`: at speed 1 from 2 m before the nearest point to 2 m after it."""
+    return np.stack([np.hypot(t - 2.0, offset), np.arctan2(t - 2.0, offset)], axis=-1)

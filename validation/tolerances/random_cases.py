@@ -1,0 +1,89 @@
+"""Random mechanisms as cases: their references are in one table, short and coarse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from tolerances.random_mechanisms import random_mechanism, recipe
+from tolerances.references import Effort, reference
+from tolerances.tolerance_case import DAMPED, FOLDER, UNDAMPED, ToleranceCase
+
+COLUMNS = ("end.x [m]", "end.y [m]", "end.angle [rad]")
+TABLE, SUMMARY = FOLDER / "random.csv", FOLDER / "random_summary.csv"
+EFFORT = Effort(settled=1e-6, patience=1.5)
+AGREED, WORTHLESS = 1e-5, 1e-4
+# A column that moves less is one that a joint holds.
+STILL = 1e-7
+
+
+@dataclass(frozen=True)
+class RandomCase(ToleranceCase):
+    """The mechanism of a seed; its rows are in the table of all seeds."""
+
+    rows: int = 41
+
+    def stored(self, columns: tuple[str, ...]) -> np.ndarray:
+        """Columns of the stored reference, (rows, columns)."""
+        return _stored().get_group(self.parameters["seed"])[list(columns)].to_numpy()
+
+
+@cache
+def _stored() -> pd.api.typing.DataFrameGroupBy:
+    return pd.read_csv(TABLE).groupby("seed")
+
+
+def random_case(seed: int) -> RandomCase:
+    """The mechanism of a seed over its whole run."""
+    plan = recipe(seed)
+    bound = DAMPED if plan.damped else UNDAMPED
+    return RandomCase(
+        f"random {seed}", random_mechanism, COLUMNS, {"seed": seed}, bound, plan.t_end
+    )
+
+
+def random_cases() -> Iterator[RandomCase]:
+    """All seeds with a reference, over the time it spans and the columns that move."""
+    for seed, rows in _stored():
+        moving = tuple(name for name in COLUMNS if rows[name].notna().all())
+        yield replace(random_case(seed), t_end=rows["t [s]"].max(), columns=moving)
+
+
+def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
+    """Store references of further seeds; the lines of the summary, seed by seed.
+
+    A seed whose two methods differ by more than `AGREED` of some column is run for two fifths of
+    its time instead; one that still has no reference worth the name is left out.
+    """
+    for seed in seeds:
+        case = random_case(seed)
+        found = _reference(case)
+        if found is None or found[1]["disagreement"].max() > AGREED:
+            found = _reference(replace(case, t_end=0.4 * case.duration))
+        if found is None or found[1]["disagreement"].max() > WORTHLESS:
+            continue
+        table, lines = found
+        table.insert(0, "seed", seed)
+        _append(TABLE, table, "%.7g")
+        _append(SUMMARY, lines, "%.2g")
+        yield lines
+
+
+def _reference(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """Reference and summary of the columns that move, or None if a method fails."""
+    try:
+        table, lines = reference(case, EFFORT)
+    except SystemExit:
+        return None
+    moving = np.ptp(table[list(COLUMNS)], axis=0) > STILL
+    table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan
+    return table, lines[lines["column"].map(moving)]
+
+
+def _append(path: Path, table: pd.DataFrame, digits: str) -> None:
+    table.to_csv(path, mode="a", header=not path.exists(), index=False, float_format=digits)

@@ -1,0 +1,90 @@
+"""Error over rtol of the wide set and of random mechanisms, by the three adaptive integrators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+import pandas as pd
+
+import beamdae as bd
+from tolerances.references import SUMMARY
+from tolerances.tolerance_case import ToleranceCase
+
+# A run is given up after so long [s].
+TIME_LIMIT = 30.0
+INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
+    "Ida": lambda rtol: bd.Ida(rtol, time_limit=TIME_LIMIT),
+    "Radau": lambda rtol: bd.Radau(rtol, time_limit=TIME_LIMIT),
+    "GeneralizedAlpha": lambda rtol: bd.GeneralizedAlpha(rtol=rtol, time_limit=TIME_LIMIT),
+}
+
+
+def uncertainties() -> pd.Series:
+    """How far the two methods of each reference are apart, the worst column, by case."""
+    known = pd.read_csv(SUMMARY)
+    promised = known[known["column"].str.contains(r"\[(?:m|rad)\]")]
+    promised = promised[promised["method 1"] != "stored reference"]
+    return promised.groupby("case")["disagreement"].max()
+
+
+def lines(
+    cases: Iterable[ToleranceCase], names: Iterable[str], rtols: Iterable[float]
+) -> Iterator[dict[str, object]]:
+    """One line a run: r, the largest error over rtol, and what the run cost.
+
+    A run that did not reach its end has no r. "r of reference" is what of r the reference's own
+    uncertainty may make.
+    """
+    known = uncertainties()
+    for case in cases:
+        for name in names:
+            for rtol in rtols:
+                yield _line(case, name, rtol, known.get(case.name, np.nan))
+
+
+def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> dict[str, object]:
+    solution = case.run(INTEGRATORS[name](rtol))
+    ended = solution.status.success
+    errors = case.errors(solution) if ended else np.array([np.nan])
+    reactions = case.reaction_errors(solution) if ended and case.reactions else np.array([np.nan])
+    statistics = solution.statistics
+    return {
+        "case": case.name,
+        "integrator": name,
+        "rtol": rtol,
+        "r": errors.max() / rtol,
+        "bound": case.bound,
+        "r of reference": uncertainty / rtol,
+        "column": case.columns[int(np.argmax(errors))] if ended else "",
+        "r of reactions": reactions.max() / rtol,
+        "steps": statistics.steps,
+        "wall [s]": statistics.wall_time,
+        "status": solution.status.kind,
+        "energy imbalance": solution.quality.energy_imbalance,
+    }
+
+
+def condensed(table: pd.DataFrame) -> pd.DataFrame:
+    """Table of r by case over integrator and rtol; how a run ended where it has none."""
+    cells = table["r"].map("{:.3g}".format).where(table["status"] == "ok", table["status"])
+    shown = table.assign(cell=cells, rtol=table["rtol"].map("{:.0e}".format))
+    order = {"index": ["case", "bound"], "columns": ["integrator", "rtol"], "values": "cell"}
+    return shown.pivot(**order).loc[list(dict.fromkeys(table["case"]))]
+
+
+def broken(table: pd.DataFrame) -> pd.DataFrame:
+    """Runs outside their bound, the worst first, and those that did not end."""
+    outside = ~(table["r"] <= table["bound"])
+    return table[outside].sort_values("r", ascending=False, na_position="first")
+
+
+def quantiles(table: pd.DataFrame) -> pd.DataFrame:
+    """Distribution of r over bound by integrator and rtol."""
+    share = table.assign(share=table["r"] / table["bound"])
+    groups = share.groupby(["integrator", "rtol"])
+    found = groups["share"].quantile([0.5, 0.9, 0.99, 1.0]).unstack()
+    found.columns = ["median", "90 %", "99 %", "worst"]
+    found["outside"] = groups["share"].apply(lambda s: int((s > 1.0).sum()))
+    found["not ended"] = groups["r"].apply(lambda s: int(s.isna().sum()))
+    return found
