@@ -10,6 +10,8 @@ import beamdae as bd
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 ALLOY = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
 GRAVITY = (0.0, -9.81)
+# What the references were computed with: the frame and the strain of the paper.
+PAPER = {"frame": "tangent", "strain": "nonlinear"}
 
 
 def _bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -> bd.RigidBody:
@@ -45,7 +47,7 @@ def four_bar(damping=0.0, height=0.004, speed=2.0 * np.pi, elements=6):
     crank = _bar(mech, "crank", shaft, pin, 1.0)
     rocker = _bar(mech, "rocker", bearing, knee, 1.0)
     axis = bd.Parabola(span=0.6, rise=0.08, start=pin, angle=angle)
-    coupler = mech.add(bd.Beam("coupler", axis, strip, elements=elements))
+    coupler = mech.add(bd.Beam("coupler", axis, strip, elements=elements, **PAPER))
     ground = mech.ground.at(*shaft)
     mech.add(bd.Revolute("shaft", ground, crank.at(*shaft)))
     mech.add(bd.Driver("motor", ground, crank.at(*shaft), law=bd.run_up(speed, 0.5)))
@@ -74,7 +76,7 @@ def double_strip_pendulum(
     for name, height, damping in zip(("upper", "lower"), heights, dampings, strict=True):
         strip = bd.Section.rectangle(ALLOY, width=width, height=height, damping=damping)
         arc = bd.Arc(radius=0.6, length=0.4, start=hang.point, angle=angle)
-        beam = mech.add(bd.Beam(name, arc, strip, elements=elements))
+        beam = mech.add(bd.Beam(name, arc, strip, elements=elements, **PAPER))
         mech.add(bd.Revolute(f"{name} hinge", hang, beam.start))
         mech.observe(f"{name} end", beam.end)
         hang, angle = beam.end, -0.9
@@ -87,7 +89,7 @@ def strip_pendulum(height=0.001, damping=0.0, tip_mass=0.0, elements=4):
     mech = bd.Mechanism(gravity=GRAVITY)
     strip = bd.Section.rectangle(ALLOY, width=0.03, height=height, damping=damping)
     arc = bd.Arc(radius=0.4, length=0.3, start=(0.0, 0.0), angle=-0.6)
-    beam = mech.add(bd.Beam("strip", arc, strip, elements=elements))
+    beam = mech.add(bd.Beam("strip", arc, strip, elements=elements, **PAPER))
     if tip_mass:
         mech.add(bd.PointMass("tip mass", tip_mass, on=beam.end))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
@@ -112,7 +114,7 @@ def cantilever(
     material = ALLOY if alloy else STEEL
     section = bd.Section.rectangle(material, width=width, height=height, damping=damping)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements))
+    beam = mech.add(bd.Beam("beam", line, section, elements=elements, **PAPER))
     root = mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
     law = bd.piecewise((start, 0.0), force) if start else force
     mech.add(bd.Force("load", on=beam.end, law=(0.0, law)))

@@ -23,7 +23,7 @@ def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np
     rest = State(e.q0, np.zeros(e.n), np.zeros(e.n), np.zeros(e.m))
     stiffness, damping, mass = (m.toarray() for m in starter.linearized(start, rest))
     load = -starter.forces(start, rest, np.zeros(e.n))
-    g = starter.constraint_matrix(start, rest.q)
+    g = starter.constraint_matrix(start, rest.q).toarray()
 
     free = null_space(g)
     squares, modes = eigh(free.T @ stiffness @ free, free.T @ mass @ free)

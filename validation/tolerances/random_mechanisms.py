@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from tolerances.mechanisms import ALLOY, GRAVITY, STEEL
+from tolerances.mechanisms import ALLOY, GRAVITY, PAPER, STEEL
 
 # No beam sags by more than this share of its length under its weight, clamped and level, nor bends
 # further under the load, at rest: the strains hold for moderate deflections.
@@ -117,7 +117,7 @@ def _add(mech: bd.Mechanism, name: str, body: Drawing, start, angle: float):
         else:
             reach = body.length * np.array([np.cos(angle), np.sin(angle)])
             axis = bd.Line(start, tuple((np.array(start) + reach).tolist()))
-        beam = mech.add(bd.Beam(name, axis, body.section, elements=2))
+        beam = mech.add(bd.Beam(name, axis, body.section, elements=2, **PAPER))
         return beam.start, beam.end
     reach = body.length * np.array([np.cos(angle), np.sin(angle)])
     end, center = (tuple((np.array(start) + k * reach).tolist()) for k in (1.0, 0.5))
