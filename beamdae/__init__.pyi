@@ -15,6 +15,7 @@ from .equations.constrained_system import ConstrainedSystem as ConstrainedSystem
 from .equations.equations_of_motion import EquationsOfMotion as EquationsOfMotion
 from .errors import BeamdaeError as BeamdaeError
 from .errors import BeamdaeWarning as BeamdaeWarning
+from .integrators import Auto as Auto
 from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
@@ -46,5 +47,7 @@ from .studies import Study as Study
 from .studies import compare as compare
 from .studies import grid as grid
 from .studies import study as study
+from .verification import error_estimate as error_estimate
+from .verification import verify as verify
 
 __version__: str

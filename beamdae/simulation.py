@@ -12,7 +12,7 @@ from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, positive
-from beamdae.integrators import Ida, Integrator
+from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -35,7 +35,8 @@ def simulate(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     integrator
-        Ida(...), Radau(...), GeneralizedAlpha(...) or any other `Integrator`; default Ida().
+        Auto(...), Ida(...), Radau(...), GeneralizedAlpha(...) or any other `Integrator`; default
+        Auto().
     t_end
         End time [s]; default the model's own.
     output_step
@@ -75,7 +76,7 @@ def simulate(
     rows = max(int(np.ceil(t_end / step - 1e-9)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
-    method = Ida() if integrator is None else integrator
+    method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
     solution = method.integrate(as_equations(model), times, progress=progress)
     solution = replace(solution, model={**information, "t_end": t_end})

@@ -32,6 +32,7 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
+    from beamdae.results.solution import Solution
 
 
 class _Commands(TyperGroup):
@@ -80,10 +81,12 @@ def run(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[str, typer.Option(help="ida, radau or generalized-alpha.")] = "ida",
+    integrator: Annotated[
+        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
+    ] = "auto",
     rtol: Annotated[
         float | None,
-        typer.Option(help="Relative tolerance (ida, radau; generalized-alpha: adaptive steps)."),
+        typer.Option(help="Relative tolerance (generalized-alpha: adaptive steps)."),
     ] = None,
     step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
     rho_inf: Annotated[
@@ -99,6 +102,12 @@ def run(
     t_end: EndTime = None,
     output_step: OutputStep = None,
     out: Out = Path("results"),
+    estimate: Annotated[
+        bool, typer.Option(help="Estimate the error of every column by a second run.")
+    ] = True,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compare with another method at a tighter tolerance.")
+    ] = False,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG."""
     model = _model(path, model_name, settings)
@@ -127,7 +136,11 @@ def run(
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     screen.print(terminal.facts(model.name, rows))
     if len(solution.observed.columns):
-        screen.print(terminal.ranges(solution.observed))
+        errors = _errors(solution, estimate, verify)
+        screen.print(terminal.ranges(solution.observed, errors))
+        if errors is not None:
+            known = errors.astype(object).where(errors.notna(), None)
+            solution.to_csv(written, errors=known.to_dict("index"))
     if solution.validity:
         screen.print(terminal.validity(solution.validity))
     for sentence in solution.warnings:
@@ -221,10 +234,24 @@ def _model(path: Path, name: str | None, settings: list[str] | None) -> Model:
     return replace(model, parameters=model.complete(assignments(settings)))
 
 
-def _integrator(name: str, options: dict[str, Any]) -> Any:
-    from beamdae.integrators import GeneralizedAlpha, Ida, Radau
+def _errors(solution: Solution, estimate: bool, verify: bool) -> Any:
+    """How far the observed columns are off, as far as that is asked for."""
+    from beamdae import verification
 
-    kinds: dict[str, Any] = {"ida": Ida, "radau": Radau, "generalized-alpha": GeneralizedAlpha}
+    if verify:
+        return verification.verify(solution)
+    return verification.error_estimate(solution) if estimate else None
+
+
+def _integrator(name: str, options: dict[str, Any]) -> Any:
+    from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
+
+    kinds: dict[str, Any] = {
+        "auto": Auto,
+        "ida": Ida,
+        "radau": Radau,
+        "generalized-alpha": GeneralizedAlpha,
+    }
     kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:

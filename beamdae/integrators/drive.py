@@ -328,4 +328,5 @@ def drive(
         status,
         replace(method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time),
         {"integrator": integrator.method, **settings, **method.resolved, **seen},
+        made_by=integrator,
     )

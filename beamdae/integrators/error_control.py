@@ -28,6 +28,8 @@ _STABLE_RATIO = 0.62
 # Steps of order 2 resolve modes up to this over the square root of rtol, times the rate of the
 # motion: lightly damped ones among them cost order 5 nothing (validation/tolerances, --damping).
 _RESOLVED = 12.0
+# Below this rtol order 2 takes longer than a method of order 5 as stable (validation/tolerances).
+BDF_LOSES = 3e-6
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
 _SAFETY = 0.05
 _ASYMPTOTIC = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
@@ -93,11 +95,14 @@ class ErrorControl:
         Highest BDF order.
     reason
         Why "auto" chose so, one sentence.
+    lightly_damped
+        Whether lightly damped modes, much faster than the motion, keep the order at 2.
     """
 
     policy: str
     max_order: int
     reason: str
+    lightly_damped: bool = False
 
     def tolerance(self, rtol: float, size: int) -> float:
         """Tolerance of the local error test that keeps the error of a whole run near `rtol`.
@@ -166,6 +171,7 @@ def resolve(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
+        order == 2,
     )
 
 

@@ -84,13 +84,13 @@ class Radau(Integrator):
             self,
             equations,
             times,
-            partial(_Steps, self),
+            partial(Collocating, self),
             progress,
-            partial(_Steps, replace(self, rtol=SCOUTING_RTOL)),
+            partial(Collocating, replace(self, rtol=SCOUTING_RTOL)),
         )
 
 
-class _Steps:
+class Collocating:
     """Collocation, a step at a time."""
 
     # One costs as much as ten of Ida's.
@@ -119,6 +119,7 @@ class _Steps:
         return {
             "error_control": self._control.policy,
             "auto": self._control.reason,
+            "method": "Radau",
             "local_tolerance": self._tolerance.local,
         }
 

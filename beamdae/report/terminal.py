@@ -96,9 +96,13 @@ def validity(beams: Iterable[BeamRange]) -> Table:
     return table
 
 
-def ranges(observed: pd.DataFrame) -> Table:
-    """Smallest, largest and last value of each observed column."""
-    table = _table("observed", "min", "max", "end")
+def ranges(observed: pd.DataFrame, errors: pd.DataFrame | None = None) -> Table:
+    """Smallest, largest and last value of each observed column, and what is told of its error.
+
+    `errors` has a row for each column, first its amplitude, then what is shown.
+    """
+    told = [] if errors is None else list(errors.columns[1:])
+    table = _table("observed", "min", "max", "end", *(name.replace(" ", "\n", 1) for name in told))
     largest: dict[str, float] = {}
     for name in map(str, observed):
         unit = Header.of(name).unit
@@ -106,7 +110,8 @@ def ranges(observed: pd.DataFrame) -> Table:
     for name in map(str, observed):
         values, rounding = observed[name], _ROUNDING * largest[Header.of(name).unit]
         row = (float(x) for x in (values.min(), values.max(), values.iloc[-1]))
-        table.add_row(name, *(number(0.0 if abs(x) < rounding else x, 5) for x in row))
+        said = [] if errors is None else [number(errors.loc[name, column], 2) for column in told]
+        table.add_row(name, *(number(0.0 if abs(x) < rounding else x, 5) for x in row), *said)
     return table
 
 

@@ -85,6 +85,8 @@ class Solution:
         How it ended, and a sentence.
     integrator
         Settings of the integrator, including what "auto" came to.
+    made_by
+        The integrator itself.
     """
 
     equations: EquationsOfMotion
@@ -94,6 +96,7 @@ class Solution:
     statistics: Statistics
     integrator: dict[str, Any]
     model: dict[str, Any] = field(default_factory=dict)
+    made_by: Any = field(default=None, repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -197,10 +200,10 @@ class Solution:
             **asdict(self.quality),
         }
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
 
-        Returns the path of the CSV file.
+        `further` entries go to the JSON as well. Returns the path of the CSV file.
 
         Raises
         ------
@@ -214,5 +217,6 @@ class Solution:
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(passed) for passed in self.singular_positions],
             "warnings": list(self.warnings),
+            **further,
         }
         return write(Path(path), self.table(), beside)

@@ -117,6 +117,7 @@ def wide_set(options: argparse.Namespace) -> pd.DataFrame:
     """Error over rtol of all cases by all integrators."""
     table = measured(options, WIDE, RTOLS)
     store(options, table, "wide")
+    print(wide.coverage(table).to_string(), end="\n\n")
     return wide.condensed(table)
 
 

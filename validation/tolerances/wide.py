@@ -8,15 +8,17 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from beamdae.verification import ERROR
 from tolerances.references import SUMMARY
 from tolerances.tolerance_case import ToleranceCase
 
 # A run is given up after so long [s].
-TIME_LIMIT = 30.0
+TIME_LIMIT = 10.0
 INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
     "Ida": lambda rtol: bd.Ida(rtol, time_limit=TIME_LIMIT),
     "Radau": lambda rtol: bd.Radau(rtol, time_limit=TIME_LIMIT),
     "GeneralizedAlpha": lambda rtol: bd.GeneralizedAlpha(rtol=rtol, time_limit=TIME_LIMIT),
+    "Auto": lambda rtol: bd.Auto(rtol, time_limit=TIME_LIMIT),
 }
 
 
@@ -48,7 +50,15 @@ def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> di
     ended = solution.status.success
     errors = case.errors(solution) if ended else np.array([np.nan])
     reactions = case.reaction_errors(solution) if ended and case.reactions else np.array([np.nan])
+    columns = (*case.columns, *case.reactions)
     statistics = solution.statistics
+    estimated = (
+        bd.error_estimate(solution).loc[list(columns), ERROR].to_numpy()
+        if ended
+        else np.array([np.nan])
+    )
+    true = np.concatenate([errors, reactions]) if case.reactions else errors
+    factor = estimated / true
     return {
         "case": case.name,
         "integrator": name,
@@ -62,6 +72,10 @@ def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> di
         "wall [s]": statistics.wall_time,
         "status": solution.status.kind,
         "energy imbalance": solution.quality.energy_imbalance,
+        "chosen": solution.integrator.get("method", name),
+        "columns": np.isfinite(factor).sum(),
+        "covered": (factor >= 1.0).sum(),
+        "estimate / error": np.median(factor),
     }
 
 
@@ -71,6 +85,20 @@ def condensed(table: pd.DataFrame) -> pd.DataFrame:
     shown = table.assign(cell=cells, rtol=table["rtol"].map("{:.0e}".format))
     order = {"index": ["case", "bound"], "columns": ["integrator", "rtol"], "values": "cell"}
     return shown.pivot(**order).loc[list(dict.fromkeys(table["case"]))]
+
+
+def coverage(table: pd.DataFrame) -> pd.DataFrame:
+    """How often the estimate covers the true error, and by how much it exceeds it, by integrator.
+
+    Columns whose true error is below ten times the uncertainty of the reference are left out with
+    their runs.
+    """
+    known = table[table["r"] > 10.0 * table["r of reference"].fillna(0.0)]
+    groups = known.groupby("integrator")
+    found = groups[["columns", "covered"]].sum()
+    found["share covered"] = found["covered"] / found["columns"]
+    found["median of estimate / error"] = groups["estimate / error"].median()
+    return found
 
 
 def broken(table: pd.DataFrame) -> pd.DataFrame:

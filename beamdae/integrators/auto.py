@@ -1,0 +1,68 @@
+"""The choice between integrators: by the modes of the mechanism, their damping, and rtol."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.integrators.drive import SCOUTING_RTOL, Method, Route, drive
+from beamdae.integrators.ida import Bdf, Ida
+from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
+from beamdae.integrators.radau import Collocating, Radau
+from beamdae.results.solution import Solution
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Auto(Integrator):
+    """Ida or Radau, whichever takes less at this tolerance.
+
+    Ida, but where lightly damped modes keep BDF at order 2 and rtol is below 3e-6: there errors ask
+    for several times as many steps with each digit, and Radau, of order 5 and as stable, takes
+    over. validation/tolerances prints what each of them takes.
+
+    Parameters
+    ----------
+    rtol
+        Relative tolerance, of the motion of each part.
+    max_step
+        Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
+    max_steps, time_limit
+        The run is given up after so many steps or seconds; None: no limit.
+    """
+
+    rtol: float = 1e-5
+    max_step: float | None = None
+    max_steps: int | None = None
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        require_tolerance(self)
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The relative tolerance."""
+        return Accuracy("rtol", self.rtol)
+
+    @property
+    def order(self) -> int:
+        """The error of a run falls with rtol."""
+        return 1
+
+    def integrate(
+        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
+    ) -> Solution:
+        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        return drive(self, equations, times, self._chosen, progress, self._scouting)
+
+    def _scouting(self, route: Route) -> Method:
+        return Bdf(Ida(SCOUTING_RTOL, max_step=self.max_step), route)
+
+    def _chosen(self, route: Route) -> Method:
+        bdf = Bdf(Ida(self.rtol, max_step=self.max_step), route)
+        if not bdf.loses:
+            return bdf
+        return Collocating(Radau(self.rtol, max_step=self.max_step), route)

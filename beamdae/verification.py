@@ -1,0 +1,150 @@
+"""How far a run is off: by another run of its like, or by another method."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.integrator import require_integrator
+from beamdae.results.headers import Header
+from beamdae.results.solution import Solution
+
+Array = np.ndarray
+
+# The coarser run: so many times the tolerance, or the step.
+_COARSER = {"rtol": 10.0, "step": 2.0}
+_LOOSEST = 0.1
+# The difference is that of errors which fall as the order says, or by less than that.
+_SAFETY = 4.5
+# The finer run is off as well.
+_OF_FINER = 1.5
+# What columns may differ by, over rtol, in a verification.
+_PROMISED = 100.0
+_TIGHTER = 0.1
+_TIGHTEST = 1e-10
+# A column that moves less, beside others in its unit, moves by rounding alone.
+_AT_REST = 1e-9
+
+AMPLITUDE, ERROR = "half the range", "error over half the range"
+
+
+def error_estimate(solution: Solution) -> pd.DataFrame:
+    """Estimate of the error of each observed column, forces and reactions among them.
+
+    The same integrator goes again with ten times the tolerance, or twice the step. With errors
+    that fall as accuracy^order, the difference d of the two runs is (c^order - 1) times the error
+    of the finer one, c = 10 or 2; 4.5 times d / (c^order - 1) is told, for errors of stiff
+    mechanisms fall more slowly (validation/tolerances counts how often it covers the true one).
+    Radau passes over vibrations, and coarser steps would pass over the same: it goes again with a
+    tenth of the tolerance, and 1.5 d is told.
+
+    Returns
+    -------
+    DataFrame
+        By column: half its range [its unit], and the estimate of its largest error over that [-];
+        NaN where the other run did not end, 0 where a column is at rest.
+
+    Raises
+    ------
+    BeamdaeError
+        If the solution does not know its integrator.
+    """
+    integrator = _integrator_of(solution)
+    name, value = integrator.accuracy
+    if solution.integrator.get("method") == "Radau":
+        return _difference(solution, _again(solution, _with(integrator, _TIGHTER)), _OF_FINER)
+    factor = _COARSER[name]
+    if name == "rtol":
+        factor = min(factor, max(_LOOSEST / value, 1.0 + 1e-9))
+    fraction = min(_SAFETY / (factor**integrator.order - 1.0), 1.0)
+    return _difference(solution, _again(solution, _with(integrator, factor)), fraction)
+
+
+def _with(integrator: Integrator, factor: float) -> Integrator:
+    """The same with another accuracy."""
+    name, value = integrator.accuracy
+    other: Any = replace(integrator, **{name: factor * value})  # type: ignore[type-var]
+    return other
+
+
+def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
+    """Compare a run with one of another method at a tighter tolerance.
+
+    Parameters
+    ----------
+    solution
+        The run.
+    by
+        The other integrator; default Radau at a tenth of the tolerance, or GeneralizedAlpha(rtol)
+        where the run was made by Radau.
+
+    Returns
+    -------
+    DataFrame
+        By observed column: half its range, the largest difference over that, what positions and
+        angles may differ by (100 rtol, or 1e-3 without one), and the verdict: "agrees", "differs",
+        "known to ..." for rates, forces and moments, of which rtol promises nothing, and "not
+        verified" where the other run did not end.
+
+    Raises
+    ------
+    BeamdaeError
+        If the solution does not know its integrator.
+    """
+    name, value = _integrator_of(solution).accuracy
+    allowed = _PROMISED * value if name == "rtol" else 1e-3
+    if by is None:
+        rtol = max(_TIGHTER * value, _TIGHTEST) if name == "rtol" else 1e-6
+        radau = solution.integrator.get("method") == "Radau"
+        by = GeneralizedAlpha(rtol=rtol) if radau else Radau(rtol)
+    table = _difference(solution, _again(solution, require_integrator("verify", by)), 1.0)
+    promised = [Header.of(name).unit in ("m", "rad") for name in table.index]
+    table["allowed"] = np.where(promised, allowed, np.nan)
+    table["verdict"] = [
+        _verdict(error, most) for error, most in zip(table[ERROR], table["allowed"], strict=True)
+    ]
+    return table
+
+
+def _verdict(error: float, allowed: float) -> str:
+    if np.isnan(error):
+        return "not verified"
+    if np.isnan(allowed):
+        return f"known to {error:.1%}"
+    return "agrees" if error <= allowed else "differs"
+
+
+def _integrator_of(solution: Solution) -> Integrator:
+    if not isinstance(solution.made_by, Integrator):
+        raise BeamdaeError(
+            f"error_estimate: made_by must be the integrator of the run, got {solution.made_by!r}."
+        )
+    return solution.made_by
+
+
+def _again(solution: Solution, integrator: Integrator) -> Solution | None:
+    """Another run over what this one reached; None if it does not end."""
+    if len(solution.t) < 2:
+        return None
+    other = integrator.integrate(solution.equations, solution.t)
+    return other if other.status.success else None
+
+
+def _difference(solution: Solution, other: Solution | None, fraction: float) -> pd.DataFrame:
+    """Half the range of each column, and this fraction of the largest difference over it."""
+    observed = solution.observed
+    table = pd.DataFrame({AMPLITUDE: 0.5 * np.ptp(observed.to_numpy(), axis=0)})
+    table.index = pd.Index(list(observed.columns))
+    table[ERROR] = np.nan
+    if other is not None:
+        units = [Header.of(name).unit for name in table.index]
+        rest = _AT_REST * table.groupby(units)[AMPLITUDE].transform("max")
+        most = np.max(np.abs(observed.to_numpy() - other.observed.to_numpy()), axis=0)
+        moving = table[AMPLITUDE] > rest
+        table[ERROR] = (fraction * most / table[AMPLITUDE].where(moving)).fillna(0.0)
+    return table

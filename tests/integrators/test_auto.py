@@ -1,0 +1,48 @@
+"""Auto: the choice between Ida and Radau."""
+
+import numpy as np
+import pytest
+from hub_beam import hub_beam
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+
+@pytest.mark.parametrize(
+    ("damping", "rtol", "method"),
+    [(0.0, 1e-4, "Ida"), (0.0, 1e-6, "Radau"), (1e-3, 1e-6, "Ida")],
+)
+def test_radau_takes_over_where_lightly_damped_modes_meet_a_tight_tolerance(damping, rtol, method):
+    mech = hub_beam(damping=damping, elements=2)
+    auto = bd.simulate(mech, bd.Auto(rtol, max_steps=20), t_end=0.5)
+    assert auto.integrator["method"] == method
+    assert auto.integrator["integrator"] == "Auto"
+    assert auto.statistics.steps == 20
+
+
+def test_it_is_the_run_of_what_it_chose():
+    mech = hub_beam(elements=2)
+    auto, ida = (bd.simulate(mech, one, t_end=0.5) for one in (bd.Auto(1e-4), bd.Ida(1e-4)))
+    assert_allclose(auto.q, ida.q, rtol=0.0, atol=0.0)
+    assert auto.integrator["amplitudes"] == ida.integrator["amplitudes"]
+
+
+def test_ida_says_where_another_method_takes_less():
+    mech = hub_beam(elements=2)
+    told = [
+        bd.simulate(mech, bd.Ida(rtol, max_steps=5), t_end=0.5).integrator.get("note", "")
+        for rtol in (1e-4, 1e-6)
+    ]
+    assert told[0] == ""
+    assert "take Radau(rtol) or Auto(rtol) here" in told[1]
+
+
+def test_it_is_the_default():
+    solution = bd.simulate(hub_beam, t_end=0.1)
+    assert solution.made_by == bd.Auto()
+    assert np.isfinite(solution.q).all()
+
+
+def test_a_tolerance_that_is_none_is_refused():
+    with pytest.raises(bd.BeamdaeError, match="Auto: rtol must be"):
+        bd.Auto(0.5)
