@@ -75,12 +75,14 @@ def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
 
 
 def _reference(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
-    """Reference and summary of the columns that move, or None if a method fails."""
+    """Reference and summary of the columns that move; None if a method fails, or nothing moves."""
     try:
         table, lines = reference(case, EFFORT)
     except SystemExit:
         return None
     moving = np.ptp(table[list(COLUMNS)], axis=0) > STILL
+    if not moving.any():
+        return None
     table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan
     return table, lines[lines["column"].map(moving)]
 
