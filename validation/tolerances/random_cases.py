@@ -60,7 +60,8 @@ def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
     A seed whose two methods differ by more than `AGREED` of some column is run for two fifths of
     its time instead; one that still has no reference worth the name is left out.
     """
-    for seed in seeds:
+    stored = set(pd.read_csv(TABLE)["seed"]) if TABLE.exists() else set()
+    for seed in (seed for seed in seeds if seed not in stored):
         case = random_case(seed)
         found = _reference(case)
         if found is None or found[1]["disagreement"].max() > AGREED:
@@ -75,12 +76,14 @@ def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
 
 
 def _reference(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
-    """Reference and summary of the columns that move, or None if a method fails."""
+    """Reference and summary of the columns that move; None if a method fails, or nothing moves."""
     try:
         table, lines = reference(case, EFFORT)
     except SystemExit:
         return None
     moving = np.ptp(table[list(COLUMNS)], axis=0) > STILL
+    if not moving.any():
+        return None
     table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan
     return table, lines[lines["column"].map(moving)]
 

@@ -79,8 +79,9 @@ def reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.Dat
     lines = pd.DataFrame({"case": case.name, "column": headers})
     lines["method 1"], lines["method 2"] = truth.method, witness.method
     lines["disagreement"] = deviations(witness.rows, truth.rows)
-    if len(answers) > 1:
-        lines["last refinement"] = deviations(answers[-2].rows, answers[-1].rows)
+    lines["last refinement"] = (
+        deviations(answers[-2].rows, answers[-1].rows) if len(answers) > 1 else np.nan
+    )
     return table, pd.concat([lines, _published(case, table)])
 
 

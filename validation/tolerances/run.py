@@ -3,7 +3,7 @@
 python validation/tolerances/run.py                  Ida: error over rtol, default settings
 python validation/tolerances/run.py --alternatives   Ida: other error controls and orders
 python validation/tolerances/run.py --damping        steps of orders 2 and 5 over damping (minutes)
-python validation/tolerances/run.py --wide           all cases and integrators (half an hour)
+python validation/tolerances/run.py --wide           all cases and integrators (a quarter hour)
 python validation/tolerances/run.py --random         random mechanisms, all integrators (minutes)
 python validation/tolerances/run.py --references     recompute the stored references (half an hour)
 python validation/tolerances/run.py --random-references 200 210    and of further seeds
@@ -28,8 +28,9 @@ from slider_crank import slider_crank
 import beamdae as bd
 from tolerances import wide
 from tolerances.cases import CASES, WIDE
+from tolerances.random_cases import SUMMARY as RANDOM_SUMMARY
 from tolerances.random_cases import make_random_references, random_cases
-from tolerances.references import Effort, make_reference
+from tolerances.references import SUMMARY, Effort, make_reference
 from tolerances.tolerance_case import ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -94,13 +95,16 @@ def damping() -> list[dict[str, object]]:
 
 
 def measured(
-    options: argparse.Namespace, cases: Iterable[ToleranceCase], rtols: tuple[float, ...]
+    options: argparse.Namespace,
+    cases: Iterable[ToleranceCase],
+    rtols: tuple[float, ...],
+    summary: Path,
 ) -> pd.DataFrame:
     """Lines of the chosen cases and integrators, printed as they come."""
     chosen = [case for case in cases if not options.case or case.name in options.case]
     names = options.integrator or list(wide.INTEGRATORS)
     lines = []
-    for line in wide.lines(chosen, names, options.rtol or rtols):
+    for line in wide.lines(chosen, names, options.rtol or rtols, summary):
         lines.append(line)
         print(*(f"{x:.3g}" if isinstance(x, float) else x for x in line.values()), flush=True)
     return pd.DataFrame(lines)
@@ -115,7 +119,7 @@ def store(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
 
 def wide_set(options: argparse.Namespace) -> pd.DataFrame:
     """Error over rtol of all cases by all integrators."""
-    table = measured(options, WIDE, RTOLS)
+    table = measured(options, WIDE, RTOLS, SUMMARY)
     store(options, table, "wide")
     print(wide.coverage(table).to_string(), end="\n\n")
     return wide.condensed(table)
@@ -123,7 +127,7 @@ def wide_set(options: argparse.Namespace) -> pd.DataFrame:
 
 def random_set(options: argparse.Namespace) -> pd.DataFrame:
     """How error over rtol is spread over random mechanisms, after the worst of them."""
-    table = measured(options, random_cases(), RTOLS[:3])
+    table = measured(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
     store(options, table, "random")
     print(wide.broken(table).head(30).to_string(index=False), end="\n\n")
     return wide.quantiles(table)

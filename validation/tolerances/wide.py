@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -22,23 +23,26 @@ INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
 }
 
 
-def uncertainties() -> pd.Series:
+def uncertainties(summary: Path) -> pd.Series:
     """How far the two methods of each reference are apart, the worst column, by case."""
-    known = pd.read_csv(SUMMARY)
+    known = pd.read_csv(summary)
     promised = known[known["column"].str.contains(r"\[(?:m|rad)\]")]
     promised = promised[promised["method 1"] != "stored reference"]
     return promised.groupby("case")["disagreement"].max()
 
 
 def lines(
-    cases: Iterable[ToleranceCase], names: Iterable[str], rtols: Iterable[float]
+    cases: Iterable[ToleranceCase],
+    names: Iterable[str],
+    rtols: Iterable[float],
+    summary: Path = SUMMARY,
 ) -> Iterator[dict[str, object]]:
     """One line a run: r, the largest error over rtol, and what the run cost.
 
     A run that did not reach its end has no r. "r of reference" is what of r the reference's own
     uncertainty may make.
     """
-    known = uncertainties()
+    known = uncertainties(summary)
     for case in cases:
         for name in names:
             for rtol in rtols:
