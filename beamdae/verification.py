@@ -22,7 +22,7 @@ _LOOSEST = 0.1
 # The difference is that of errors which fall as the order says, or by less than that.
 _SAFETY = 4.5
 # The finer run is off as well.
-_OF_FINER = 1.5
+_OF_FINER = 3.0
 # What columns may differ by, over rtol, in a verification.
 _PROMISED = 100.0
 _TIGHTER = 0.1
@@ -41,7 +41,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     of the finer one, c = 10 or 2; 4.5 times d / (c^order - 1) is told, for errors of stiff
     mechanisms fall more slowly (validation/tolerances counts how often it covers the true one).
     Radau passes over vibrations, and coarser steps would pass over the same: it goes again with a
-    tenth of the tolerance, and 1.5 d is told.
+    tenth of the tolerance, and 3 d is told.
 
     Returns
     -------
