@@ -25,6 +25,7 @@ from beamdae.cli.options import (
     assignments,
     console,
     require_writable,
+    say_warning,
     say_written,
 )
 from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
@@ -123,6 +124,7 @@ def run(
         },
     )
     require_writable(out)
+    from beamdae import verification
     from beamdae.report import pictures, terminal
     from beamdae.simulation import simulate
 
@@ -139,12 +141,14 @@ def run(
         errors = _errors(solution, estimate, verify)
         screen.print(terminal.ranges(solution.observed, errors))
         if errors is not None:
+            if beyond := verification.exceeded(solution, errors):
+                say_warning(screen, beyond)
             known = errors.astype(object).where(errors.notna(), None)
             solution.to_csv(written, errors=known.to_dict("index"))
     if solution.validity:
         screen.print(terminal.validity(solution.validity))
     for sentence in solution.warnings:
-        screen.print(f"warning: {sentence}", style="yellow", markup=False, highlight=False)
+        say_warning(screen, sentence)
     picture = pictures.picture_of_run(
         out / f"{model.name}.png", solution.table(), f"{model.name}, {method.label}"
     )

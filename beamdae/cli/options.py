@@ -58,6 +58,11 @@ def console() -> Console:
     return Console(width=width, markup=False, highlight=False, emoji=False)
 
 
+def say_warning(console: Console, sentence: str) -> None:
+    """Tell what a result has to be read with."""
+    console.print(f"warning: {sentence}", style="yellow", markup=False, highlight=False)
+
+
 def say_written(console: Console, paths: list[Path]) -> None:
     """Tell which files there are now."""
     for path in paths:

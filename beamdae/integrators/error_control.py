@@ -32,7 +32,7 @@ _RESOLVED = 12.0
 # Below this rtol order 2 takes longer than a method of order 5 as stable (validation/tolerances).
 _ORDER_2_LOSES = 3e-6
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
-_SAFETY = 0.05
+_SAFETY = 0.045
 _ASYMPTOTIC = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
 
 

@@ -15,8 +15,9 @@ from beamdae.symbolic.factorizations import SingularMatrixError, factorization
 Array = np.ndarray
 
 _MAX_ITERATIONS = 12
-# What rounding leaves of an increment relative to the scale of its coordinate.
-_ROUNDING = 1e-14
+# What rounding leaves of an increment relative to the scale of its coordinate, and relative to the
+# size of the mechanism where that is much larger.
+_ROUNDING, _ROUNDING_OF_SIZE = 1e-14, 1e-15
 # The factors are kept while every iteration gains this much.
 _KEEP_RATE = 0.05
 # Slower than this, and new factors are found within the iteration.
@@ -48,7 +49,8 @@ class ModifiedNewton:
         self.weights = 1.0 / scales
         self.coordinates = form.equations.n
         self._tolerance = tolerance
-        self._least = _ROUNDING * float(np.max(form.equations.position_scales * self.weights))
+        size = float(np.max(form.equations.position_scales * self.weights))
+        self._least = max(_ROUNDING, _ROUNDING_OF_SIZE * size)
         self.bound = self._least
         self._rate = np.inf
         self.size = form.size
