@@ -7,7 +7,7 @@ import pytest
 from hub_beam import hub_beam
 
 import beamdae as bd
-from beamdae.verification import ERROR
+from beamdae.verification import ERROR, exceeded
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +60,16 @@ def test_what_could_not_be_run_again_is_unknown_and_not_verified():
 def test_a_solution_that_does_not_know_its_integrator_is_refused(truth):
     with pytest.raises(bd.BeamdaeError, match="made_by must be the integrator of the run"):
         bd.error_estimate(replace(truth, made_by=None))
+
+
+def test_a_run_that_is_off_by_more_than_is_promised_says_so(truth):
+    errors = bd.error_estimate(replace(truth, made_by=bd.Radau(1e-3)))
+    solution = replace(truth, made_by=bd.Ida(1e-4))
+    errors[ERROR] = 0.5e-2
+    assert exceeded(solution, errors) == ""
+    errors.loc["root force.M [N m]", ERROR] = 1.0
+    assert exceeded(solution, errors) == ""
+    errors.loc["tip.y [m]", ERROR] = 0.02
+    assert exceeded(solution, errors).startswith("tip.y [m]: its error is put at 0.02 of half")
+    fixed = replace(truth, made_by=bd.GeneralizedAlpha(1e-3))
+    assert exceeded(fixed, errors) == ""

@@ -70,7 +70,7 @@ def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
             continue
         table, lines = found
         table.insert(0, "seed", seed)
-        _append(TABLE, table, "%.7g")
+        _append(TABLE, table, "%.12g")
         _append(SUMMARY, lines, "%.2g")
         yield lines
 
