@@ -171,7 +171,7 @@ def resolve(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
-        order == 2,
+        order == 2 and max_order == "auto",
     )
 
 
