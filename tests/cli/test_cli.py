@@ -157,12 +157,13 @@ def test_mistake_is_one_line(command, source, arguments, words):
     assert not Path("results").exists()
 
 
+IDA = ["--integrator", "ida"]
 RUN_MISTAKES = {
     "integrator": (["--integrator", "idaa"], "--integrator", "'ida'", "'generalized-alpha'"),
-    "foreign option": (["--step", "0.1"], "--step", "ida"),
+    "foreign option": (["--step", "0.1"], "--step", "auto"),
     "rtol": (["--rtol", "0"], "rtol must be positive"),
-    "formulation": (["--formulation", "index9"], "formulation", "'index9'", "'ggl'"),
-    "max_order": (["--max-order", "7"], "max_order", "7"),
+    "formulation": ([*IDA, "--formulation", "index9"], "formulation", "'index9'", "'ggl'"),
+    "max_order": ([*IDA, "--max-order", "7"], "max_order", "7"),
     "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
     "output_step": (["--output-step", "0"], "output_step must be positive"),
 }
@@ -394,3 +395,17 @@ def test_a_function_that_returns_nothing_is_told(command):
     result = command("run", mute)
     assert result.exit_code == 2
     assert "mute: the function must return the mechanism, got None." in result.stderr
+
+
+def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    def second(_):
+        raise AssertionError("went again")
+
+    monkeypatch.setattr("beamdae.integrators.ida.Bdf.step", interrupted)
+    monkeypatch.setattr("beamdae.verification.error_estimate", second)
+    result = command("run", ARM, "--t-end", "0.1")
+    assert isinstance(result.exception, SystemExit)
+    assert "interrupted at t = 0 s" in result.output
