@@ -22,7 +22,7 @@ _LOOSEST = 0.1
 # The difference is that of errors which fall as the order says, or by less than that.
 _SAFETY = 4.5
 # The finer run is off as well.
-_OF_FINER = 1.5
+_OF_FINER = 3.0
 # Runs of so nearly as many steps say nothing of their errors.
 _ALIKE = 0.95
 # What columns may differ by, over rtol, in a verification.
@@ -41,10 +41,10 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
 
     The same integrator goes again with ten times the tolerance, or twice the step. With errors
     that fall as accuracy^order, the difference d of the two runs is (c^order - 1) times the error
-    of the finer one, c = 10 or 2; 4.5 times d / (c^order - 1), at most 1.5 d, is told, for errors
+    of the finer one, c = 10 or 2; 4.5 times d / (c^order - 1), at most 3 d, is told, for errors
     of stiff mechanisms fall more slowly (validation/tolerances counts how often it covers the true
     one). Radau passes over vibrations, and coarser steps would pass over the same: it goes again
-    with a tenth of the tolerance, and 1.5 d is told. So do others, where rtol is above 0.01.
+    with a tenth of the tolerance, and 3 d is told. So do others, where rtol is above 0.01.
 
     Returns
     -------

@@ -257,10 +257,17 @@ def _integrator(name: str, options: dict[str, Any]) -> Any:
     kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:
-        if option not in {field.name for field in fields(kind)}:
+        if option not in _settings(kind):
             flag = option.replace("_", "-")
-            raise BeamdaeError(f"run: --{flag} is no option of --integrator {name}.")
+            have = [other for other, kind in kinds.items() if option in _settings(kind)]
+            raise BeamdaeError(
+                f"run: --{flag} is no option of --integrator {name}, but of {' and '.join(have)}."
+            )
     return kind(**given)
+
+
+def _settings(kind: Any) -> set[str]:
+    return {field.name for field in fields(kind)}
 
 
 @contextmanager

@@ -194,6 +194,7 @@ def build(
     observables: dict[str, Quantity],
     owners: Owners,
     ranges: Sequence[RangeStatement] = (),
+    scales: Array | None = None,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -238,6 +239,7 @@ def build(
         parts=parts,
         breakpoints=breakpoints,
         time_scale=time_scale,
+        scales=None if scales is None else _constant(scales),
         observables=tuple(observed),
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),

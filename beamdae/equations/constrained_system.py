@@ -56,6 +56,9 @@ class ConstrainedSystem:
     time_scale
         Shortest time [s] over which an expression changes with t, if it is much shorter than the
         run: no step is longer.
+    scales
+        How far each coordinate moves, about half its range: what `rtol` is relative to. Default:
+        adaptive integrators go ahead with a loose tolerance to see.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class ConstrainedSystem:
     observe: dict[str, Any] = field(default_factory=dict)
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
+    scales: Any = None
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
@@ -110,6 +114,7 @@ class ConstrainedSystem:
             ),
             breakpoints=self._checked_breakpoints(),
             time_scale=self.time_scale,
+            scales=self._checked_scales(n),
             forces=[self._force_statement(piece)],
             constraints=constraints,
             observables=observables,
@@ -144,6 +149,16 @@ class ConstrainedSystem:
         for unit in units:
             require_unit("ConstrainedSystem", unit)
         return tuple(Named(name, unit) for name, unit in zip(names, units, strict=True))
+
+    def _checked_scales(self, n: int) -> np.ndarray | None:
+        if self.scales is None:
+            return None
+        scales = np.array([positive("ConstrainedSystem", "scales", x) for x in self.scales])
+        if len(scales) != n:
+            raise BeamdaeError(
+                f"ConstrainedSystem: scales must have {n} entries, got {len(scales)}."
+            )
+        return scales
 
     def _checked_breakpoints(self) -> tuple[float, ...]:
         times = tuple(finite("ConstrainedSystem", "breakpoints", b) for b in self.breakpoints)

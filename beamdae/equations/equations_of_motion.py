@@ -121,6 +121,9 @@ class EquationsOfMotion:
         Ascending times [s] at which a law changes its formula; integrators stop and restart there.
     time_scale
         Shortest time [s] over which a law changes, or None.
+    scales
+        How far each coordinate moves [its unit], (n,), where that is given; None: integrators
+        find out.
     """
 
     coordinates: tuple[Named, ...]
@@ -135,6 +138,7 @@ class EquationsOfMotion:
     observables: tuple[Observable, ...]
     forces: tuple[ForceTerm, ...] = field(repr=False)
     joints: tuple[ConstraintTerm, ...] = field(repr=False)
+    scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# What moves less than this share of what moves most is taken to move so much.
+# What moves less than this share of what moves most is taken to move so much: a part, or a
+# coordinate of a constrained system, which may mean anything.
 _LEAST_SHARE = 1e-3
+_LEAST_SHARE_ALONE = 1e-5
 # What moves less than this share of its size does not move.
 _AT_REST = 1e-9
 
@@ -42,8 +44,8 @@ class Amplitudes:
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
         """Amplitudes of a run: half the ranges of the coordinates over its steps.
 
-        A part that hardly moves beside others is given a thousandth of their motion; where nothing
-        moves, the size of each part is its scale.
+        A part that hardly moves beside others is given a thousandth of their motion, a coordinate
+        of a constrained system 1e-5 of it; where nothing moves, sizes are the scales.
         """
         sizes = _sizes(equations)
         q, v = (
@@ -54,10 +56,13 @@ class Amplitudes:
             part.name: float(np.max(0.5 * np.ptp(q[:, part.rows], axis=0)))
             for part in equations.parts
         }
-        least = _LEAST_SHARE * max(found.values())
-        if max(found.values()) <= _AT_REST:
+        most = max(found.values())
+        if most <= _AT_REST:
             found = dict.fromkeys(found, 1.0)
-        by_part = {name: _rounded(max(share, least)) for name, share in found.items()}
+        by_part = {
+            part.name: _rounded(max(found[part.name], _least_share(part) * most))
+            for part in equations.parts
+        }
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
@@ -67,9 +72,14 @@ class Amplitudes:
         rates = [
             float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))
             for part in equations.parts
-            if found[part.name] > least and np.any(spread[part.rows] > 0.0)
+            if found[part.name] > _LEAST_SHARE * most and np.any(spread[part.rows] > 0.0)
         ]
         return cls(by_part, scales, _rounded(max(rates, default=0.0)))
+
+
+def _least_share(part: PartCoordinates) -> float:
+    alone = part.rows.stop - part.rows.start == 1
+    return _LEAST_SHARE_ALONE if alone else _LEAST_SHARE
 
 
 def _rounded(value: float) -> float:

@@ -122,9 +122,10 @@ class Route:
     @property
     def scales(self) -> Array:
         """Natural size of each coordinate [m or rad]: of its motion, or else of its mechanism."""
-        if self.amplitudes is None:
-            return self.equations.position_scales
-        return self.amplitudes.scales
+        if self.amplitudes is not None:
+            return self.amplitudes.scales
+        given = self.equations.scales
+        return self.equations.position_scales if given is None else given
 
     @property
     def duration(self) -> float:
@@ -304,7 +305,7 @@ def drive(
         Makes the method for a run: compiles, and resolves what is "auto".
     scout_on
         Makes the same with the tolerance SCOUTING_RTOL: it goes first, to see how far the parts
-        move. None: the method needs no `Route.amplitudes`.
+        move, unless the equations say so. None: the method needs no `Route.amplitudes`.
     """
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator.method, settings)
@@ -315,7 +316,7 @@ def drive(
     begin = clock.perf_counter()
     limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
     status = REACHED_END
-    if scout_on is not None:
+    if scout_on is not None and equations.scales is None:
         route, run, trajectory, status = _scouted(route, scout_on, limits)
     setup = clock.perf_counter()
     method = method_on(route)

@@ -21,15 +21,16 @@ _UNTESTED = 1e10
 # What a chain of roundings leaves of a position, relative to the size of the mechanism.
 ROUNDING = 1e-14
 
-# Modes this much faster than the motion are stiff: the step is meant to pass over them.
-_STIFF_RATIO = 300.0
+# Modes this much faster than the motion are stiff: the step is meant to pass over them. BDF loses
+# more by that than methods of order 5 that are as stable.
+STIFF_FOR_BDF, STIFF_FOR_RADAU = 300.0, 30.0
 # BDF of order 5 is stable for damping ratios above 0.62, cos of its angle of 52 degrees.
 _STABLE_RATIO = 0.62
 # Steps of order 2 resolve modes up to this over the square root of rtol, times the rate of the
 # motion: lightly damped ones among them cost order 5 nothing (validation/tolerances, --damping).
 _RESOLVED = 12.0
 # Below this rtol order 2 takes longer than a method of order 5 as stable (validation/tolerances).
-BDF_LOSES = 3e-6
+_ORDER_2_LOSES = 3e-6
 # The largest error over a run stays below 100 rtol (30 rtol with damping) with these factors.
 _SAFETY = 0.05
 _ASYMPTOTIC = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
@@ -95,14 +96,14 @@ class ErrorControl:
         Highest BDF order.
     reason
         Why "auto" chose so, one sentence.
-    lightly_damped
-        Whether lightly damped modes, much faster than the motion, keep the order at 2.
+    loses_below
+        The rtol below which a method of order 5 that is as stable takes less than BDF.
     """
 
     policy: str
     max_order: int
     reason: str
-    lightly_damped: bool = False
+    loses_below: float = 0.0
 
     def tolerance(self, rtol: float, size: int) -> float:
         """Tolerance of the local error test that keeps the error of a whole run near `rtol`.
@@ -134,11 +135,13 @@ def resolve(
     formulation: Formulation,
     rtol: float,
     rate: float,
+    stiff_ratio: float,
     fastest_modes: Callable[[], tuple[Mode, ...]],
 ) -> ErrorControl:
     """Resolve "auto": which components are tested, and the highest order.
 
-    `rate` is that of the motion, `fastest_modes` gives the fastest natural mode of each body.
+    `rate` is that of the motion, `stiff_ratio` how much faster modes have to be to be passed over,
+    `fastest_modes` gives the fastest natural mode of each body.
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
@@ -152,15 +155,18 @@ def resolve(
         return ErrorControl(policy, int(max_order), "as set")
     modes = fastest_modes()
     fastest = max((mode.frequency for mode in modes), default=0.0)
-    stiff = _STIFF_RATIO * rate
+    stiff = stiff_ratio * rate
     light = max((_lightly_damped(mode) for mode in modes), default=0.0)
     overdamped = all(m.damping_ratio > _STABLE_RATIO for m in modes if m.frequency > stiff)
     if fastest <= stiff:
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
+        loses_below = np.inf if fastest > STIFF_FOR_RADAU * rate else 0.0
     elif overdamped and light <= _RESOLVED * rate / np.sqrt(rtol):
         choice, order, reason = "positions", 5, "the fast modes are overdamped"
+        loses_below = 0.0
     else:
         choice, order, reason = "positions", 2, "fast modes are lightly damped"
+        loses_below = _ORDER_2_LOSES
     if formulation.index == 3:
         choice = "positions"
     reason = (
@@ -171,7 +177,7 @@ def resolve(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
-        order == 2 and max_order == "auto",
+        loses_below if max_order == "auto" else 0.0,
     )
 
 

@@ -17,7 +17,12 @@ from beamdae.equations.formulations import FIRST_ORDER, State, first_order
 from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, Route, StepError, drive
-from beamdae.integrators.error_control import BDF_LOSES, ERROR_CONTROL, resolve, scales
+from beamdae.integrators.error_control import (
+    ERROR_CONTROL,
+    STIFF_FOR_BDF,
+    resolve,
+    scales,
+)
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.integrators.silence import silent
@@ -29,8 +34,8 @@ Array = np.ndarray
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
 _LOSES = (
-    "lightly damped modes keep BDF at order 2, which takes 3 to 6 times the steps with each digit "
-    "of rtol; Radau takes 1.5 to 2.5 times its own: take Radau(rtol) or Auto(rtol) here"
+    "lightly damped modes hold BDF up at this tolerance; Radau takes a half to a twentieth of the "
+    "time: take Radau(rtol) or Auto(rtol)"
 )
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
 _SHORTER = 1e-4
@@ -138,6 +143,7 @@ class Bdf:
             self._form.formulation,
             settings.rtol,
             size.rate,
+            STIFF_FOR_BDF,
             partial(fastest_modes, route.starter, route.time, route.state),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
@@ -165,7 +171,7 @@ class Bdf:
     @property
     def loses(self) -> bool:
         """Whether another method takes less at this tolerance."""
-        return self._control.lightly_damped and self._rtol < BDF_LOSES
+        return self._rtol < self._control.loses_below
 
     @property
     def counts(self) -> Statistics:

@@ -13,7 +13,7 @@ from beamdae.equations.formulations import State, first_order
 from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive, fitted
-from beamdae.integrators.error_control import resolve, scales
+from beamdae.integrators.error_control import STIFF_FOR_RADAU, resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.radau_newton import C, Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, PredictiveStepSize, Tolerance
@@ -106,6 +106,7 @@ class Collocating:
             self._form.formulation,
             settings.rtol,
             size.rate,
+            STIFF_FOR_RADAU,
             partial(fastest_modes, route.starter, route.time, route.state),
         )
         velocities = self._control.policy == "velocities"

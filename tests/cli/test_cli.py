@@ -157,13 +157,17 @@ def test_mistake_is_one_line(command, source, arguments, words):
     assert not Path("results").exists()
 
 
-IDA = ["--integrator", "ida"]
 RUN_MISTAKES = {
     "integrator": (["--integrator", "idaa"], "--integrator", "'ida'", "'generalized-alpha'"),
-    "foreign option": (["--step", "0.1"], "--step", "auto"),
+    "foreign option": (["--step", "0.1"], "--step", "auto", "generalized-alpha"),
     "rtol": (["--rtol", "0"], "rtol must be positive"),
-    "formulation": ([*IDA, "--formulation", "index9"], "formulation", "'index9'", "'ggl'"),
-    "max_order": ([*IDA, "--max-order", "7"], "max_order", "7"),
+    "formulation": (
+        ["--integrator", "ida", "--formulation", "index9"],
+        "formulation",
+        "'index9'",
+        "'ggl'",
+    ),
+    "max_order": (["--integrator", "ida", "--max-order", "7"], "max_order", "7"),
     "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
     "output_step": (["--output-step", "0"], "output_step must be positive"),
 }

@@ -275,3 +275,34 @@ def test_regression_the_books_close_where_the_mass_depends_on_position():
     # A straight line at constant speed.
     x = solution.q[:, 0] * np.cos(solution.q[:, 1])
     assert_allclose(x, 1.0 - 0.5 * solution.t, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(1e-5), bd.Radau(1e-5), bd.GeneralizedAlpha(rtol=1e-5)]
+)
+def test_given_scales_are_what_rtol_is_relative_to(integrator):
+    """A coordinate that moves a millionth as far as the other one is as accurate."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    rates = np.array([3.0, 5.0])
+    model = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=-ca.vertcat(*(rates**2)) * q,
+        q0=[1.0, 1e-6],
+        v0=[0.0, 0.0],
+        scales=[1.0, 1e-6],
+    )
+    solution = bd.simulate(model, integrator, 2.0)
+    assert "amplitudes" not in solution.integrator
+    exact = np.array([1.0, 1e-6]) * np.cos(rates * solution.t[:, None])
+    assert np.all(np.abs(solution.q - exact).max(axis=0) < 100e-5 * np.array([1.0, 1e-6]))
+
+
+@pytest.mark.parametrize(
+    ("scales", "words"), [([1.0], "scales must have 2 entries"), ([1.0, 0.0], "scales must be pos")]
+)
+def test_scales_that_are_none_are_refused(scales, words):
+    with pytest.raises(bd.BeamdaeError, match=words):
+        _ = system(scales=scales).equations
