@@ -42,7 +42,8 @@ def simulate(
     output_step
         Time between rows of the result [s]; default a thousandth of the run.
     progress
-        Called now and then with the time reached; a text it answers ends the run there.
+        Called now and then with the time reached, that of the start while a scout goes ahead; a
+        text it answers ends the run there.
 
     Returns
     -------

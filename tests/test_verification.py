@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from hub_beam import hub_beam
 
 import beamdae as bd
+from beamdae.integrators.integrator import Accuracy
 from beamdae.verification import ERROR, exceeded
 
 
@@ -73,3 +75,76 @@ def test_a_run_that_is_off_by_more_than_is_promised_says_so(truth):
     assert exceeded(solution, errors).startswith("tip.y [m]: its error is put at 0.02 of half")
     fixed = replace(truth, made_by=bd.GeneralizedAlpha(1e-3))
     assert exceeded(fixed, errors) == ""
+
+
+def _oscillator(q0=1.0, center=0.0, **kwargs):
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    observe = {name: given(q) for name, given in kwargs.items()}
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0], force=center - q, q0=[q0], v0=[0.0], observe=observe
+    )
+
+
+def test_the_loosest_tolerance_there_is_has_an_estimate():
+    # There is none ten times as loose to compare with.
+    solution = bd.simulate(_oscillator(), bd.Ida(0.1), t_end=10.0)
+    known = np.cos(solution.t)
+    true = np.abs(solution.q[:, 0] - known).max() / (0.5 * np.ptp(known))
+    assert bd.error_estimate(solution)[ERROR].iloc[0] > true
+
+
+def test_a_run_of_the_same_steps_tells_nothing():
+    # Both runs have one step: their difference is 0, the error of the motion more than all of it.
+    solution = bd.simulate(_oscillator(), bd.GeneralizedAlpha(3.0), t_end=3.0)
+    assert bd.error_estimate(solution)[ERROR].isna().all()
+
+
+def test_steps_that_the_length_of_the_run_limits_tell_nothing():
+    # 58 and 59 steps: their difference is a fortieth of the error.
+    solution = bd.simulate(_oscillator(), bd.GeneralizedAlpha(rtol=0.01), t_end=1.0)
+    assert bd.error_estimate(solution)[ERROR].isna().all()
+
+
+def test_columns_that_are_not_finite_have_no_error_told():
+    system = _oscillator(root=ca.sqrt, inverse=lambda q: 1.0 / (q - q))
+    told = bd.error_estimate(bd.simulate(system, bd.Ida(1e-3), t_end=10.0))
+    assert told.loc[["root [-]", "inverse [-]"]].isna().all(axis=None)
+    assert told.loc["q0 [-]", ERROR] > 0.0
+
+
+def test_columns_without_a_unit_are_not_at_rest_beside_each_other():
+    system = _oscillator(large=lambda q: 1e12 * q)
+    told = bd.error_estimate(bd.simulate(system, bd.Ida(1e-3), t_end=10.0))[ERROR]
+    assert told["q0 [-]"] == pytest.approx(told["large [-]"])
+    assert told["q0 [-]"] > 0.0
+
+
+def test_what_rounding_moves_is_at_rest():
+    # Three in equilibrium: rounding takes it to and fro by some 1e-15.
+    solution = bd.simulate(_oscillator(q0=3.0, center=3.0 + 1e-14), bd.Ida(), t_end=10.0)
+    assert bd.error_estimate(solution)[ERROR].iloc[0] == 0.0
+
+
+def test_a_verification_promises_no_more_than_the_looser_run():
+    solution = bd.simulate(hub_beam(elements=2), bd.Radau(1e-6), t_end=0.05)
+    assert bd.verify(solution, bd.Ida(1e-4))["allowed"].max() == pytest.approx(1e-2)
+
+
+def test_an_integrator_without_a_field_to_refine_by_is_refused(truth):
+    class Odd(bd.Ida):
+        @property
+        def accuracy(self):
+            return Accuracy("tolerance", 1e-5)
+
+    with pytest.raises(bd.BeamdaeError, match="the accuracy of Odd must be its field"):
+        bd.error_estimate(replace(truth, made_by=Odd()))
+
+
+def test_the_estimate_covers_the_error_of_a_method_of_first_order():
+    # The difference to twice the step is the error itself there, less a little.
+    solution = bd.simulate(
+        _oscillator(), bd.GeneralizedAlpha(0.01, family="newmark", rho_inf=0.5), t_end=5.0
+    )
+    known = np.cos(solution.t)
+    true = np.abs(solution.q[:, 0] - known).max() / (0.5 * np.ptp(known))
+    assert true < bd.error_estimate(solution)[ERROR].iloc[0] < 5.0 * true

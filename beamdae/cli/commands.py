@@ -242,6 +242,8 @@ def _errors(solution: Solution, estimate: bool, verify: bool) -> Any:
     """How far the observed columns are off, as far as that is asked for."""
     from beamdae import verification
 
+    if solution.status.kind == "interrupted":
+        return None
     if verify:
         return verification.verify(solution)
     return verification.error_estimate(solution) if estimate else None

@@ -153,7 +153,8 @@ class ConstrainedSystem:
     def _checked_scales(self, n: int) -> np.ndarray | None:
         if self.scales is None:
             return None
-        scales = np.array([positive("ConstrainedSystem", "scales", x) for x in self.scales])
+        given = np.atleast_1d(np.asarray(self.scales, object)).ravel()
+        scales = np.array([positive("ConstrainedSystem", "scales", x) for x in given])
         if len(scales) != n:
             raise BeamdaeError(
                 f"ConstrainedSystem: scales must have {n} entries, got {len(scales)}."

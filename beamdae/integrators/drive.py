@@ -33,6 +33,7 @@ _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 # The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
 # is, and what is much less motion than it was tolerant of.
 SCOUTING_RTOL = 1e-2
+_SCOUTING = f"of the scout, which goes before the run with rtol = {SCOUTING_RTOL:g}"
 _MOST_SCOUTS = 4
 _MOST_SCOUTING_STEPS = 20_000
 _SCOUTING_TIME = 0.25
@@ -261,14 +262,17 @@ def _interrupted(t: float) -> Status:
 
 
 def _scouted(
-    route: Route, scout_on: Callable[[Route], Method], time_limit: float | None, begin: float
+    route: Route, scout_on: Callable[[Route], Method], of_run: _Limits
 ) -> tuple[Route, _Run, Trajectory, Status]:
     """The route with the amplitudes that a scout sees, and its last run.
 
-    It goes again as long as it sees much less motion than it was tolerant of.
+    It goes again as long as it sees much less motion than it was tolerant of. Progress hears of it,
+    so that it may end it, but of no time: the run itself has not begun.
     """
-    share = None if time_limit is None else _SCOUTING_TIME * time_limit
-    limits = _Limits(None, share, _MOST_SCOUTING_STEPS, begin)
+    share = None if of_run.time_limit is None else _SCOUTING_TIME * of_run.time_limit
+    start, progress = route.intervals[0][0], of_run.progress
+    told = None if progress is None else lambda _: progress(start)
+    limits = _Limits(told, share, _MOST_SCOUTING_STEPS, of_run.begin)
     for _ in range(_MOST_SCOUTS):
         run = _Run(route, scout_on(route), limits)
         trajectory, status = run.through()
@@ -313,11 +317,13 @@ def drive(
     limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
     status = REACHED_END
     if scout_on is not None and equations.scales is None:
-        route, run, trajectory, status = _scouted(route, scout_on, limits.time_limit, begin)
+        route, run, trajectory, status = _scouted(route, scout_on, limits)
     setup = clock.perf_counter()
     method = method_on(route)
     setup = clock.perf_counter() - setup
-    if status.kind != "interrupted":
+    if status.kind == "interrupted":
+        status = replace(status, sentence=f"{status.sentence} {_SCOUTING}")
+    else:
         run = _Run(route, method, limits)
         trajectory, status = run.through()
     wall_time = clock.perf_counter() - begin - setup

@@ -177,7 +177,7 @@ def resolve(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
-        loses_below,
+        loses_below if max_order == "auto" else 0.0,
     )
 
 

@@ -106,7 +106,8 @@ class Ida(Integrator):
             times,
             partial(Bdf, self),
             progress,
-            partial(Bdf, replace(self, rtol=SCOUTING_RTOL)),
+            # At an order that is set but unstable it would see vibrations of its own making.
+            partial(Bdf, replace(self, rtol=SCOUTING_RTOL, max_order="auto")),
         )
 
 

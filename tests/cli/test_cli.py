@@ -399,3 +399,17 @@ def test_a_function_that_returns_nothing_is_told(command):
     result = command("run", mute)
     assert result.exit_code == 2
     assert "mute: the function must return the mechanism, got None." in result.stderr
+
+
+def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    def second(_):
+        raise AssertionError("went again")
+
+    monkeypatch.setattr("beamdae.integrators.ida.Bdf.step", interrupted)
+    monkeypatch.setattr("beamdae.verification.error_estimate", second)
+    result = command("run", ARM, "--t-end", "0.1")
+    assert isinstance(result.exception, SystemExit)
+    assert "interrupted at t = 0 s" in result.output

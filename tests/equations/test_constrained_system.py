@@ -301,7 +301,12 @@ def test_given_scales_are_what_rtol_is_relative_to(integrator):
 
 
 @pytest.mark.parametrize(
-    ("scales", "words"), [([1.0], "scales must have 2 entries"), ([1.0, 0.0], "scales must be pos")]
+    ("scales", "words"),
+    [
+        ([1.0], "scales must have 2 entries"),
+        (1.0, "scales must have 2 entries"),
+        ([1.0, 0.0], "scales must be pos"),
+    ],
 )
 def test_scales_that_are_none_are_refused(scales, words):
     with pytest.raises(bd.BeamdaeError, match=words):

@@ -46,3 +46,9 @@ def test_it_is_the_default():
 def test_a_tolerance_that_is_none_is_refused():
     with pytest.raises(bd.BeamdaeError, match="Auto: rtol must be"):
         bd.Auto(0.5)
+
+
+def test_an_order_that_was_set_is_not_said_to_be_kept_at_two():
+    solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-7, max_order=1, max_steps=5), t_end=2.0)
+    assert solution.integrator["max_order"] == 1
+    assert "note" not in solution.integrator

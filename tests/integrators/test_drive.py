@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import threadpoolctl
+from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from published_cases import PENDULUM
 
@@ -293,3 +294,35 @@ class Plain(bd.Integrator):
 def test_what_is_no_integrator_is_refused(integrator, message):
     with pytest.raises(bd.BeamdaeError, match=f"^simulate: {message}"):
         bd.simulate(rolling(), integrator, 1.0)
+
+
+def test_progress_hears_of_the_scout_but_of_no_time():
+    told = []
+    mech = hub_beam(elements=2)
+    bd.simulate(mech, bd.Ida(1e-4), t_end=0.2, progress=told.append)
+    assert told[0] == 0.0
+    assert told == sorted(told)
+    assert told[-1] > 0.0
+
+
+def test_an_interrupt_during_the_scout_is_told_as_such():
+    def interrupt(t):
+        raise KeyboardInterrupt
+
+    solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=interrupt)
+    assert solution.status.kind == "interrupted"
+    # Its rows are those of another tolerance than that of the run.
+    assert "of the scout, which goes before the run with rtol = 0.01" in solution.status.sentence
+
+
+def test_progress_ends_a_run_from_the_scout_on():
+    asked = []
+
+    def enough(t):
+        asked.append(t)
+        return "enough"
+
+    solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=enough)
+    assert solution.status.kind == "limited"
+    assert solution.status.sentence.startswith("enough, stopped at t = ")
+    assert len(asked) == 2

@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from hub_beam import hub_beam
 from published_cases import PENDULUM
 from sksundae.ida import IDA
 
@@ -145,3 +146,13 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
     (small, few), (large, many) = sorted(kept.items())
     assert few == small**2
     assert many == large
+
+
+def test_an_unstable_order_that_is_set_does_not_enlarge_the_amplitudes():
+    # BDF of order 5 makes undamped modes grow: a scout of that order saw seven times the motion.
+    seen = [
+        bd.simulate(hub_beam(elements=4), bd.Ida(1e-4, max_order=k, max_steps=5), t_end=2.0)
+        for k in ("auto", 5)
+    ]
+    assert seen[0].integrator["amplitudes"] == seen[1].integrator["amplitudes"]
+    assert seen[1].integrator["max_order"] == 5

@@ -149,3 +149,9 @@ def test_names_are_drawn_as_written(tmp_path):
         }
     )
     assert pictures.picture_of_run(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
+
+
+def test_regression_values_without_a_unit_are_not_rounding_beside_larger_ones():
+    table = terminal.ranges(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
+    (line,) = [line for line in text(table).splitlines() if "a [-]" in line]
+    assert line.split()[2:] == ["1", "2", "2"]
