@@ -213,7 +213,7 @@ def _start_facts(mechanism: Any, t_end: float) -> dict[str, Any]:
     """Size of the equations of motion and what their consistent start is."""
     import numpy as np
 
-    from beamdae.integrators.drive import plan
+    from beamdae.integrators.route import plan
     from beamdae.simulation import as_equations
 
     equations = as_equations(mechanism)

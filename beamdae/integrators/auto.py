@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.integrators.drive import SCOUTING_RTOL, Method, Route, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, Method, drive
 from beamdae.integrators.ida import Bdf, Ida
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.radau import Collocating, Radau
+from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

@@ -13,12 +13,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
+from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import Rows
 from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
 from beamdae.results.trajectory import Interval, Trajectory
@@ -40,9 +40,6 @@ _SCOUTING_TIME = 0.25
 _MUCH_LESS = 0.3
 # A scout that did not go this share of the way has seen too little.
 _LEAST_WAY = 0.2
-# Breakpoints that differ from each other or from an end by less, relative to the times of the run,
-# are the same time rounded twice.
-_ROUNDING = 1e-12
 
 
 class StepError(ArithmeticError):
@@ -94,79 +91,6 @@ def fitted(step: float, left: float) -> float:
     return left if step >= _NEARLY * left else min(step, 0.5 * left)
 
 
-@dataclass(frozen=True)
-class Route:
-    """The smooth intervals (start, end) [s] of a run, its consistent start, and its amplitudes.
-
-    Attributes
-    ----------
-    amplitudes
-        How far the parts move, where a scout has seen it.
-    """
-
-    starter: Starter
-    intervals: tuple[tuple[float, float], ...]
-    state: State
-    amplitudes: Amplitudes | None = None
-
-    @property
-    def equations(self) -> EquationsOfMotion:
-        """What is integrated."""
-        return self.starter.equations
-
-    @property
-    def time(self) -> Array:
-        """(t, branch) of the start."""
-        return np.array([self.intervals[0][0], _branch(*self.intervals[0])])
-
-    @property
-    def scales(self) -> Array:
-        """Natural size of each coordinate [m or rad]: of its motion, or else of its mechanism."""
-        if self.amplitudes is not None:
-            return self.amplitudes.scales
-        given = self.equations.scales
-        return self.equations.position_scales if given is None else given
-
-    @property
-    def duration(self) -> float:
-        """Length of the run [s]."""
-        return self.intervals[-1][1] - self.intervals[0][0]
-
-    @property
-    def longest_step(self) -> float:
-        """Longest step [s] unless another is set: no step passes over what the laws do.
-
-        A twentieth of the run, and a quarter of the time scale of the laws.
-        """
-        scale, share = self.equations.time_scale, self.duration / 20.0
-        return share if scale is None else min(share, scale / 4.0)
-
-
-def plan(equations: EquationsOfMotion, times: Array) -> Route:
-    """The intervals between the breakpoints inside the run, and its consistent start.
-
-    Raises
-    ------
-    BeamdaeError
-        If the model has no consistent start.
-    """
-    start, end = float(times[0]), float(times[-1])
-    apart = _ROUNDING * max(abs(start), abs(end))
-    inner: list[float] = []
-    for b in equations.breakpoints:
-        if b - (inner or [start])[-1] > apart and end - b > apart:
-            inner.append(b)
-    intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
-    require_inertia(equations)
-    starter = Starter(equations)
-    first = np.array([start, _branch(*intervals[0])])
-    return Route(starter, intervals, starter.state(first, equations.q0, equations.v0))
-
-
-def _branch(start: float, end: float) -> float:
-    return 0.5 * (start + end)
-
-
 @dataclass
 class _Limits:
     """What ends a run before its end."""
@@ -202,7 +126,7 @@ class _Run:
         status = REACHED_END
         state = self._route.state
         for start, end in self._route.intervals:
-            branch = _branch(start, end)
+            branch = branch_of(start, end)
             if self._done:
                 try:
                     state = self._restarted(start, branch, state)

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.equations.formulations import FirstOrder, Formulation, State
 from beamdae.equations.spectrum import Mode
-from beamdae.integrators.drive import Route
+from beamdae.integrators.route import Route
 
 Array = np.ndarray
 

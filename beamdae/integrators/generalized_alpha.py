@@ -13,9 +13,10 @@ from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
-from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, StepError, drive
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
 from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution, Statistics
 
 Array = np.ndarray

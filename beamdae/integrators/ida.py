@@ -16,7 +16,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import FIRST_ORDER, State, first_order
 from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
-from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, Route, StepError, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, StepError, drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
     STIFF_FOR_BDF,
@@ -25,6 +25,7 @@ from beamdae.integrators.error_control import (
 )
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.preconditioned import PreconditionedResidual
+from beamdae.integrators.route import Route
 from beamdae.integrators.silence import silent
 from beamdae.results.solution import Solution, Statistics
 from beamdae.symbolic.factorizations import DENSE_LIMIT

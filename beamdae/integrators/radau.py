@@ -12,11 +12,12 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State, first_order
 from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
-from beamdae.integrators.drive import SCOUTING_RTOL, Route, StepError, drive, fitted
+from beamdae.integrators.drive import SCOUTING_RTOL, StepError, drive, fitted
 from beamdae.integrators.error_control import STIFF_FOR_RADAU, resolve, scales
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
 from beamdae.integrators.radau_newton import C, Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, PredictiveStepSize, Tolerance
+from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution, Statistics
 
 Array = np.ndarray

@@ -16,8 +16,9 @@ from published_cases import PENDULUM
 import beamdae as bd
 from beamdae.equations.formulations import State
 from beamdae.integrators import rows as rows_of_a_run
-from beamdae.integrators.drive import drive, fitted, plan
+from beamdae.integrators.drive import drive, fitted
 from beamdae.integrators.integrator import Accuracy
+from beamdae.integrators.route import plan
 from beamdae.results.solution import Statistics
 
 

@@ -1,0 +1,92 @@
+"""The way of a run: its smooth intervals, its consistent start, and how far things move on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.equations.consistent_start import Starter, require_inertia
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
+from beamdae.integrators.amplitudes import Amplitudes
+
+Array = np.ndarray
+
+# Breakpoints that differ from each other or from an end by less, relative to the times of the run,
+# are the same time rounded twice.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Route:
+    """The smooth intervals (start, end) [s] of a run, its consistent start, and its amplitudes.
+
+    Attributes
+    ----------
+    amplitudes
+        How far the parts move, where a scout has seen it.
+    """
+
+    starter: Starter
+    intervals: tuple[tuple[float, float], ...]
+    state: State
+    amplitudes: Amplitudes | None = None
+
+    @property
+    def equations(self) -> EquationsOfMotion:
+        """What is integrated."""
+        return self.starter.equations
+
+    @property
+    def time(self) -> Array:
+        """(t, branch) of the start."""
+        return np.array([self.intervals[0][0], branch_of(*self.intervals[0])])
+
+    @property
+    def scales(self) -> Array:
+        """Natural size of each coordinate [m or rad]: of its motion, or else of its mechanism."""
+        if self.amplitudes is not None:
+            return self.amplitudes.scales
+        given = self.equations.scales
+        return self.equations.position_scales if given is None else given
+
+    @property
+    def duration(self) -> float:
+        """Length of the run [s]."""
+        return self.intervals[-1][1] - self.intervals[0][0]
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step [s] unless another is set: no step passes over what the laws do.
+
+        A twentieth of the run, and a quarter of the time scale of the laws.
+        """
+        scale, share = self.equations.time_scale, self.duration / 20.0
+        return share if scale is None else min(share, scale / 4.0)
+
+
+def plan(equations: EquationsOfMotion, times: Array) -> Route:
+    """The intervals between the breakpoints inside the run, and its consistent start.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model has no consistent start.
+    """
+    start, end = float(times[0]), float(times[-1])
+    apart = _ROUNDING * max(abs(start), abs(end))
+    inner: list[float] = []
+    for b in equations.breakpoints:
+        if b - (inner or [start])[-1] > apart and end - b > apart:
+            inner.append(b)
+    intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
+    require_inertia(equations)
+    starter = Starter(equations)
+    first = np.array([start, branch_of(*intervals[0])])
+    return Route(starter, intervals, starter.state(first, equations.q0, equations.v0))
+
+
+def branch_of(start: float, end: float) -> float:
+    """A time [s] inside an interval, by which laws choose their piece."""
+    return 0.5 * (start + end)
