@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HERE = Path(__file__).parent
 # Files whose laws run over what conformance lists, and how many cases each kind has to add.
 LAWS = (
@@ -18,6 +20,7 @@ LAWS = (
 ADDED = {"rod": 8, "dashpot": 2, "exact": 8, "euler": 10}
 
 
+@pytest.mark.slow(reason="a session of tests in a process of its own")
 def test_what_the_readme_adds_obeys_every_law_of_its_kind(tmp_path):
     readme = (HERE.parent / "README.md").read_text()
     section = readme.split("## How to add")[1].split("\n## ")[0]

@@ -216,6 +216,7 @@ def test_run_writes_table_settings_and_picture(command):
         assert word in result.stdout
 
 
+@pytest.mark.slow(reason="runs of the command with their estimates")
 def test_run_tells_how_far_beams_bent_and_warns_once(command):
     bent = more('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
     result = command("run", bent, "--set", "elements=2", "--rtol", "1e-3")
@@ -285,6 +286,7 @@ def test_compare_of_a_model_whose_reference_fails(command):
     assert len(pd.read_csv("results/arm_compare/cases.csv")) == 5
 
 
+@pytest.mark.slow(reason="a whole study by the command")
 def test_compare_of_a_study_file(command):
     # With processes: they get the models of a file that none of them can import.
     study = (

@@ -100,6 +100,7 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
     assert_allclose(np.log2(np.divide(*errors)), [5.0, 5.0, 3.0], rtol=0.0, atol=0.1)
 
 
+@pytest.mark.slow(reason="a hundred thousand steps of order 1")
 @pytest.mark.parametrize(("max_order", "tightest"), [(1, 2e-5), (2, 1e-6)])
 def test_steps_of_ida_grow_with_the_tolerance_as_its_order_says(max_order, tightest):
     # A local error proportional to h^(k+1) held at the local tolerance: steps grow as its power

@@ -209,6 +209,7 @@ def test_a_motion_that_drivers_prescribe_is_followed_to_the_tolerance():
     assert errors[2] < errors[0] / 100.0
 
 
+@pytest.mark.slow(reason="velocities of an undamped beam are resolved")
 def test_positions_alone_take_longer_steps_than_velocities_too():
     solutions = [
         bd.simulate(hub_beam, bd.Radau(1e-5, error_control=control))

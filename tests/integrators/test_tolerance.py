@@ -10,7 +10,6 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 from tolerance_cases import every_case, every_case_in_its_time
-from tolerances.cases import CASES
 
 import beamdae as bd
 
@@ -39,18 +38,6 @@ def test_error_keeps_falling_at_tight_tolerances(case, integrator):
     assert np.all(errors <= case.bound * np.array(rtols))
 
 
-def test_auto_order_follows_damping():
-    by_name = {case.name: case for case in CASES}
-    damped, undamped = (
-        bd.simulate(by_name[name].model(**by_name[name].parameters), bd.Ida(1e-6), t_end=0.01)
-        for name in ("pendulum_damped", "pendulum_undamped")
-    )
-    assert (damped.integrator["max_order"], undamped.integrator["max_order"]) == (5, 2)
-    assert damped.integrator["error_control"] == undamped.integrator["error_control"] == "positions"
-    assert "overdamped" in damped.integrator["auto"]
-    assert "lightly damped (" in undamped.integrator["auto"]
-
-
 @pytest.mark.parametrize(
     ("damping", "rtol", "order"),
     [(0.0, 1e-6, 2), (1e-5, 1e-5, 2), (1e-4, 1e-3, 2), (1e-4, 1e-5, 5), (1e-3, 1e-3, 5)],
@@ -58,7 +45,7 @@ def test_auto_order_follows_damping():
 def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damping, rtol, order):
     """Order 5 took 3 to 13 times the steps of order 2 at 1e-5 s, and half of them at 1e-4 s."""
     for model in (slider_crank, hub_beam):
-        told = bd.simulate(model(damping=damping), bd.Ida(rtol, max_steps=1), t_end=2.0).integrator
+        told = bd.simulate(model(damping=damping), bd.Ida(rtol, max_steps=1), t_end=0.5).integrator
         assert told["max_order"] == order
         assert ("overdamped" if order == 5 else "lightly damped (") in told["auto"]
 

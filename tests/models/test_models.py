@@ -102,6 +102,7 @@ def test_default_run_gives_the_stored_extremes(name, integrator):
         )
 
 
+@pytest.mark.slow(reason="three integrators far below their default tolerances")
 def test_hub_beam_integrators_agree():
     """IDA and generalized-alpha agree to 1e-4 of the amplitude of the tip deformation."""
     columns = ["deformation.u [m]", "deformation.v [m]"]

@@ -282,6 +282,7 @@ def test_warnings_of_a_run_are_in_its_row():
     assert table["warnings"][0].startswith("strip: it bends")
 
 
+@pytest.mark.slow(reason="a study; the row of one case is in the test above")
 def test_a_case_of_a_study_warns_in_its_row_alone():
     task = work.Task("bent", bd.Case(bent, {}, bd.Radau(rtol=1e-3)), 0.02, 0.01)
     with warnings.catch_warnings():

@@ -96,6 +96,7 @@ def swings(tmp_path_factory):
 UNSTEADY = ["wall time [s]", "setup time [s]", "measuring time [s]", "peak memory [GB]"]
 
 
+@pytest.mark.slow(reason="starts processes for a whole study")
 def test_processes_and_runs_one_after_the_other_give_the_same_table(tmp_path):
     study = made([*SWINGS[:2], bd.Case(torn, {}, ALPHA), bd.Case(broken, {}, ALPHA)])
     executors = {"serial": SerialPool(), "processes": LocalPool(2)}
