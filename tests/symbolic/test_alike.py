@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations import assemble
-from beamdae.equations.formulations import FIRST_ORDER, first_order
+from beamdae.equations.formulations import first_order
 from beamdae.symbolic.alike import Alike, by_kernel
 from beamdae.symbolic.compiled import Compiled
 
@@ -48,7 +48,7 @@ def numbers(equations, name):
     return residual, jacobian.toarray()
 
 
-@pytest.mark.parametrize("name", FIRST_ORDER)
+@pytest.mark.parametrize("name", ["stabilized-index1", "index1"])
 def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
     monkeypatch.setattr(assemble, "by_kernel", each_on_its_own)
