@@ -173,7 +173,8 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
     # end are those of two runs of the same accuracy.
     assert_allclose(len(segment.t), len(t), rtol=0.1)
     assert_allclose(counts.residual_calls, own.residual.calls, rtol=0.1)
-    assert_allclose(counts.jacobian_calls, own.jacobian.calls, rtol=0.1)
+    # Of a dozen Jacobians rounding makes two more or less.
+    assert_allclose(counts.jacobian_calls, own.jacobian.calls, rtol=0.1, atol=3)
     n, first = case.equations.n, slice(0, _FIRST_STEPS)
     assert_allclose(segment.t[first], t[first], rtol=0.0, atol=1e-10)
     assert_allclose(segment.state.q[first], y[first, :n], rtol=0.0, atol=1e-10)
