@@ -85,7 +85,7 @@ def exceeded(solution: Solution, errors: pd.DataFrame) -> str:
     worst = promised[ERROR].idxmax()
     return (
         f"{worst}: its error is put at {promised[ERROR].max():.2g} of half its range, more than "
-        f"the {_PROMISED:g} rtol that are promised; take Radau, or a tenth of rtol."
+        f"the {_PROMISED:g} rtol that are promised; take a tenth of rtol, or another method."
     )
 
 
@@ -180,10 +180,7 @@ def _difference(solution: Solution, other: Solution | None, fraction: float) -> 
 
 def _rest(amplitude: pd.Series, largest: Array) -> Array:
     """What columns with these amplitudes and largest values move by at rest."""
-    # Columns without a unit have nothing to do with each other.
-    kinds = [
-        name if Header.of(name).unit == "-" else Header.of(name).unit for name in amplitude.index
-    ]
+    kinds = [Header.of(name).kind for name in amplitude.index]
     beside = amplitude.groupby(kinds).transform("max").to_numpy()
     found: Array = np.maximum(_AT_REST * beside, _ROUNDING * largest)
     return found

@@ -132,7 +132,7 @@ class Numeric:
 
         def make(t, q, v, a, lam):
             blocks = e.tangent(t, q, v, a, ca.MX(e.p), ca.MX(c_v), ca.MX(c_a))[which]
-            return _sum((e.n, e.n), blocks)
+            return SparseSum.of((e.n, e.n), blocks).matrix()
 
         return self._function("tangent", make)
 
@@ -169,7 +169,7 @@ class Numeric:
 
         def make(t, q, v, a, lam):
             blocks = e.constraint_blocks(t, q, v, ca.MX(e.p), lam)[0]
-            return _sum((e.m, e.n), blocks)
+            return SparseSum.of((e.m, e.n), blocks).matrix()
 
         call = self._function("G", make)
         return lambda *args, **kwargs: call(*args, **kwargs).reshape(self.m, self.n)
@@ -202,13 +202,6 @@ class Numeric:
 
     def index(self, name):
         return self.equations.q_names.index(name)
-
-
-def _sum(shape, blocks):
-    total = SparseSum(shape)
-    for block in blocks:
-        total.add(block)
-    return total.matrix()
 
 
 def slope(function, x, direction, step=1e-3):

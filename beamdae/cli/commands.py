@@ -124,7 +124,6 @@ def run(
         },
     )
     require_writable(out)
-    from beamdae import verification
     from beamdae.report import pictures, terminal
     from beamdae.simulation import simulate
 
@@ -133,16 +132,17 @@ def run(
         warnings.simplefilter("ignore", BeamdaeWarning)
         reached = partial(progress, method.label) if progress else None
         solution = simulate(model, method, t_end, output_step, reached)
+    # Before the second run: whatever ends that leaves this one.
     written = solution.to_csv(out / f"{model.name}.csv")
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     screen.print(terminal.facts(model.name, rows))
     if len(solution.observed.columns):
-        errors = _errors(solution, estimate, verify)
+        errors, beyond = _errors(solution, estimate, verify)
         screen.print(terminal.ranges(solution.observed, errors))
+        if beyond:
+            say_warning(screen, beyond)
         if errors is not None:
-            if beyond := verification.exceeded(solution, errors):
-                say_warning(screen, beyond)
             known = errors.astype(object).where(errors.notna(), None)
             solution.to_csv(written, errors=known.to_dict("index"))
     if solution.validity:
@@ -238,15 +238,15 @@ def _model(path: Path, name: str | None, settings: list[str] | None) -> Model:
     return replace(model, parameters=model.complete(assignments(settings)))
 
 
-def _errors(solution: Solution, estimate: bool, verify: bool) -> Any:
-    """How far the observed columns are off, as far as that is asked for."""
+def _errors(solution: Solution, estimate: bool, verify: bool) -> tuple[Any, str]:
+    """How far the observed columns are off, if that is asked for, and what to say of it."""
     from beamdae import verification
 
-    if solution.status.kind == "interrupted":
-        return None
-    if verify:
-        return verification.verify(solution)
-    return verification.error_estimate(solution) if estimate else None
+    if solution.status.kind == "interrupted" or not (estimate or verify):
+        return None, ""
+    find = verification.verify if verify else verification.error_estimate
+    errors = find(solution)
+    return errors, verification.exceeded(solution, errors)
 
 
 def _integrator(name: str, options: dict[str, Any]) -> Any:

@@ -220,10 +220,8 @@ def _constraints_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_arr
     time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
     p = MX.sym("p", len(e.p))
     levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
-    total = SparseSum((e.m, e.n))
-    for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
-        total.add(block)
-    pattern, nonzeros = total.assemble()
+    gradients, _, _ = e.constraint_blocks(time, q, v, p, MX.zeros(e.m))
+    pattern, nonzeros = SparseSum.of((e.m, e.n), gradients).assemble()
     return ca.Function("constraints", [time, q, v, a, p], [*levels, nonzeros]), pattern
 
 

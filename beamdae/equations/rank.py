@@ -78,11 +78,8 @@ def joint_matrix(e: EquationsOfMotion) -> JointMatrix:
     """The joint matrix of a mechanism."""
     time, q, p = MX.sym("time", 2), MX.sym("q", e.n), MX.sym("p", len(e.p))
     blocks, _, _ = e.constraint_blocks(time, q, MX.zeros(e.n), p, MX.zeros(e.m))
-    total = SparseSum((e.m, e.n))
-    for block in blocks:
-        total.add(block, 0, 0)
-    pattern, nonzeros = total.assemble()
-    function = ca.Function("joints", [time, q, p], [ca.densify(nonzeros)])
+    pattern, nonzeros = SparseSum.of((e.m, e.n), blocks).assemble()
+    function = ca.Function("joints", [time, q, p], [nonzeros])
     return JointMatrix(e, RowFunction(function), pattern)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
-from beamdae.symbolic.sparse_sums import Block, SparseSum
+from beamdae.symbolic.sparse_sums import SparseSum
 
 MX = ca.MX
 
@@ -77,13 +77,13 @@ def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
         by_q.add(block)
     for block in damping_and_mass:
         by_d.add(block.scaled(c_f))
-    big_g = _sum((m, n), constraint)
+    big_g = SparseSum.of((m, n), constraint).matrix()
     k_q = by_q.matrix()
     blocks = [[k_q + by_d.matrix(), big_g.T], [big_g, MX(m, m)]]
     if stabilized:
-        h_q = _sum((m, n), g_dot_q) / c_v
+        h_q = SparseSum.of((m, n), g_dot_q).matrix() / c_v
         anchor = equations.constraint_blocks(time, predicted[3], v, p, lam)[0]
-        shift = -_sum((m, n), anchor).T
+        shift = -SparseSum.of((m, n), anchor).matrix().T
         blocks = [
             [*blocks[0], k_q @ shift],
             [*blocks[1], big_g @ shift],
@@ -101,10 +101,3 @@ def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
         ca.Function("position", [x, time, predicted[0], predicted[3], p], [ca.densify(q)]),
         pattern,
     )
-
-
-def _sum(shape: tuple[int, int], blocks: list[Block]) -> MX:
-    total = SparseSum(shape)
-    for block in blocks:
-        total.add(block)
-    return total.matrix()

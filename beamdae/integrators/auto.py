@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import SCOUTING_RTOL, Method, drive
 from beamdae.integrators.ida import Bdf, Ida
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
+from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.radau import Collocating, Radau
 from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Auto(Integrator):
+class Auto(ByTolerance):
     """Ida or Radau, whichever takes less at this tolerance.
 
     Ida, but where lightly damped modes keep BDF at order 2 and rtol is below 3e-6, for errors then
@@ -43,16 +43,6 @@ class Auto(Integrator):
 
     def __post_init__(self) -> None:
         require_tolerance(self)
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """The relative tolerance."""
-        return Accuracy("rtol", self.rtol)
-
-    @property
-    def order(self) -> int:
-        """The error of a run falls with rtol."""
-        return 1
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None

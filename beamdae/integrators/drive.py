@@ -200,7 +200,7 @@ def _scouted(
     for _ in range(_MOST_SCOUTS):
         run = _Run(route, scout_on(route), limits)
         trajectory, status = run.through()
-        if trajectory.end - route.intervals[0][0] < _LEAST_WAY * route.duration:
+        if trajectory.end - start < _LEAST_WAY * route.duration:
             break
         seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
         much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS

@@ -168,13 +168,9 @@ class GeneralizedAlpha(Integrator):
         stepper = Stepper(self._member, newton, route.starter, index3)
         if self.rtol is None:
             return FixedSteps(stepper, cured, self.step)
+        tolerance = local_tolerance(self.rtol)
         return AdaptiveSteps(
-            stepper,
-            cured,
-            self.step,
-            route.longest_step,
-            route.duration,
-            local_tolerance(self.rtol),
+            stepper, cured, self.step, route.longest_step, route.duration, tolerance
         )
 
 

@@ -14,7 +14,6 @@ from sksundae.ida import IDA
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import FIRST_ORDER, State, first_order
-from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, StepError, drive
 from beamdae.integrators.error_control import (
@@ -23,7 +22,7 @@ from beamdae.integrators.error_control import (
     resolve,
     scales,
 )
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
+from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.integrators.route import Route
 from beamdae.integrators.silence import silent
@@ -45,7 +44,7 @@ _NONE = 1e-15
 
 
 @dataclass(frozen=True)
-class Ida(Integrator):
+class Ida(ByTolerance):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
 
     Parameters
@@ -86,16 +85,6 @@ class Ida(Integrator):
         one_of("Ida", "error_control", self.error_control, ERROR_CONTROL)
         one_of("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
         one_of("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """The relative tolerance."""
-        return Accuracy("rtol", self.rtol)
-
-    @property
-    def order(self) -> int:
-        """The error of a run falls with rtol."""
-        return 1
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
@@ -145,7 +134,7 @@ class Bdf:
             settings.rtol,
             size.rate,
             STIFF_FOR_BDF,
-            partial(fastest_modes, route.starter, route.time, route.state),
+            route.fastest_modes,
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = settings.max_step or route.longest_step

@@ -68,6 +68,22 @@ class Integrator(ABC):
         """
 
 
+class ByTolerance(Integrator):
+    """An integrator that is refined by its field `rtol`."""
+
+    rtol: float
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The relative tolerance."""
+        return Accuracy("rtol", self.rtol)
+
+    @property
+    def order(self) -> int:
+        """The error of a run falls with rtol."""
+        return 1
+
+
 def require_tolerance(settings: Any) -> None:
     """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
     name = type(settings).__name__

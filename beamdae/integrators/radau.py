@@ -10,11 +10,10 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State, first_order
-from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, StepError, drive, fitted
 from beamdae.integrators.error_control import STIFF_FOR_RADAU, resolve, scales
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_tolerance
+from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.radau_newton import C, Collocation
 from beamdae.integrators.radau_steps import KEEP_RATE, PredictiveStepSize, Tolerance
 from beamdae.integrators.route import Route
@@ -29,7 +28,7 @@ _SMALLEST_STEP = 1e-12
 
 
 @dataclass(frozen=True)
-class Radau(Integrator):
+class Radau(ByTolerance):
     """Three-stage Radau IIA of order 5, variable step, on the stabilized index-1 form.
 
     Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
@@ -67,16 +66,6 @@ class Radau(Integrator):
         one_of("Radau", "error_control", self.error_control, ("auto", "positions", "velocities"))
         one_of("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
-    @property
-    def accuracy(self) -> Accuracy:
-        """The relative tolerance."""
-        return Accuracy("rtol", self.rtol)
-
-    @property
-    def order(self) -> int:
-        """The error of a run falls with rtol."""
-        return 1
-
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
@@ -108,7 +97,7 @@ class Collocating:
             settings.rtol,
             size.rate,
             STIFF_FOR_RADAU,
-            partial(fastest_modes, route.starter, route.time, route.state),
+            route.fastest_modes,
         )
         velocities = self._control.policy == "velocities"
         self._tolerance = Tolerance.honest(settings.rtol, size, velocities)

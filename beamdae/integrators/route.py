@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
 from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.equations.spectrum import Mode, fastest_modes
 from beamdae.integrators.amplitudes import Amplitudes
 
 Array = np.ndarray
@@ -24,6 +27,8 @@ class Route:
 
     Attributes
     ----------
+    fastest_modes
+        The fastest natural mode of each body at the start, found when first asked for.
     amplitudes
         How far the parts move, where a scout has seen it.
     """
@@ -31,6 +36,7 @@ class Route:
     starter: Starter
     intervals: tuple[tuple[float, float], ...]
     state: State
+    fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
 
     @property
@@ -84,7 +90,9 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
     require_inertia(equations)
     starter = Starter(equations)
     first = np.array([start, branch_of(*intervals[0])])
-    return Route(starter, intervals, starter.state(first, equations.q0, equations.v0))
+    state = starter.state(first, equations.q0, equations.v0)
+    # A scout and the run after it ask for the same ones.
+    return Route(starter, intervals, state, cache(partial(fastest_modes, starter, first, state)))
 
 
 def branch_of(start: float, end: float) -> float:

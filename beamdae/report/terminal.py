@@ -107,19 +107,14 @@ def ranges(observed: pd.DataFrame, errors: pd.DataFrame | None = None) -> Table:
     for name in map(str, observed):
         size = float(observed[name].abs().max())
         if math.isfinite(size):
-            largest[_kind(name)] = max(largest.get(_kind(name), 0.0), size)
+            kind = Header.of(name).kind
+            largest[kind] = max(largest.get(kind, 0.0), size)
     for name in map(str, observed):
-        values, rounding = observed[name], _ROUNDING * largest.get(_kind(name), 0.0)
+        values, rounding = observed[name], _ROUNDING * largest.get(Header.of(name).kind, 0.0)
         row = (float(x) for x in (values.min(), values.max(), values.iloc[-1]))
         said = [] if errors is None else [number(errors.loc[name, column], 2) for column in told]
         table.add_row(name, *(number(0.0 if abs(x) < rounding else x, 5) for x in row), *said)
     return table
-
-
-def _kind(column: str) -> str:
-    """What columns must share to be measured against each other: a unit, if they have one."""
-    unit = Header.of(column).unit
-    return column if unit == "-" else unit
 
 
 def comparison_table(table: pd.DataFrame) -> Table:

@@ -22,6 +22,14 @@ class Header(NamedTuple):
         name, _, suffix = dotted.rpartition(".")
         return cls(name or suffix, suffix, unit)
 
+    @property
+    def kind(self) -> str:
+        """What columns share that can be measured against each other: their unit, if they have one.
+
+        Columns without a unit have nothing to do with each other.
+        """
+        return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
+
 
 def observed_columns(table: Iterable[object]) -> list[str]:
     """The observed columns of a table that may have time, energies and drift as well."""

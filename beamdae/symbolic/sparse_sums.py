@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -67,6 +68,14 @@ class SparseSum:
         default_factory=list
     )
     _size: int = 0
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], blocks: Iterable[Block]) -> SparseSum:
+        """The sum of blocks at its upper left corner."""
+        total = cls(shape)
+        for block in blocks:
+            total.add(block)
+        return total
 
     def add(self, block: Block, row: int = 0, column: int = 0) -> None:
         """Add a block whose global rows and columns start at (row, column)."""
