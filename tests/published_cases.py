@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
+from tolerances.constrained_systems import arevalo, car_axis
 
 import beamdae as bd
 
@@ -59,32 +60,6 @@ def _symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
     return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
 
 
-def _car_axis() -> bd.ConstrainedSystem:
-    t, q, v = _symbols(4)
-    left, right = q[:2], q[2:]
-    length, rest, epsilon, mass, gravity = 1.0, 0.5, 1e-2, 10.0, 1.0
-    k = 0.5 * mass * epsilon**2
-    y_b = 0.1 * ca.sin(10.0 * t)
-    base = ca.vertcat(ca.sqrt(length**2 - y_b**2), y_b)
-    weight = ca.vertcat(0.0, -k * gravity)
-
-    def spring(stretched: ca.SX) -> ca.SX:
-        now = ca.norm_2(stretched)
-        return (rest - now) / now * stretched
-
-    return bd.ConstrainedSystem(
-        t=t,
-        q=q,
-        v=v,
-        mass=[k] * 4,
-        force=ca.vertcat(spring(left) + weight, spring(right - base) + weight),
-        constraints=ca.vertcat(ca.dot(left, base), ca.sumsqr(left - right) - length**2),
-        q0=[0.0, 0.5, 1.0, 0.5],
-        v0=[-0.5, 0.0, -0.5, 0.0],
-        names=("xl", "yl", "xr", "yr"),
-    )
-
-
 def _car_axis_answer(t: Array) -> dict[str, Array]:
     # The published multipliers stand on the right-hand side.
     return {
@@ -116,27 +91,12 @@ CAR_AXIS = PublishedCase(
     "car axis",
     "Mazzia & Magherini, Test Set for Initial Value Problem Solvers, caraxis; "
     "cran/deTestSet R/ex_reference.R",
-    _car_axis,
+    car_axis,
     (3.0,),
     # The springs shake masses of 5e-4 with a stiffness of 1.
     np.sqrt(1.0 / 5e-4),
     _car_axis_answer,
 )
-
-
-def _arevalo() -> bd.ConstrainedSystem:
-    t, q, v = _symbols(2)
-    return bd.ConstrainedSystem(
-        t=t,
-        q=q,
-        v=v,
-        mass=[1.0, 1.0],
-        force=ca.vertcat(2.0 * q[1], -2.0 * q[0]),
-        constraints=0.5 * (ca.sumsqr(q) - 1.0),
-        q0=[0.0, 1.0],
-        v0=[0.0, 0.0],
-        names=("x", "y"),
-    )
 
 
 def _arevalo_answer(t: Array) -> dict[str, Array]:
@@ -152,7 +112,7 @@ def _arevalo_answer(t: Array) -> dict[str, Array]:
 AREVALO = PublishedCase(
     "Arevalo",
     "Arevalo & Loetstedt, BIT 35 (1995) 1; JonasBreuling/scipy_dae examples/daes/arevalo.py",
-    _arevalo,
+    arevalo,
     (0.5, 1.0, 1.5, 2.0),
     4.0,
     _arevalo_answer,

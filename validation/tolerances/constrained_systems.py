@@ -37,7 +37,8 @@ def car_axis(epsilon=1e-2):
     weight = ca.vertcat(0.0, -mass)
 
     def spring(stretched: ca.SX) -> ca.SX:
-        return (0.5 / ca.norm_2(stretched) - 1.0) * stretched
+        now = ca.norm_2(stretched)
+        return (0.5 - now) / now * stretched
 
     return bd.ConstrainedSystem(
         t=t,
