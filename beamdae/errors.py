@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Sequence
+from decimal import Decimal
+from numbers import Real
+from pathlib import Path
 from typing import Any
+
+# The square of what no quantity in SI units reaches is still a number.
+_LARGEST = 1e100
+_LONGEST_SHOWN = 80
 
 
 class BeamdaeError(ValueError):
@@ -22,66 +30,148 @@ class BeamdaeWarning(UserWarning):
     """
 
 
+def shown(value: Any) -> str:
+    """A value as messages have it: on one line, short, without its place in memory."""
+    try:
+        text = repr(value)
+    except Exception:
+        # Such as whole numbers of thousands of digits.
+        return f"of type {type(value).__name__}"
+    return _told(text)
+
+
+def told(problem: BaseException) -> str:
+    """Type and message of an exception of the user's own code, on one line, without CasADi's."""
+    kind = type(problem).__name__
+    trace = problem.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if trace is not None and Path(trace.tb_frame.f_code.co_filename).parent.name == "casadi":
+        return f"{kind} from an operation on CasADi expressions whose shapes or kinds do not fit"
+    try:
+        message = _told(str(problem), 200).rstrip(".")
+    except Exception:
+        message = ""
+    return f"{kind}: {message}" if message else kind
+
+
+def _told(text: str, longest: int = _LONGEST_SHOWN) -> str:
+    whole = " ".join(re.sub(r" at 0x[0-9a-fA-F]+", "", text[: 10 * longest]).split())
+    printable = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in whole)
+    return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
+
+
+def number(value: Any) -> float | None:
+    """Return `value` as a float if it is a real number, perhaps infinite, and None if not.
+
+    Numbers of NumPy, fractions, decimals and arrays without dimensions are numbers; texts, truth
+    values, lists of one number and symbols are not.
+    """
+    value = _plain(value)
+    if isinstance(value, bool) or not isinstance(value, (Real, Decimal)):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.copysign(math.inf, value)
+    except ValueError:
+        return math.nan
+
+
+def _plain(value: Any) -> Any:
+    """What an array without dimensions, or a number of NumPy, holds."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
 def finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or say that it is not a finite number."""
-    if isinstance(value, (bool, str)):
-        raise BeamdaeError(f"{part}: {name} must be a number, got {value!r}.")
-    if not isinstance(value, (int, float)):
-        try:
-            value = float(value)
-        except (TypeError, ValueError):
-            raise BeamdaeError(f"{part}: {name} must be a number, got {value!r}.") from None
-    if not math.isfinite(value):
-        raise BeamdaeError(f"{part}: {name} must be finite, got {value}.")
-    return float(value)
+    found = number(value)
+    if found is None:
+        raise BeamdaeError(f"{part}: {name} must be a number, got {shown(_plain(value))}.")
+    if not math.isfinite(found):
+        raise BeamdaeError(f"{part}: {name} must be finite, got {shown(_plain(value))}.")
+    if abs(found) > _LARGEST:
+        raise BeamdaeError(
+            f"{part}: {name} must lie within {_LARGEST:g} in absolute value, got {found:g}."
+        )
+    return found
 
 
 def positive(part: str, name: str, value: Any) -> float:
     """Return `value` as a float > 0."""
-    number = finite(part, name, value)
-    if number <= 0.0:
-        raise BeamdaeError(f"{part}: {name} must be positive, got {number:g}.")
-    return number
+    found = finite(part, name, value)
+    if found <= 0.0:
+        raise BeamdaeError(f"{part}: {name} must be positive, got {found:g}.")
+    if found < 1.0 / _LARGEST:
+        raise BeamdaeError(f"{part}: {name} must be at least {1.0 / _LARGEST:g}, got {found:g}.")
+    return found
 
 
 def non_negative(part: str, name: str, value: Any) -> float:
     """Return `value` as a float >= 0."""
-    number = finite(part, name, value)
-    if number < 0.0:
-        raise BeamdaeError(f"{part}: {name} must not be negative, got {number:g}.")
-    return number
+    found = finite(part, name, value)
+    if found < 0.0:
+        raise BeamdaeError(f"{part}: {name} must not be negative, got {found:g}.")
+    return found
 
 
-def count(part: str, name: str, value: Any, least: int = 1) -> int:
-    """Return `value` as a whole number >= `least`."""
-    number = finite(part, name, value)
-    if number != int(number) or number < least:
+def count(part: str, name: str, value: Any, least: int = 1, most: int | None = None) -> int:
+    """Return `value` as a whole number >= `least`, and <= `most` if that is given."""
+    found = finite(part, name, value)
+    if found != int(found) or found < least:
         raise BeamdaeError(
-            f"{part}: {name} must be a whole number of at least {least}, got {value!r}."
+            f"{part}: {name} must be a whole number of at least {least}, "
+            f"got {shown(_plain(value))}."
         )
-    return int(number)
+    if most is not None and found > most:
+        raise BeamdaeError(f"{part}: {name} must be at most {most}, got {found:g}.")
+    return int(found)
+
+
+def entries(part: str, name: str, value: Any, what: str) -> list[Any]:
+    """Return the entries of a list, a tuple or an array, `what` says of what; sets have no order.
+
+    Texts, and whatever can be gone through only once, are no lists.
+    """
+    listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+    if not listed and getattr(value, "ndim", 0) < 1:
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.")
+    return list(value)
+
+
+def pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
+    """Return `value` as a pair, whatever of."""
+    found = entries(part, name, value, what)
+    if len(found) != 2:
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.")
+    return found[0], found[1]
 
 
 def point(part: str, name: str, value: Any) -> tuple[float, float]:
     """Return `value` as a finite pair (x, y)."""
-    try:
-        x, y = value
-    except (TypeError, ValueError):
-        raise BeamdaeError(f"{part}: {name} must be a pair (x, y), got {value!r}.") from None
+    x, y = pair(part, name, value)
     return finite(part, f"{name} x", x), finite(part, f"{name} y", y)
 
 
 def one_of(part: str, name: str, value: Any, allowed: Sequence[Any]) -> Any:
     """Return `value` if it is one of `allowed`."""
+    value = _plain(value)
     if not any(type(value) is type(a) and value == a for a in allowed):
         names = ", ".join(repr(a) for a in allowed)
         raise BeamdaeError(
-            f"{part}: {name} must be one of {names}, got {value!r}{nearest(value, allowed)}."
+            f"{part}: {name} must be one of {names}, got {shown(value)}{nearest(value, allowed)}."
         )
     return value
 
 
 def nearest(value: Any, allowed: Iterable[Any]) -> str:
     """A hint ' (did you mean ...?)' with the nearest allowed name, or nothing."""
-    found = difflib.get_close_matches(str(value), [str(a) for a in allowed], n=1, cutoff=0.5)
+    wanted = value[:_LONGEST_SHOWN] if isinstance(value, str) else shown(value)
+    found = difflib.get_close_matches(wanted, [str(a) for a in allowed], n=1, cutoff=0.5)
     return f" (did you mean {found[0]!r}?)" if found else ""
+
+
+def keep(instance: Any, **checked: Any) -> None:
+    """Set fields of a frozen dataclass to their checked values: plain floats, tuples and texts."""
+    for name, value in checked.items():
+        object.__setattr__(instance, name, value)

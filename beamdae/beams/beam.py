@@ -12,7 +12,7 @@ from beamdae.beams.kinematics import Kinematics, MaterialPoint
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
-from beamdae.errors import BeamdaeError, count, finite, one_of, point
+from beamdae.errors import BeamdaeError, count, finite, one_of, point, shown, told
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.statements import (
@@ -26,6 +26,9 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+
+# Their coordinates and kernels fit into a few gigabytes of memory.
+_MOST_ELEMENTS = 100_000
 
 
 class Beam(Part):
@@ -95,14 +98,14 @@ class Beam(Part):
     ) -> None:
         self.name = require_name("Beam", name)
         if not isinstance(section, Section):
-            raise BeamdaeError(f"{name}: section must be a Section, got {section!r}.")
+            raise BeamdaeError(f"{name}: section must be a Section, got {shown(section)}.")
         self.curve = require_curve(name, curve)
         self.section = section
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
         self.mesh = Mesh(
             curve,
-            count(name, "elements", elements),
+            count(name, "elements", elements, most=_MOST_ELEMENTS),
             one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
             one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
@@ -121,7 +124,7 @@ class Beam(Part):
         self.kinematics = (
             FloatingFrame(name, self.mesh, section, **given)
             if kinematics is None
-            else kinematics(name, self.mesh, section)
+            else _given_kinematics(name, kinematics, self.mesh, section)
         )
 
     @property
@@ -222,6 +225,12 @@ class Beam(Part):
         where the strains of the element are most accurate, and interpolated to `s`.
         """
         offset = finite(self.name, "offset", offset)
+        height = self.section.height
+        if height is not None and abs(offset) > 0.5 * height * (1.0 + 1e-9):
+            raise BeamdaeError(
+                f"{self.name}: offset must lie within half the height of the section, "
+                f"{0.5 * height:g} m, got {offset:g}."
+            )
         return self._of_strains(
             s, (Named("", "-"),), lambda strain, rate, section: strain[0] + offset * strain[2]
         )
@@ -248,3 +257,21 @@ class Beam(Part):
         section = self.section
         data = np.array([section.EA, section.GA, section.EI, section.damping])
         return Quantity(columns, (Piece(self, at.operator),), expression, data)
+
+
+def _given_kinematics(
+    name: str, make: Callable[[str, Mesh, Section], Kinematics], mesh: Mesh, section: Section
+) -> Kinematics:
+    """What a kinematics of the user's own makes of the beam."""
+    wanted = f"{name}: kinematics must be a function of (name, mesh, section)"
+    if not callable(make):
+        raise BeamdaeError(f"{wanted}, got {shown(make)}.")
+    try:
+        made = make(name, mesh, section)
+    except BeamdaeError:
+        raise
+    except Exception as problem:
+        raise BeamdaeError(f"{wanted}, it failed, {told(problem)}.") from problem
+    if not isinstance(made, Kinematics):
+        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {shown(made)}.")
+    return made

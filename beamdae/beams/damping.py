@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.kinematics import Element
-from beamdae.errors import BeamdaeError, non_negative
+from beamdae.errors import BeamdaeError, keep, non_negative, shown
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
 
@@ -50,10 +50,13 @@ class RayleighDamping(Part):
     stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        require_name("RayleighDamping", self.name)
+        keep(self, name=require_name("RayleighDamping", self.name))
         _require_beam(self.name, self.beam)
-        non_negative(self.name, "mass", self.mass)
-        non_negative(self.name, "stiffness", self.stiffness)
+        keep(
+            self,
+            mass=non_negative(self.name, "mass", self.mass),
+            stiffness=non_negative(self.name, "stiffness", self.stiffness),
+        )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The damping of all elements."""
@@ -84,9 +87,9 @@ class AirDrag(Part):
     coefficient: float
 
     def __post_init__(self) -> None:
-        require_name("AirDrag", self.name)
+        keep(self, name=require_name("AirDrag", self.name))
         _require_beam(self.name, self.beam)
-        non_negative(self.name, "coefficient", self.coefficient)
+        keep(self, coefficient=non_negative(self.name, "coefficient", self.coefficient))
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The drag on all elements."""
@@ -96,7 +99,7 @@ class AirDrag(Part):
 
 def _require_beam(part: str, beam: Beam) -> None:
     if not isinstance(beam, Beam):
-        raise BeamdaeError(f"{part}: beam must be a Beam, got {beam!r}.")
+        raise BeamdaeError(f"{part}: beam must be a Beam, got {shown(beam)}.")
 
 
 def _statement(

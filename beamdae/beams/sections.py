@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, non_negative, positive
+from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,13 @@ class Material:
     rho: float
 
     def __post_init__(self) -> None:
-        positive("Material", "E", self.E)
-        positive("Material", "rho", self.rho)
-        if not -1.0 < finite("Material", "nu", self.nu) <= 0.5:
+        keep(
+            self,
+            E=positive("Material", "E", self.E),
+            nu=finite("Material", "nu", self.nu),
+            rho=positive("Material", "rho", self.rho),
+        )
+        if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
 
     @property
@@ -60,6 +64,9 @@ class Section:
     mass_per_length, rotary_inertia_per_length
         rho A [kg/m] and rho I [kg m], where they are not those of the material: for stiffened or
         loaded sections, and for published cases that give them.
+    height
+        Height [m] in the plane of motion, half of it on either side of the axis, where it is known:
+        strains are asked for within it. Rectangles and circles know theirs.
 
     Examples
     --------
@@ -78,31 +85,37 @@ class Section:
     damping: float = 0.0
     mass_per_length: float | None = None
     rotary_inertia_per_length: float | None = None
+    height: float | None = None
 
     def __post_init__(self) -> None:
         _require_material("Section", self.material)
-        positive("Section", "area", self.area)
-        positive("Section", "second_moment", self.second_moment)
-        positive("Section", "shear_coefficient", self.shear_coefficient)
-        non_negative("Section", "damping", self.damping)
-        if self.mass_per_length is not None:
-            positive("Section", "mass_per_length", self.mass_per_length)
-        if self.rotary_inertia_per_length is not None:
-            positive("Section", "rotary_inertia_per_length", self.rotary_inertia_per_length)
+        sizes = ("area", "second_moment", "shear_coefficient")
+        given = ("mass_per_length", "rotary_inertia_per_length", "height")
+        needed = (*sizes, *(name for name in given if getattr(self, name) is not None))
+        keep(self, **{name: positive("Section", name, getattr(self, name)) for name in needed})
+        keep(self, damping=non_negative("Section", "damping", self.damping))
+        for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise BeamdaeError(
+                    f"Section: {name} must be positive and finite, it is {getattr(self, name):g} "
+                    f"with {self.material}, area {self.area:g} and second_moment "
+                    f"{self.second_moment:g}."
+                )
 
     @classmethod
     def rectangle(
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
         """Rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
-        positive("Section.rectangle", "width", width)
-        positive("Section.rectangle", "height", height)
-        return cls(material, width * height, width * height**3 / 12.0, 5.0 / 6.0, damping)
+        width = positive("Section.rectangle", "width", width)
+        height = positive("Section.rectangle", "height", height)
+        area, second_moment = width * height, width * height**3 / 12.0
+        return cls(material, area, second_moment, 5.0 / 6.0, damping, height=height)
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
         """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
-        positive("Section.circle", "diameter", diameter)
+        diameter = positive("Section.circle", "diameter", diameter)
         nu = _require_material("Section.circle", material).nu
         return cls(
             material,
@@ -110,6 +123,7 @@ class Section:
             np.pi * diameter**4 / 64.0,
             6.0 * (1.0 + nu) / (7.0 + 6.0 * nu),
             damping,
+            height=diameter,
         )
 
     @property
@@ -131,16 +145,16 @@ class Section:
     def rhoA(self) -> float:
         """Mass per length [kg/m]."""
         own = self.mass_per_length
-        return self.material.rho * self.area if own is None else float(own)
+        return self.material.rho * self.area if own is None else own
 
     @property
     def rhoI(self) -> float:
         """Rotary inertia per length [kg m]."""
         own = self.rotary_inertia_per_length
-        return self.material.rho * self.second_moment if own is None else float(own)
+        return self.material.rho * self.second_moment if own is None else own
 
 
 def _require_material(part: str, value: Any) -> Material:
     if not isinstance(value, Material):
-        raise BeamdaeError(f"{part}: material must be a Material, got {value!r}.")
+        raise BeamdaeError(f"{part}: material must be a Material, got {shown(value)}.")
     return value

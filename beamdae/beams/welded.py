@@ -9,13 +9,17 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
-from beamdae.curves.plane_curves import PlaneCurve, Segment
-from beamdae.errors import count
+from beamdae.curves.plane_curves import PlaneCurve, Segment, require_curve
+from beamdae.errors import BeamdaeError, count, shown
 from beamdae.parts.joints import Weld
+from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import require_name
+
+_MOST_BODIES = 10_000
 
 
 def welded_beams(
-    mechanism: Any, name: str, curve: PlaneCurve, section: Section, bodies: int, **settings: Any
+    mechanism: Mechanism, name: str, curve: PlaneCurve, section: Section, bodies: int, **settings: Any
 ) -> list[Beam]:
     """Add a beam as `bodies` beams of equal length, welded end to start; returns them in order.
 
@@ -45,7 +49,11 @@ def welded_beams(
     >>> [beam.name for beam in bd.welded_beams(mech, "strip", arc, strip, bodies=2, elements=4)]
     ['strip 1', 'strip 2']
     """
-    bodies = count(name, "bodies", bodies)
+    if not isinstance(mechanism, Mechanism):
+        raise BeamdaeError(f"welded_beams: mechanism must be a Mechanism, got {shown(mechanism)}.")
+    name = require_name("welded_beams", name)
+    curve = require_curve(name, curve)
+    bodies = count(name, "bodies", bodies, most=_MOST_BODIES)
     if bodies == 1:
         return [mechanism.add(Beam(name, curve, section, **settings))]
     ends = np.linspace(0.0, curve.length, bodies + 1)

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, point, positive
+from beamdae.errors import BeamdaeError, finite, keep, point, positive, shown
 
 Array = np.ndarray
 
@@ -39,9 +39,10 @@ class PlaneCurve(Protocol):
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve by arc length."""
-    if not isinstance(curve, PlaneCurve):
+    # A class has the methods, too.
+    if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
-            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {curve!r}."
+            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {shown(curve)}."
         )
     return curve
 
@@ -54,8 +55,7 @@ class Line:
     end: tuple[float, float]
 
     def __post_init__(self) -> None:
-        point("Line", "start", self.start)
-        point("Line", "end", self.end)
+        keep(self, start=point("Line", "start", self.start), end=point("Line", "end", self.end))
         if self.length == 0.0:
             raise BeamdaeError(f"Line: start and end must differ, both are {self.start}.")
 
@@ -93,11 +93,15 @@ class Arc:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        if finite("Arc", "radius", self.radius) == 0.0:
+        keep(
+            self,
+            radius=finite("Arc", "radius", self.radius),
+            length=positive("Arc", "length", self.length),
+            start=point("Arc", "start", self.start),
+            angle=finite("Arc", "angle", self.angle),
+        )
+        if self.radius == 0.0:
             raise BeamdaeError("Arc: radius must not be zero.")
-        positive("Arc", "length", self.length)
-        point("Arc", "start", self.start)
-        finite("Arc", "angle", self.angle)
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + 1e-12):
             raise BeamdaeError(
@@ -134,8 +138,11 @@ class Segment:
 
     def __post_init__(self) -> None:
         require_curve("Segment", self.curve)
-        finite("Segment", "start", self.start)
-        finite("Segment", "end", self.end)
+        keep(
+            self,
+            start=finite("Segment", "start", self.start),
+            end=finite("Segment", "end", self.end),
+        )
         whole = self.curve.length
         if not -1e-9 * whole <= self.start < self.end <= whole * (1.0 + 1e-9):
             raise BeamdaeError(

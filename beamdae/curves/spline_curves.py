@@ -11,11 +11,15 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from beamdae.curves.plane_curves import turned
-from beamdae.errors import BeamdaeError, finite, point, positive
+from beamdae.errors import BeamdaeError, entries, finite, keep, number, point, positive, shown, told
 
 Array = np.ndarray
 
 _INTERVALS = 400
+_SAMPLES = 601
+# What the spline may miss a function by between two samples, over their distance: at a kink of the
+# slope by 1 it is some hundredths.
+_AS_GIVEN = 1e-3
 _GAUSS = np.polynomial.legendre.leggauss(8)
 
 
@@ -109,10 +113,14 @@ class Parabola(_SplineCurve):
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        positive("Parabola", "span", self.span)
-        finite("Parabola", "rise", self.rise)
-        point("Parabola", "start", self.start)
-        finite("Parabola", "angle", self.angle)
+        keep(
+            self,
+            span=positive("Parabola", "span", self.span),
+            rise=finite("Parabola", "rise", self.rise),
+            start=point("Parabola", "start", self.start),
+            angle=finite("Parabola", "angle", self.angle),
+        )
+        self._check_regular("Parabola")
 
     @cached_property
     def _spline(self) -> Any:
@@ -143,7 +151,13 @@ class Curve(_SplineCurve):
     def __post_init__(self) -> None:
         if (self.function is None) == (self.points is None):
             raise BeamdaeError("Curve: give either a function with its interval x, or points.")
+        if self.function is not None and not callable(self.function):
+            raise BeamdaeError(
+                f"Curve: function must be a function of x, got {shown(self.function)}."
+            )
         self._check_regular("Curve")
+        if self.function is not None:
+            self._check_smooth()
 
     @cached_property
     def _spline(self) -> Any:
@@ -155,30 +169,50 @@ class Curve(_SplineCurve):
             raise BeamdaeError("Curve: a function needs its interval x=(x_start, x_end).")
         x_start, x_end = point("Curve", "x", self.x)
         if x_start == x_end:
-            raise BeamdaeError(f"Curve: the interval x must not be empty, got {self.x}.")
-        x = np.linspace(x_start, x_end, 601)
-        try:
-            y = np.array([float(self.function(float(xi))) for xi in x])
-        except Exception as problem:
-            raise BeamdaeError(
-                f"Curve: the function must return a number for every x in {self.x}, "
-                f"but it failed: {problem}."
-            ) from problem
-        if not np.all(np.isfinite(y)):
-            bad = x[~np.isfinite(y)][0]
-            raise BeamdaeError(f"Curve: the function must be finite, at x = {bad:.6g} it is not.")
-        share = (x - x_start) / (x_end - x_start)
+            raise BeamdaeError(f"Curve: the interval x must not be empty, got {shown(self.x)}.")
+        share = np.linspace(0.0, 1.0, _SAMPLES)
+        x = np.linspace(x_start, x_end, _SAMPLES)
+        y = np.array([self._height(xi) for xi in x.tolist()])
         return make_interp_spline(share, np.stack([x, y], axis=-1), k=5)
 
-    def _through_points(self) -> Any:
+    def _check_smooth(self) -> None:
+        knots = np.linspace(0.0, 1.0, _SAMPLES)
+        between = self._spline(0.5 * (knots[:-1] + knots[1:]))
+        missed = np.abs(between[:, 1] - [self._height(x) for x in between[:, 0].tolist()])
+        worst = int(np.argmax(missed))
+        if missed[worst] > _AS_GIVEN * abs(between[1, 0] - between[0, 0]):
+            raise BeamdaeError(
+                "Curve: the function must be smooth, it has a kink, a jump, an almost vertical "
+                f"tangent or too short a wave near x = {between[worst, 0]:.6g}; beams that meet in "
+                "a kink are joined by a Weld."
+            )
+
+    def _height(self, x: float) -> float:
+        assert self.function is not None
         try:
-            points = np.asarray(self.points, float)
-        except (TypeError, ValueError):
-            points = np.empty(0)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
-            raise BeamdaeError("Curve: points must be at least 4 pairs (x, y).")
-        if not np.all(np.isfinite(points)):
-            raise BeamdaeError("Curve: every point must be finite.")
+            y = self.function(x)
+        except Exception as problem:
+            raise BeamdaeError(
+                f"Curve: the function must return a number for every x in {shown(self.x)}, "
+                f"but at x = {x:.6g} it failed: {told(problem)}."
+            ) from problem
+        found = number(y)
+        if found is None:
+            raise BeamdaeError(
+                f"Curve: the function must return a number, at x = {x:.6g} it is {shown(y)}."
+            )
+        if not np.isfinite(found):
+            raise BeamdaeError(
+                f"Curve: the function must be finite, at x = {x:.6g} it is {found}."
+            )
+        return found
+
+    def _through_points(self) -> Any:
+        wanted = "at least 4 pairs (x, y)"
+        given = entries("Curve", "points", self.points, wanted)
+        if len(given) < 4:
+            raise BeamdaeError(f"Curve: points must be {wanted}, got {len(given)}.")
+        points = np.array([point("Curve", f"point {k}", xy) for k, xy in enumerate(given)])
         step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
         if step.min() == 0.0:
             at = points[int(np.argmin(step))]

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, finite, keep, point, shown
 from beamdae.symbolic.statements import SX, Piece
 
 
@@ -40,6 +40,26 @@ class Attachment:
     kinematics: Callable[[SX], tuple[SX, SX]]
     has_angle: bool = True
 
+    def __post_init__(self) -> None:
+        if not isinstance(getattr(self.body, "name", None), str):
+            raise BeamdaeError(f"Attachment: body must be a part, got {shown(self.body)}.")
+        name = self.body.name
+        keep(
+            self,
+            point=point(name, "point", self.point),
+            inclination=finite(name, "inclination", self.inclination),
+        )
+        if not sp.issparse(self.operator) or self.operator.ndim != 2:
+            raise BeamdaeError(
+                f"{name}: the operator of an attachment must be a sparse matrix of SciPy, "
+                f"got {shown(self.operator)}."
+            )
+        if not callable(self.kinematics):
+            raise BeamdaeError(
+                f"{name}: the kinematics of an attachment must be a function of its local "
+                f"coordinates, got {shown(self.kinematics)}."
+            )
+
     @property
     def size(self) -> int:
         """Number of local coordinates."""
@@ -65,7 +85,9 @@ class Attachment:
 def require_attachment(part: str, name: str, value: Any) -> Attachment:
     """Return `value` if it is an attachment."""
     if not isinstance(value, Attachment):
-        raise BeamdaeError(f"{part}: {name} must be an attachment such as beam.end, got {value!r}.")
+        raise BeamdaeError(
+            f"{part}: {name} must be an attachment such as beam.end, got {shown(value)}."
+        )
     return value
 
 
@@ -73,6 +95,12 @@ def require_angle(part: str, attachment: Attachment) -> None:
     """Refuse a particle where an angle is held, driven or loaded."""
     if not attachment.has_angle:
         raise BeamdaeError(f"{part}: {attachment} is a particle and has no angle.")
+
+
+def require_movable(part: str, attachment: Attachment) -> None:
+    """Refuse a load on what does not move: it would do nothing."""
+    if not attachment.size:
+        raise BeamdaeError(f"{part}: {attachment} does not move, it must act on a body that does.")
 
 
 def rotate(angle: Any, vector: Any) -> SX:

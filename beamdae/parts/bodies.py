@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, finite, non_negative, point, positive
+from beamdae.errors import BeamdaeError, finite, keep, non_negative, point, positive
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
@@ -61,12 +61,15 @@ class RigidBody(Part):
     angular_velocity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_name("RigidBody", self.name)
-        positive(self.name, "mass", self.mass)
-        positive(self.name, "inertia", self.inertia)
-        point(self.name, "center", self.center)
-        point(self.name, "velocity", self.velocity)
-        finite(self.name, "angular_velocity", self.angular_velocity)
+        keep(
+            self,
+            name=require_name("RigidBody", self.name),
+            mass=positive(self.name, "mass", self.mass),
+            inertia=positive(self.name, "inertia", self.inertia),
+            center=point(self.name, "center", self.center),
+            velocity=point(self.name, "velocity", self.velocity),
+            angular_velocity=finite(self.name, "angular_velocity", self.angular_velocity),
+        )
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
@@ -135,15 +138,18 @@ class PointMass(Part):
     velocity: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        require_name("PointMass", self.name)
-        non_negative(self.name, "mass", self.mass)
-        point(self.name, "velocity", self.velocity)
+        keep(
+            self,
+            name=require_name("PointMass", self.name),
+            mass=non_negative(self.name, "mass", self.mass),
+            velocity=point(self.name, "velocity", self.velocity),
+        )
         if (self.on is None) == (self.at is None):
             raise BeamdaeError(f"{self.name}: give either on=an attachment or at=(x, y).")
         if self.on is not None:
             require_attachment(self.name, "on", self.on)
         else:
-            point(self.name, "at", self.at)
+            keep(self, at=point(self.name, "at", self.at))
             positive(self.name, "mass", self.mass)
 
     @property

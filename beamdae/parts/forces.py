@@ -9,8 +9,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, one_of
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.errors import keep, one_of, pair
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    require_movable,
+    rotate,
+)
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
@@ -46,15 +52,13 @@ class Force(Part):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        require_name("Force", self.name)
-        require_attachment(self.name, "on", self.on)
-        one_of(self.name, "axes", self.axes, ("inertial", "body"))
-        try:
-            _, _ = self.law
-        except (TypeError, ValueError):
-            raise BeamdaeError(
-                f"{self.name}: law must be a pair of laws (Fx, Fy), got {self.law!r}."
-            ) from None
+        keep(self, name=require_name("Force", self.name))
+        require_movable(self.name, require_attachment(self.name, "on", self.on))
+        keep(
+            self,
+            law=pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)"),
+            axes=one_of(self.name, "axes", self.axes, ("inertial", "body")),
+        )
         _ = self.laws
 
     @cached_property
@@ -80,8 +84,8 @@ class Moment(Part):
     law: Any
 
     def __post_init__(self) -> None:
-        require_name("Moment", self.name)
-        require_attachment(self.name, "on", self.on)
+        keep(self, name=require_name("Moment", self.name))
+        require_movable(self.name, require_attachment(self.name, "on", self.on))
         require_angle(self.name, self.on)
         _ = self.laws
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, point
+from beamdae.errors import BeamdaeError, keep, point
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
@@ -55,7 +55,7 @@ class Joint(Part):
 
     def __post_init__(self) -> None:
         kind = type(self).__name__
-        require_name(kind, self.name)
+        keep(self, name=require_name(kind, self.name))
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if self.a.body is self.b.body:
@@ -195,8 +195,8 @@ class PointOnLine(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        dx, dy = point(self.name, "direction", self.direction)
-        if np.hypot(dx, dy) == 0.0:
+        keep(self, direction=point(self.name, "direction", self.direction))
+        if np.hypot(*self.direction) == 0.0:
             raise BeamdaeError(f"{self.name}: direction must not be zero.")
         gap = abs(float(np.dot(self._normal, np.subtract(self.b.point, self.a.point))))
         if gap > _MEETING_TOLERANCE * _size(self.a, self.b):

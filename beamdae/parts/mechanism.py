@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, nearest, point
+from beamdae.errors import BeamdaeError, nearest, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
 from beamdae.parts.laws import Law
@@ -49,9 +49,10 @@ class Mechanism:
         """
         if not isinstance(part, Part):
             raise BeamdaeError(
-                f"Mechanism: only parts can be added, subclasses of beamdae.Part, got {part!r}."
+                "Mechanism: only parts can be added, subclasses of beamdae.Part, "
+                f"got {shown(part)}."
             )
-        name = require_name(type(part).__name__, part.name)
+        name = require_name(type(part).__name__, getattr(part, "name", None))
         if name in self.parts or name == self.ground.name:
             raise BeamdaeError(f"Mechanism: the name {name!r} is taken, every part needs its own.")
         for body in part.bodies:
@@ -72,7 +73,7 @@ class Mechanism:
         if not isinstance(quantity, Quantity):
             raise BeamdaeError(
                 f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-                f"observed, got {what!r}."
+                f"observed, got {shown(what)}."
             )
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
@@ -82,8 +83,8 @@ class Mechanism:
 
     def part(self, name: str) -> Part:
         """The part of that name."""
-        if name not in self.parts:
-            raise BeamdaeError(f"Mechanism: no part {name!r}{nearest(name, self.parts)}.")
+        if not isinstance(name, str) or name not in self.parts:
+            raise BeamdaeError(f"Mechanism: no part {shown(name)}{nearest(name, self.parts)}.")
         return self.parts[name]
 
     @property

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import (
@@ -19,6 +19,8 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+
+_LONGEST_NAME = 100
 
 
 class Drawing(NamedTuple):
@@ -116,7 +118,21 @@ def _leaves(value: Any) -> list[Any]:
 
 
 def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it is a text that can name a part."""
+    """Return `name` if it is a text that can name a part, a coordinate or an observable.
+
+    Names head the columns of tables, as "name.what [unit]".
+    """
     if not isinstance(name, str) or not name.strip():
-        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {name!r}.")
-    return name
+        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {shown(name)}.")
+    # Spreadsheets take what begins with one of these signs for a formula.
+    if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
+        raise BeamdaeError(
+            f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "
+            f"a space, got {shown(name)}."
+        )
+    if len(name) > _LONGEST_NAME or not name.isprintable():
+        raise BeamdaeError(
+            f"{kind}: a name must be a text of at most {_LONGEST_NAME} letters without line breaks "
+            f"and other control characters, got {shown(name)}."
+        )
+    return str(name)

@@ -98,6 +98,8 @@ def test_reported_reaction_is_the_load_on_b_and_against_a(make, variant):
     for body in ("disk", "beam"):
         loaded.add(mech.part(body))
     for sign, on in ((1.0, joint.b), (-1.0, joint.a)):
+        if on.body is mech.ground:
+            continue
         if "Fx" in found:
             force = (sign * found["Fx"], sign * found["Fy"])
             loaded.add(bd.Force(f"force {sign}", on, force))

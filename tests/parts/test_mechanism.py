@@ -127,7 +127,7 @@ def test_a_mechanism_without_moving_bodies_is_refused():
         with pytest.raises(bd.BeamdaeError, match="it needs at least one body that can move"):
             bd.equations_of_motion(mech)
         if not mech.parts:
-            mech.add(bd.Force("push", mech.ground.at(0.0, 0.0), (1.0, 0.0)))
+            mech.add(bd.PointMass("stone", 1.0, on=mech.ground.at(0.0, 0.0)))
 
 
 def test_free_and_fixed_point_masses():
