@@ -202,9 +202,7 @@ class Curve(_SplineCurve):
                 f"Curve: the function must return a number, at x = {x:.6g} it is {shown(y)}."
             )
         if not np.isfinite(found):
-            raise BeamdaeError(
-                f"Curve: the function must be finite, at x = {x:.6g} it is {found}."
-            )
+            raise BeamdaeError(f"Curve: the function must be finite, at x = {x:.6g} it is not.")
         return found
 
     def _through_points(self) -> Any:

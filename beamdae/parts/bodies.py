@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, finite, keep, non_negative, point, positive
-from beamdae.parts.attachments import Attachment, require_attachment, rotate
+from beamdae.parts.attachments import Attachment, require_attachment, require_movable, rotate
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 
@@ -147,7 +147,7 @@ class PointMass(Part):
         if (self.on is None) == (self.at is None):
             raise BeamdaeError(f"{self.name}: give either on=an attachment or at=(x, y).")
         if self.on is not None:
-            require_attachment(self.name, "on", self.on)
+            require_movable(self.name, require_attachment(self.name, "on", self.on))
         else:
             keep(self, at=point(self.name, "at", self.at))
             positive(self.name, "mass", self.mass)
