@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ast
 import inspect
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from beamdae.errors import BeamdaeError, nearest, positive
+from beamdae.errors import BeamdaeError, finite, nearest, number, positive, shown
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,11 @@ class Model:
 
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""
-        return self.build(**self.complete(values))
+        built = self.build(**self.complete(values))
+        if built is None or isinstance(built, Model):
+            what = "None" if built is None else f"the model {built.name}"
+            raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
+        return built
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """All parameters, checked: `values` over the defaults.
@@ -58,7 +61,7 @@ class Model:
             if name not in self.parameters:
                 allowed = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
-                    f"{self.name}: no parameter {name!r}{nearest(name, self.parameters)}, "
+                    f"{self.name}: no parameter {shown(name)}{nearest(name, self.parameters)}, "
                     f"the parameters are {allowed}."
                 )
         checked = {name: self._typed(name, value) for name, value in values.items()}
@@ -66,35 +69,40 @@ class Model:
 
     def _typed(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
-        if hasattr(value, "item") and getattr(value, "ndim", None) == 0:
-            value = value.item()
+        value = _plain(value)
         if isinstance(value, str) and kind is not str:
             value = self._parsed(name, value, kind)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if kind is int and isinstance(value, float) and value.is_integer():
-            value = int(value)
-        if kind is not type(None) and not isinstance(value, kind):
-            raise BeamdaeError(
-                f"{self.name}: {name} must be of type {kind.__name__}, got {value!r}."
-            )
-        if isinstance(value, float) and not math.isfinite(value):
-            raise BeamdaeError(f"{self.name}: {name} must be finite, got {value}.")
+        found = number(value)
+        if kind is float and found is not None:
+            return finite(self.name, name, value)
+        if kind is int and found is not None and found.is_integer():
+            return int(value)
+        truth = isinstance(value, bool) and kind is not bool
+        if kind is not type(None) and (truth or not isinstance(value, kind)):
+            raise self._wrong(name, value)
         return value
+
+    def _wrong(self, name: str, value: Any) -> BeamdaeError:
+        kind = type(self.parameters[name]).__name__
+        return BeamdaeError(f"{self.name}: {name} must be of type {kind}, got {shown(value)}.")
 
     def _parsed(self, name: str, text: str, kind: type) -> Any:
         if kind is bool:
             if text.lower() in ("true", "false"):
                 return text.lower() == "true"
-            raise BeamdaeError(f"{self.name}: {name} must be true or false, got {text!r}.")
-        if kind is type(None):
+            raise BeamdaeError(f"{self.name}: {name} must be true or false, got {shown(text)}.")
+        if kind not in (int, float, tuple, list, dict):
+            # A default of None leaves the type open; an object is not to be told by a text.
             return text
         try:
-            return ast.literal_eval(text) if kind in (tuple, list, dict) else kind(text)
-        except (TypeError, ValueError, SyntaxError):
-            raise BeamdaeError(
-                f"{self.name}: {name} must be of type {kind.__name__}, got {text!r}."
-            ) from None
+            return kind(text) if kind in (int, float) else ast.literal_eval(text)
+        except (TypeError, ValueError, SyntaxError, RecursionError, MemoryError):
+            raise self._wrong(name, text) from None
+
+
+def _plain(value: Any) -> Any:
+    """What a number of NumPy holds."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
 def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
@@ -111,16 +119,19 @@ def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
     >>> swing.parameters
     {'mass': 2.0}
     """
-    positive("model", "t_end", t_end)
+    end = positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:
+        if not inspect.isfunction(function):
+            raise BeamdaeError(f"model: it must decorate a function, got {shown(function)}.")
         parameters = {}
         for parameter in inspect.signature(function).parameters.values():
-            if parameter.default is parameter.empty:
+            if parameter.default is parameter.empty or parameter.kind is parameter.POSITIONAL_ONLY:
                 raise BeamdaeError(
-                    f"{function.__name__}: the parameter {parameter.name!r} needs a default value."
+                    f"{function.__name__}: the parameter {parameter.name!r} needs a default value "
+                    "and must be given by name."
                 )
-            parameters[parameter.name] = parameter.default
-        return Model(function, float(t_end), parameters)
+            parameters[parameter.name] = _plain(parameter.default)
+        return Model(function, end, parameters)
 
     return decorate

@@ -14,7 +14,8 @@ import scipy.sparse as sp
 from beamdae.equations.assemble import Owners, build
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.fit import require_unit
-from beamdae.errors import BeamdaeError, finite, positive
+from beamdae.errors import BeamdaeError, entries, finite, keep, number, positive, shown
+from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -26,6 +27,9 @@ from beamdae.symbolic.statements import (
     Piece,
     Quantity,
 )
+
+MX = ca.MX
+_KIND = "ConstrainedSystem"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,38 +89,56 @@ class ConstrainedSystem:
     time_scale: float | None = None
     scales: Any = None
 
+    def __post_init__(self) -> None:
+        self._check_symbols()
+        n = self.q.numel()
+        keep(
+            self,
+            q0=self._numbers("q0", self.q0, n),
+            v0=self._numbers("v0", self.v0, n),
+            names=self._texts("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
+            units=self._texts("units", self.units, n) or ("-",) * n,
+            breakpoints=self._checked_breakpoints(),
+        )
+        for unit in self.units:
+            require_unit(_KIND, unit)
+        if not isinstance(self.observe, dict):
+            raise BeamdaeError(
+                f"{_KIND}: observe must give expressions by name, got {shown(self.observe)}."
+            )
+        columns = [require_name(_KIND, name) for name in (*self.names, *self.observe)]
+        if len(set(columns)) < len(columns):
+            raise BeamdaeError(f"{_KIND}: names must differ, got {', '.join(columns)}.")
+        if self.time_scale is not None:
+            keep(self, time_scale=positive(_KIND, "time_scale", self.time_scale))
+        if self.scales is not None:
+            scales = self._numbers("scales", self.scales, n)
+            keep(self, scales=np.array([positive(_KIND, "scales", x) for x in scales]))
+
     @cached_property
     def equations(self) -> EquationsOfMotion:
         """Equations of motion, the same type a mechanism gives."""
-        self._check_symbols()
         n = self.q.numel()
-        q0, v0 = self._start("q0", self.q0, n), self._start("v0", self.v0, n)
-        names = tuple(self.names) or tuple(f"q{i}" for i in range(n))
-        if len(names) != n:
-            raise BeamdaeError(f"ConstrainedSystem: names must have {n} entries, got {len(names)}.")
-        coordinates = self._coordinates(names)
-        columns = [*names, *self.observe]
-        if len(set(columns)) < len(columns):
-            raise BeamdaeError(f"ConstrainedSystem: names must differ, got {', '.join(columns)}.")
+        named = zip(self.names, self.units, strict=True)
+        coordinates = tuple(Named(name, unit) for name, unit in named)
+        length = _length(self.q0, coordinates)
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
-        constraints = self._constraint_statements(piece)
         observables = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
         for name, expression in self.observe.items():
             observables[name] = self._quantity(name, expression, piece)
         return build(
             coordinates=coordinates,
-            q0=q0,
-            v0=v0,
-            length=_length(q0, coordinates),
+            q0=self.q0,
+            v0=self.v0,
+            length=length,
             parts=tuple(
-                PartCoordinates(name, slice(k, k + 1), _length(q0, coordinates))
-                for k, name in enumerate(names)
+                PartCoordinates(name, slice(k, k + 1), length) for k, name in enumerate(self.names)
             ),
-            breakpoints=self._checked_breakpoints(),
+            breakpoints=self.breakpoints,
             time_scale=self.time_scale,
-            scales=self._checked_scales(n),
+            scales=self.scales,
             forces=[self._force_statement(piece)],
-            constraints=constraints,
+            constraints=self._constraint_statements(piece),
             observables=observables,
             owners=Owners({id(self): n}),
         )
@@ -124,83 +146,92 @@ class ConstrainedSystem:
     def _check_symbols(self) -> None:
         for name in ("t", "q", "v"):
             symbol = getattr(self, name)
-            if not isinstance(symbol, (ca.SX, ca.MX)) or not symbol.is_column():
+            if (
+                not isinstance(symbol, (SX, MX))
+                or not (symbol.is_column() and symbol.is_dense() and symbol.numel())
+                or not symbol.is_valid_input()
+            ):
                 raise BeamdaeError(
-                    f"ConstrainedSystem: {name} must be a CasADi symbol, a column, got {symbol!r}."
+                    f"{_KIND}: {name} must be a CasADi symbol, a column such as "
+                    f'SX.sym("{name}", 2), got {shown(symbol)}.'
                 )
         if self.t.numel() != 1 or self.q.numel() != self.v.numel():
             raise BeamdaeError(
-                "ConstrainedSystem: t must be a scalar and q and v of one size, got sizes "
+                f"{_KIND}: t must be a scalar and q and v of one size, got sizes "
                 f"{self.t.numel()}, {self.q.numel()} and {self.v.numel()}."
             )
-        if self.time_scale is not None:
-            positive("ConstrainedSystem", "time_scale", self.time_scale)
-        if not isinstance(self.observe, dict):
-            raise BeamdaeError(
-                f"ConstrainedSystem: observe must give expressions by name, got {self.observe!r}."
-            )
+        if not isinstance(self.q, type(self.t)) or not isinstance(self.v, type(self.t)):
+            raise BeamdaeError(f"{_KIND}: t, q and v must be all SX or all MX symbols.")
+        own = self._symbols
+        if len(own) > len(set(own)):
+            raise BeamdaeError(f"{_KIND}: t, q and v must be symbols of their own each.")
 
-    def _coordinates(self, names: tuple[str, ...]) -> tuple[Named, ...]:
-        units = tuple(self.units) if self.units else ("-",) * len(names)
-        if isinstance(self.units, str) or len(units) != len(names):
-            raise BeamdaeError(
-                f"ConstrainedSystem: units must have {len(names)} entries, got {self.units!r}."
-            )
-        for unit in units:
-            require_unit("ConstrainedSystem", unit)
-        return tuple(Named(name, unit) for name, unit in zip(names, units, strict=True))
-
-    def _checked_scales(self, n: int) -> np.ndarray | None:
-        if self.scales is None:
-            return None
-        given = np.atleast_1d(np.asarray(self.scales, object)).ravel()
-        scales = np.array([positive("ConstrainedSystem", "scales", x) for x in given])
-        if len(scales) != n:
-            raise BeamdaeError(
-                f"ConstrainedSystem: scales must have {n} entries, got {len(scales)}."
-            )
-        return scales
-
-    def _checked_breakpoints(self) -> tuple[float, ...]:
-        times = tuple(finite("ConstrainedSystem", "breakpoints", b) for b in self.breakpoints)
-        if any(b <= a for a, b in pairwise(times)):
-            raise BeamdaeError(f"ConstrainedSystem: breakpoints must ascend, got {times}.")
-        return times
+    @property
+    def _symbols(self) -> list[int]:
+        return [_key(x) for symbol in (self.t, self.q, self.v) for x in ca.symvar(symbol)]
 
     @staticmethod
-    def _start(name: str, values: Any, n: int) -> np.ndarray:
-        array = np.asarray(values, float).ravel()
-        if len(array) != n or not np.all(np.isfinite(array)):
+    def _numbers(name: str, values: Any, n: int) -> np.ndarray:
+        try:
+            given = np.asarray(values, object).ravel().tolist()
+        except Exception:
+            # Symbols, or rows of different lengths.
+            given = []
+        if len(given) != n or any(number(x) is None for x in given):
             raise BeamdaeError(
-                f"ConstrainedSystem: {name} must be {n} finite numbers, got {values!r}."
+                f"{_KIND}: {name} must have {n} entries, finite numbers, got {shown(values)}."
             )
-        return array
+        return np.array([finite(_KIND, name, x) for x in given])
+
+    @staticmethod
+    def _texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
+        found = tuple(entries(_KIND, name, values, f"a list of {n} entries, texts"))
+        if found and len(found) != n:
+            raise BeamdaeError(f"{_KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}.")
+        return found
+
+    def _checked_breakpoints(self) -> tuple[float, ...]:
+        given = entries(_KIND, "breakpoints", self.breakpoints, "a list of times")
+        times = tuple(finite(_KIND, "breakpoints", b) for b in given)
+        if any(b <= a for a, b in pairwise(times)):
+            raise BeamdaeError(f"{_KIND}: breakpoints must ascend, got {shown(times)}.")
+        return times
 
     def _in(self, local: Local, expression: Any, name: str) -> SX:
-        if isinstance(expression, (list, tuple)):
-            rows = [ca.horzcat(*r) if isinstance(r, (list, tuple)) else r for r in expression]
-            expression = ca.vertcat(*rows)
+        """An expression of the user's, in the symbols of `local`."""
+        kind = type(self.t)
         try:
-            function = ca.Function("stated", [self.t, self.q, self.v], [expression])
-        except Exception as problem:
+            stated = kind(_stacked(expression))
+        except Exception:
             raise BeamdaeError(
-                f"ConstrainedSystem: {name} must depend on t, q and v alone: "
-                f"{str(problem).splitlines()[-1]}"
-            ) from problem
-        return function(local.time[0], local.q, local.v)
+                f"{_KIND}: {name} must be made of numbers and {kind.__name__} expressions in t, q "
+                f"and v, in rows of one length, got {shown(expression)}."
+            ) from None
+        others = [x.name() for x in ca.symvar(stated) if _key(x) not in self._symbols]
+        if others:
+            raise BeamdaeError(
+                f"{_KIND}: {name} must depend on t, q and v alone, not on {', '.join(others[:3])}."
+            )
+        try:
+            return ca.Function("stated", [self.t, self.q, self.v], [stated])(
+                local.time[0], local.q, local.v
+            )
+        except Exception:
+            raise BeamdaeError(
+                f"{_KIND}: {name} uses a function without a formula, such as an interpolation or a "
+                "solver, it must be an expression that SX can hold."
+            ) from None
 
     def _force_statement(self, piece: Piece) -> ForceStatement:
         n = self.q.numel()
         local = Local(n)
         mass = self._in(local, self.mass, "mass")
-        if mass.shape != (n, n):
+        if mass.shape != (n, n) and min(mass.shape) == 1:
             mass = ca.diag(mass)
         force = self._in(local, self.force, "force")
         for what, shape, wanted in (("mass", mass.shape, (n, n)), ("force", force.shape, (n, 1))):
             if shape != wanted:
-                raise BeamdaeError(
-                    f"ConstrainedSystem: {what} must have shape {wanted}, got {shape}."
-                )
+                raise BeamdaeError(f"{_KIND}: {what} must have shape {wanted}, got {shape}.")
         kinetic = 0.5 * ca.dot(local.v, mass @ local.v)
         # Without a potential the whole force counts as a load: its work closes the energy balance.
         # What of it is inertia, where the mass depends on q or t, changes no energy: the kinetic
@@ -219,13 +250,26 @@ class ConstrainedSystem:
         local = Local(self.q.numel(), 0, m)
         g = ca.reshape(self._in(local, self.constraints, "constraints"), m, 1)
         if ca.depends_on(g, local.v):
-            raise BeamdaeError("ConstrainedSystem: constraints must not depend on v.")
+            raise BeamdaeError(f"{_KIND}: constraints must not depend on v.")
         held = tuple(Named(f"g{i}", "-") for i in range(m))
         return [ConstraintStatement("constraint", ConstraintKernel(local, g), (piece,), held)]
 
     def _quantity(self, name: str, expression: Any, piece: Piece) -> Quantity:
         own = (Named("", "-"),)
         return Quantity(own, (piece,), lambda local: self._in(local, expression, name))
+
+
+def _stacked(expression: Any) -> Any:
+    """An expression from a list of entries, or of rows."""
+    if not isinstance(expression, (list, tuple)):
+        return expression
+    rows = [ca.horzcat(*row) if isinstance(row, (list, tuple)) else row for row in expression]
+    return ca.vertcat(*rows)
+
+
+def _key(symbol: Any) -> int:
+    """What a symbol is known by; names are not unique."""
+    return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
 
 
 def _length(q0: np.ndarray, coordinates: tuple[Named, ...]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -150,7 +151,11 @@ class Weld(Joint):
 
 @dataclass(frozen=True, eq=False)
 class Driver(Joint):
-    """Prescribed relative angle: g = turn_b - turn_a - law(t), turns since the drawing [rad]."""
+    """Prescribed relative angle: g = turn_b - turn_a - law(t), turns since the drawing [rad].
+
+    A law that is not zero at the start turns the bodies out of the drawing before the run, with
+    whatever is joined to them; `beamdae check` tells by how much.
+    """
 
     law: Any = None
 
@@ -166,6 +171,12 @@ class Driver(Joint):
     def laws(self) -> tuple[Law, ...]:
         """The angle over time."""
         return (as_law(self.name, self.law),)
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """By how much it turns the bodies out of the drawing."""
+        (law,) = self.laws
+        return {"angle at the start, from the drawing [rad]": float(ca.evalf(law(SX.zeros(2))))}
 
     @property
     def multipliers(self) -> tuple[Named, ...]:

@@ -12,7 +12,17 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from beamdae.errors import BeamdaeError, finite, positive
+from beamdae.errors import (
+    BeamdaeError,
+    entries,
+    finite,
+    keep,
+    number,
+    pair,
+    positive,
+    shown,
+    told,
+)
 from beamdae.symbolic.statements import SX
 
 
@@ -38,7 +48,11 @@ class Law:
 
     def __post_init__(self) -> None:
         if not isinstance(self.pieces, tuple) or not all(callable(p) for p in self.pieces):
-            raise BeamdaeError(f"Law: pieces must be a tuple of functions, got {self.pieces!r}.")
+            raise BeamdaeError(
+                f"Law: pieces must be a tuple of functions, got {shown(self.pieces)}."
+            )
+        times = entries("Law", "breakpoints", self.breakpoints, "a list of times")
+        keep(self, breakpoints=tuple(finite("Law", "breakpoints", time) for time in times))
         if len(self.pieces) != len(self.breakpoints) + 1:
             raise BeamdaeError(
                 f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
@@ -47,15 +61,11 @@ class Law:
         if any(b <= a for a, b in pairwise(self.breakpoints)):
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
         if self.time_scale is not None:
-            positive("Law", "time_scale", self.time_scale)
+            keep(self, time_scale=positive("Law", "time_scale", self.time_scale))
 
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
-        with warnings.catch_warnings():
-            # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
-            # like give the same scalar expression before and after it.
-            warnings.simplefilter("ignore", FutureWarning)
-            values = [SX(piece(time[0])) for piece in self.pieces]
+        values = [_formula(piece, time[0]) for piece in self.pieces]
         value = values[-1]
         for end, earlier in zip(self.breakpoints[::-1], values[-2::-1], strict=True):
             value = ca.if_else(time[1] < end, earlier, value)
@@ -76,7 +86,13 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         law = Law((lambda t: number,))
     function = _checked(part, law, start)
     if callable(value) and law is not value:
-        _require_smooth(part, function)
+        _require_the_same_of_numbers(part, value, function, start)
+        _require_smooth(part, value, function)
+    first = float(function([start, start]))
+    if not np.isfinite(first):
+        raise BeamdaeError(
+            f"{part}: {_called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
+        )
     return law
 
 
@@ -101,39 +117,105 @@ _ROUGH = {
 }
 
 
-def _require_smooth(part: str, function: ca.Function) -> None:
+def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
     used = {function.instruction_id(i) for i in range(function.n_instructions())}
     rough = [name for operation, name in _ROUGH.items() if operation in used]
     if rough:
         raise BeamdaeError(
-            f"{part}: the law must be smooth, but it uses {', '.join(rough)}; give its pieces to "
+            f"{part}: {_called(piece)} must be smooth, but it uses {', '.join(rough)}; give its pieces to "
             "bd.piecewise, so that no step runs over a jump or kink."
         )
+
+
+_DECIDES = (
+    "but it decides by the value of t (if, while, and, or, min, max); give its pieces to "
+    "bd.piecewise((end time, law), ..., last law)"
+)
+_OF_NUMBERS = (
+    "but it needs t as a number, as float, int, random numbers and the functions of math do; use "
+    "numpy functions such as np.sin, and bd.table for tables"
+)
+
+
+def _called(piece: Callable[[Any], Any]) -> str:
+    """'the law', with the name of its function if that has one."""
+    name = getattr(piece, "__name__", "<lambda>")
+    return "the law" if "<" in name else f"the law {name}"
+
+
+def _formula(piece: Callable[[Any], Any], t: SX) -> Any:
+    """What a piece makes of the symbol t, as an expression if it is a number or expression."""
+    with warnings.catch_warnings():
+        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
+        # like give the same scalar expression before and after it.
+        warnings.simplefilter("ignore", FutureWarning)
+        value = piece(t)
+    found = number(value)
+    if found is not None:
+        return SX(found)
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()
+    return SX(value) if isinstance(value, (SX, ca.DM)) else value
+
+
+def _of_number(piece: Callable[[Any], Any], t: float) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return piece(t)
 
 
 def _checked(part: str, law: Law, start: float) -> ca.Function:
     """The law as a function of (t, branch)."""
     time = SX.sym("t", 2)
+    for piece in law.pieces:
+        _require_formula(part, piece, time[0], start)
+    return ca.Function("law", [time], [law(time)])
+
+
+def _require_formula(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
+    """Refuse a piece that does not make one expression of the symbol t."""
+    wanted = f"{part}: {_called(piece)} must be a formula in t"
     try:
-        value = law(time)
+        value = _formula(piece, t)
     except Exception as problem:
-        told = " ".join(str(problem).split("Possible prototypes")[0].split())[:120]
+        try:
+            _of_number(piece, start)
+        except Exception as own:
+            raise BeamdaeError(
+                f"{wanted} that gives a number, but it failed at t = {start:g}, {told(own)}."
+            ) from own
+        # Of bool() on a symbol; nothing else tells it from other failures.
+        decides = "truth value" in str(problem)
+        raise BeamdaeError(f"{wanted}, {_DECIDES if decides else _OF_NUMBERS}.") from None
+    if not isinstance(value, SX) or value.shape != (1, 1):
+        raise BeamdaeError(f"{part}: {_called(piece)} must return one number, got {shown(value)}.")
+    strange = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
+    if strange:
         raise BeamdaeError(
-            f"{part}: the law must be a formula in t with numpy functions such as np.sin, "
-            f"it failed: {told}."
-        ) from problem
-    if value.shape != (1, 1) or not set(map(str, ca.symvar(value))) <= set(
-        map(str, ca.symvar(time))
-    ):
-        raise BeamdaeError(f"{part}: the law must return one number, got {value!s:.80}.")
-    function = ca.Function("law", [time], [value])
-    first = float(function([start, start]))
-    if not np.isfinite(first):
-        raise BeamdaeError(
-            f"{part}: the law must be finite, at t = {start:g} it is {first}; formulas take numpy "
-            "functions such as np.exp, not those of math."
+            f"{part}: {_called(piece)} must depend on t alone, not on {', '.join(strange[:3])}."
         )
-    return function
+
+
+# Times [s] after the start at which a law is asked for numbers.
+_ASKED = (0.0, 0.37, 1.9, 11.3)
+
+
+def _require_the_same_of_numbers(
+    part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
+) -> None:
+    """Refuse a formula that loses what the function does: float(t) is nan of a symbol."""
+    times = start + np.array(_ASKED)
+    try:
+        by_number = np.array([number(_of_number(piece, t)) for t in times.tolist()], float)
+    except Exception:
+        # It takes symbols alone, or no time so late.
+        return
+    known = np.isfinite(by_number)
+    by_formula = np.array([float(function([t, t])) for t in times[known]])
+    size = np.max(np.abs(by_number[known]), initial=0.0)
+    # What is not a number is not near.
+    if not np.all(np.abs(by_formula - by_number[known]) <= 1e-6 * size):
+        raise BeamdaeError(f"{part}: {_called(piece)} must be a formula in t, {_OF_NUMBERS}.")
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
@@ -171,10 +253,7 @@ def piecewise(*pieces: Any) -> Law:
     ends: list[float] = []
     laws: list[Law] = []
     for entry in pieces[:-1]:
-        try:
-            end, law = entry
-        except (TypeError, ValueError):
-            raise BeamdaeError(f"piecewise: expected (end time, law), got {entry!r}.") from None
+        end, law = pair("piecewise", "each piece but the last", entry, "a pair (end time, law)")
         laws.append(as_law("piecewise", law, ends[-1] if ends else 0.0))
         ends.append(finite("piecewise", "end time", end))
     laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
@@ -187,16 +266,19 @@ def piecewise(*pieces: Any) -> Law:
     return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
 
 
+def _numbers(name: str, values: Any) -> np.ndarray:
+    given = entries("table", name, values, "a list of numbers")
+    return np.array([finite("table", name, value) for value in given])
+
+
 def table(times: Any, values: Any) -> Law:
     """Natural cubic spline through a table, constant outside it."""
-    try:
-        t, y = np.asarray(times, float), np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise BeamdaeError("table: times and values must be lists of numbers.") from None
-    if t.ndim != 1 or t.shape != y.shape or len(t) < 3:
-        raise BeamdaeError("table: times and values must be lists of the same length, at least 3.")
-    if not (np.all(np.isfinite(t)) and np.all(np.isfinite(y))):
-        raise BeamdaeError("table: every time and value must be finite.")
+    t, y = _numbers("times", times), _numbers("values", values)
+    if t.shape != y.shape or len(t) < 3:
+        raise BeamdaeError(
+            "table: times and values must be lists of the same length, at least 3, got "
+            f"{len(t)} and {len(y)}."
+        )
     if np.any(np.diff(t) <= 0.0):
         raise BeamdaeError("table: times must ascend.")
     spline = CubicSpline(t, y, bc_type="natural")

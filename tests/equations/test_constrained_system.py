@@ -241,8 +241,8 @@ def test_units_are_in_the_headers():
 @pytest.mark.parametrize(
     ("units", "message"),
     [
-        (("m",), r"units must have 2 entries, got \('m',\)"),
-        ("mm", "units must have 2 entries, got 'mm'"),
+        (("m",), r"units must have 2 entries, got 1: \('m',\)"),
+        ("mm", "units must be a list of 2 entries, texts, got 'mm'"),
         (("m", 3), "units must be texts such as 'm' and 'rad', got 3"),
         (("m", ""), "units must be texts such as 'm' and 'rad', got ''"),
     ],

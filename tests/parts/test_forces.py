@@ -166,7 +166,7 @@ ON = BODY.at(0.0, 0.0)
             lambda: bd.Moment("twist", ON, (1.0, 2.0)),
             r"twist: law must be a number, got \(1.0, 2.0",
         ),
-        (lambda: bd.Moment("twist", ON, lambda t: [t]), "twist: the law must be a formula in t"),
+        (lambda: bd.Moment("twist", ON, lambda t: [t]), "twist: the law must return one number"),
         (
             lambda: bd.Moment("twist", bd.PointMass("bob", 1.0, at=(1.0, 2.0)).point, 1.0),
             r"twist: bob at \(1, 2\) is a particle and has no angle",
