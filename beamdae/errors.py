@@ -41,18 +41,22 @@ def shown(value: Any) -> str:
 
 
 def told(problem: BaseException) -> str:
-    """Type and message of an exception of the user's own code, on one line, without CasADi's."""
-    kind = type(problem).__name__
+    """Type and message of an exception of the user's own code, on one line."""
+    return ": ".join(filter(None, (type(problem).__name__, reason(problem))))
+
+
+def reason(problem: BaseException) -> str:
+    """The message of an exception of the user's own code, on one line; CasADi's in other words."""
     trace = problem.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     if trace is not None and Path(trace.tb_frame.f_code.co_filename).parent.name == "casadi":
-        return f"{kind} from an operation on CasADi expressions whose shapes or kinds do not fit"
+        return "shapes or kinds of CasADi expressions do not fit there"
     try:
-        message = _told(str(problem), 200).rstrip(".")
+        return _told(str(problem), 200).rstrip(".")
     except Exception:
-        message = ""
-    return f"{kind}: {message}" if message else kind
+        # Its own text may fail.
+        return ""
 
 
 def _told(text: str, longest: int = _LONGEST_SHOWN) -> str:
@@ -73,7 +77,8 @@ def number(value: Any) -> float | None:
     try:
         return float(value)
     except OverflowError:
-        return math.inf if value > 0 else -math.inf
+        # Of whole numbers and fractions.
+        return math.inf
     except ValueError:
         return math.nan
 

@@ -19,7 +19,12 @@ _MOST_BODIES = 10_000
 
 
 def welded_beams(
-    mechanism: Mechanism, name: str, curve: PlaneCurve, section: Section, bodies: int, **settings: Any
+    mechanism: Mechanism,
+    name: str,
+    curve: PlaneCurve,
+    section: Section,
+    bodies: int,
+    **settings: Any,
 ) -> list[Beam]:
     """Add a beam as `bodies` beams of equal length, welded end to start; returns them in order.
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from beamdae.errors import BeamdaeError, nearest
+from beamdae.cli.mistakes import explained
+from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.model_functions import Model
 
 if TYPE_CHECKING:
     from beamdae.studies import Study
+
+# Bytes; compiling takes hundreds of times as much memory.
+_LARGEST = 10_000_000
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
@@ -31,6 +34,8 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     BeamdaeError
         If the file does not import, or does not hold that one model.
     """
+    if not isinstance(path, (str, Path)):
+        raise BeamdaeError(f"load_model: path must be that of a model file, got {shown(path)}.")
     path = Path(path)
     models = models_in(path)
     if not models:
@@ -41,9 +46,10 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
         raise BeamdaeError(
             f"{path}: it holds several models, name one with --model: {', '.join(models)}."
         )
-    if name is not None and name not in models:
+    if name is not None and not (isinstance(name, str) and name in models):
         raise BeamdaeError(
-            f"{path}: no model {name!r}{nearest(name, models)}, the models are {', '.join(models)}."
+            f"{path}: no model {shown(name)}{nearest(name, models)}, "
+            f"the models are {', '.join(models)}."
         )
     return models[name or next(iter(models))]
 
@@ -81,27 +87,52 @@ def _models(module: ModuleType, path: Path) -> dict[str, Model]:
 
 
 def _imported(path: Path) -> ModuleType:
-    if path.suffix != ".py":
-        raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
-    if not path.is_file():
-        raise BeamdaeError(f"{path}: there is no such file.")
+    code = _compiled(path)
+    # Before a file beside the model, or the model itself, can hide what these import.
+    import beamdae.simulation  # noqa: F401
+
     name = f"beamdae_model_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, path.absolute())
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     # Decorators such as dataclass look their module up while it is being imported.
     sys.modules[name] = module
     try:
-        with _beside(path):
-            spec.loader.exec_module(module)
-    except BeamdaeError:
-        raise
-    except (Exception, SystemExit) as problem:
-        raise BeamdaeError(f"{path}: it does not import, {_explained(problem, path)}.") from problem
+        with _beside(path), _told(f"{path}: it does not import", path):
+            exec(code, vars(module))
     finally:
-        del sys.modules[name]
+        sys.modules.pop(name, None)
     return module
+
+
+def _compiled(path: Path) -> CodeType:
+    """A model file, in whatever encoding its first lines tell, as code."""
+    if path.suffix != ".py":
+        raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
+    try:
+        if not path.exists():
+            raise BeamdaeError(f"{path}: there is no such file.")
+        if not path.is_file():
+            raise BeamdaeError(f"{path}: it is no file, a model file must be a Python file (.py).")
+        if path.stat().st_size > _LARGEST:
+            raise BeamdaeError(
+                f"{path}: it is larger than {_LARGEST / 1e6:g} MB, a model file must be smaller; "
+                "it can read its data from another file."
+            )
+        content = path.read_bytes()
+    except OSError as problem:
+        raise BeamdaeError(f"{path}: it cannot be read, {problem.strerror}.") from problem
+    try:
+        source = importlib.util.decode_source(content)
+    except (SyntaxError, UnicodeDecodeError):
+        raise BeamdaeError(
+            f"{path}: it is no text in UTF-8, nor in the encoding its first line tells, as "
+            "'# coding: latin-1' does."
+        ) from None
+    if "\0" in source:
+        raise BeamdaeError(f"{path}: it holds NUL bytes, a model file must be text.")
+    with _told(f"{path}: it does not import", path):
+        return compile(source, path.absolute(), "exec", dont_inherit=True)
 
 
 def _located(model: Model, path: Path) -> Callable[..., Any]:
@@ -109,20 +140,21 @@ def _located(model: Model, path: Path) -> Callable[..., Any]:
 
     @wraps(model.build)
     def build(**values: Any) -> Any:
-        try:
-            with _beside(path):
-                built = model.build(**values)
-        except BeamdaeError:
-            raise
-        except Exception as problem:
-            raise BeamdaeError(
-                f"{model.name}: {path} cannot build it, {_explained(problem, path)}."
-            ) from problem
-        if built is None:
-            raise BeamdaeError(f"{model.name}: the function must return the mechanism, got None.")
-        return built
+        with _beside(path), _told(f"{model.name}: {path} cannot build it", path):
+            return model.build(**values)
 
     return build
+
+
+@contextmanager
+def _told(what: str, path: Path) -> Iterator[None]:
+    """Whatever the code of a file raises is a mistake in it, but Ctrl-C."""
+    try:
+        yield
+    except (BeamdaeError, KeyboardInterrupt):
+        raise
+    except BaseException as problem:
+        raise BeamdaeError(f"{what}, {explained(problem, path)}.") from problem
 
 
 @contextmanager
@@ -145,21 +177,3 @@ def _beside(path: Path) -> Iterator[None]:
             own = (folder / f"{top}.py", folder / top)
             if top not in before and file and any(Path(file).is_relative_to(x) for x in own):
                 del sys.modules[name]
-
-
-def _explained(problem: BaseException, path: Path) -> str:
-    """Type, line of the model file and message of an exception."""
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(problem.__traceback__)
-        if Path(frame.filename) == path.absolute() or Path(frame.filename) == path
-    ]
-    message = str(problem)
-    if isinstance(problem, SyntaxError):
-        # Its own message repeats the place, and the place may be another file.
-        where = (
-            "" if problem.filename in (None, str(path.absolute())) else f" of {problem.filename}"
-        )
-        lines, message = [problem.lineno or 0], f"{problem.msg}{where}"
-    line = f" at line {lines[-1]}" if lines else ""
-    return f"{type(problem).__name__}{line}: {' '.join(message.split())[:200].rstrip('.')}"

@@ -187,7 +187,9 @@ class ConstrainedSystem:
     def _texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
         found = tuple(entries(_KIND, name, values, f"a list of {n} entries, texts"))
         if found and len(found) != n:
-            raise BeamdaeError(f"{_KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}.")
+            raise BeamdaeError(
+                f"{_KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}."
+            )
         return found
 
     def _checked_breakpoints(self) -> tuple[float, ...]:

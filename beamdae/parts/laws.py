@@ -122,8 +122,8 @@ def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Functio
     rough = [name for operation, name in _ROUGH.items() if operation in used]
     if rough:
         raise BeamdaeError(
-            f"{part}: {_called(piece)} must be smooth, but it uses {', '.join(rough)}; give its pieces to "
-            "bd.piecewise, so that no step runs over a jump or kink."
+            f"{part}: {_called(piece)} must be smooth, but it uses {', '.join(rough)}; "
+            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
         )
 
 

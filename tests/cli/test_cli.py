@@ -387,7 +387,7 @@ def test_public_names_are_where_they_are_said_to_be():
         "assert set(beamdae.__all__) <= set(dir(beamdae))\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-    with pytest.raises(AttributeError, match="No beamdae attribute Beem"):
+    with pytest.raises(AttributeError, match="module 'beamdae' has no attribute 'Beem'"):
         _ = bd.Beem
 
 

@@ -256,7 +256,10 @@ nan = float("nan")
         (lambda: bd.Curve(lambda x: "high", x=(0, 1)), "Curve: the function must return a number"),
         (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
         (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),
-        (lambda: bd.Curve(points=[(0, 0), (1, nan), (2, 0), (3, 0)]), "Curve: point 1 y must be finite"),
+        (
+            lambda: bd.Curve(points=[(0, 0), (1, nan), (2, 0), (3, 0)]),
+            "Curve: point 1 y must be finite",
+        ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 2), (1, 2), (3, 0)]),
             r"Curve: the point \(1, 2\) comes twice in a row",

@@ -202,8 +202,14 @@ def test_garbage_is_refused(law, message):
         (lambda: bd.table([0.0, 1.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
         (lambda: bd.table([0.0, 1.0, 2.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
         (lambda: bd.table([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "table: times must ascend"),
-        (lambda: bd.table([0.0, 1.0, 2.0], [1.0, np.nan, 3.0]), "table: values must be finite, got nan"),
-        (lambda: bd.table(["a", "b", "c"], [1.0, 2.0, 3.0]), "table: times must be a number, got 'a'"),
+        (
+            lambda: bd.table([0.0, 1.0, 2.0], [1.0, np.nan, 3.0]),
+            "table: values must be finite, got nan",
+        ),
+        (
+            lambda: bd.table(["a", "b", "c"], [1.0, 2.0, 3.0]),
+            "table: times must be a number, got 'a'",
+        ),
     ],
 )
 def test_refusals(make, message):
