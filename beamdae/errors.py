@@ -11,8 +11,9 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-# The square of what no quantity in SI units reaches is still a number.
-_LARGEST = 1e100
+# No quantity in SI units is as large, and its fourth power is still a number.
+_LARGEST = 1e75
+_SMALLEST = 1e-75
 _LONGEST_SHOWN = 80
 
 
@@ -36,7 +37,7 @@ def shown(value: Any) -> str:
         text = repr(value)
     except Exception:
         # Such as whole numbers of thousands of digits.
-        return f"of type {type(value).__name__}"
+        return f"a value of type {type(value).__name__}"
     return _told(text)
 
 
@@ -107,8 +108,8 @@ def positive(part: str, name: str, value: Any) -> float:
     found = finite(part, name, value)
     if found <= 0.0:
         raise BeamdaeError(f"{part}: {name} must be positive, got {found:g}.")
-    if found < 1.0 / _LARGEST:
-        raise BeamdaeError(f"{part}: {name} must be at least {1.0 / _LARGEST:g}, got {found:g}.")
+    if found < _SMALLEST:
+        raise BeamdaeError(f"{part}: {name} must be at least {_SMALLEST:g}, got {found:g}.")
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, positive
+from beamdae.errors import BeamdaeError, BeamdaeWarning, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
@@ -96,4 +96,4 @@ def as_equations(model: Any) -> EquationsOfMotion:
         return model.equations
     if isinstance(model, Mechanism):
         return equations_of_motion(model)
-    raise BeamdaeError(f"simulate: expected a model or a mechanism, got {model!r}.")
+    raise BeamdaeError(f"simulate: expected a model or a mechanism, got {shown(model)}.")

@@ -107,6 +107,8 @@ def _imported(path: Path) -> ModuleType:
 
 def _compiled(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
+    if not str(path).isprintable():
+        raise BeamdaeError(f"{shown(str(path))}: no model file can be called so.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
     try:

@@ -27,7 +27,7 @@ from beamdae.equations.fit import (
     stated,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -87,6 +87,8 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     BeamdaeError
         If nothing can move, a part has nothing to say, or states what does not fit its bodies.
     """
+    if not isinstance(mechanism, Mechanism):
+        raise BeamdaeError(f"equations_of_motion: expected a Mechanism, got {shown(mechanism)}.")
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)

@@ -220,8 +220,8 @@ class ConstrainedSystem:
             )
         except Exception:
             raise BeamdaeError(
-                f"{_KIND}: {name} uses a function without a formula, such as an interpolation or a "
-                "solver, it must be an expression that SX can hold."
+                f"{_KIND}: {name} uses a function without a formula, such as a "
+                "solver of equations, it must be an expression that SX can hold."
             ) from None
 
     def _force_statement(self, piece: Piece) -> ForceStatement:
@@ -249,6 +249,8 @@ class ConstrainedSystem:
             return []
         g = self._in(Local(self.q.numel()), self.constraints, "constraints")
         m = g.numel()
+        if not m:
+            return []
         local = Local(self.q.numel(), 0, m)
         g = ca.reshape(self._in(local, self.constraints, "constraints"), m, 1)
         if ca.depends_on(g, local.v):
@@ -264,6 +266,8 @@ class ConstrainedSystem:
 def _stacked(expression: Any) -> Any:
     """An expression from a list of entries, or of rows."""
     if not isinstance(expression, (list, tuple)):
+        if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
+            raise TypeError
         return expression
     rows = [ca.horzcat(*row) if isinstance(row, (list, tuple)) else row for row in expression]
     return ca.vertcat(*rows)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
@@ -43,7 +43,8 @@ def require_body_fits(part: Part) -> None:
     outline = np.asarray(part.outline)
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
         raise BeamdaeError(
-            f"{part.name}: outline must be finite points of shape (k, 2), got {part.outline!r:.80}."
+            f"{part.name}: outline must be finite points of shape (k, 2), "
+            f"got {shown(part.outline)}."
         )
     _listing(part.name, "laws", part.laws, Law)
 
@@ -51,9 +52,9 @@ def require_body_fits(part: Part) -> None:
 def require_unit(part: str, unit: Any) -> None:
     """Refuse a unit that is no text, or means an angle in other words than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip():
-        raise BeamdaeError(f"{part}: units must be texts such as 'm' and 'rad', got {unit!r}.")
+        raise BeamdaeError(f"{part}: units must be texts such as 'm' and 'rad', got {shown(unit)}.")
     if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
-        raise BeamdaeError(f"{part}: angles must be in 'rad', got {unit!r}.")
+        raise BeamdaeError(f"{part}: angles must be in 'rad', got {shown(unit)}.")
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
@@ -106,11 +107,11 @@ def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     listed = isinstance(value, (tuple, list))
     # A piece is a tuple itself.
     if not listed or isinstance(value, (Piece, Named)):
-        raise BeamdaeError(f"{part}: {what} must be a list of {kind.__name__}, got {value!r:.80}.")
+        raise BeamdaeError(f"{part}: {what} must be a list of {kind.__name__}, got {shown(value)}.")
     for entry in value:
         if not isinstance(entry, kind):
             raise BeamdaeError(
-                f"{part}: {what} must hold {kind.__name__} alone, got {entry!r:.80}."
+                f"{part}: {what} must hold {kind.__name__} alone, got {shown(entry)}."
             )
     return list(value)
 
@@ -121,7 +122,9 @@ def _require_statement_fits(
     """Refuse a statement whose name, kernel, pieces or data do not fit each other."""
     name, kernel = part.name, statement.kernel
     if statement.part != name:
-        raise BeamdaeError(f"{name}: its statements must bear its name, got {statement.part!r}.")
+        raise BeamdaeError(
+            f"{name}: its statements must bear its name, got {shown(statement.part)}."
+        )
     if kernel.misfit:
         raise BeamdaeError(f"{name}: {kernel.misfit}.")
     if kernel.has_branches and not part.laws:
@@ -134,7 +137,7 @@ def _require_statement_fits(
     if not isinstance(data, np.ndarray) or data.shape != (local.n_data, count):
         raise BeamdaeError(
             f"{name}: its data must be an array of shape ({local.n_data}, number of copies), "
-            f"got {data!r:.60}."
+            f"got {shown(data)}."
         )
     pieces = _listing(name, "pieces", statement.pieces, Piece)
     require_pieces_fit(name, pieces, sizes)
@@ -150,7 +153,7 @@ def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None
     """Refuse operators on bodies of another mechanism, or of another width than the body has."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
-        name = piece.owner.name if isinstance(piece.owner, Part) else repr(piece.owner)
+        name = piece.owner.name if isinstance(piece.owner, Part) else shown(piece.owner)
         if width is None:
             raise BeamdaeError(
                 f"{part}: it refers to {name!r}, which must be added to this mechanism first."

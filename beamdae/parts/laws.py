@@ -93,6 +93,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         raise BeamdaeError(
             f"{part}: {_called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
         )
+    finite(part, f"{_called(law.pieces[0])} at t = {start:g}", first)
     return law
 
 

@@ -35,14 +35,15 @@ def _is_installed(path: Path) -> bool:
 
 @cache
 def _text(path: Path, changed: int) -> str:
-    return path.read_text()
+    # One letter a byte: whatever the encoding, a change is a change.
+    return path.read_text("latin-1")
 
 
 @cache
 def _imported(path: Path, changed: int, folders: tuple[str, ...]) -> tuple[Path, ...]:
     """The user's own files among those a file imports, or may import."""
     try:
-        tree = ast.parse(path.read_text())
+        tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError):
         return ()
     names = {name for node in ast.walk(tree) for name in _named(node)}

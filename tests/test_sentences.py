@@ -1,0 +1,453 @@
+"""Whatever is given to a constructor, it is taken or refused in one sentence of ours."""
+
+import inspect
+import math
+import re
+from decimal import Decimal
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.errors import count, finite, number, point, shown
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.001)
+ARC = bd.Arc(radius=1.0, length=1.0)
+BEAM = bd.Beam("beam", ARC, STRIP, elements=1)
+DISK = bd.RigidBody("disk", mass=1.0, inertia=0.1)
+GROUND = bd.Mechanism().ground
+POINTS = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.1), (3.0, 0.2)]
+T, Q, V = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+
+
+def mechanism():
+    mech = bd.Mechanism()
+    mech.add(DISK)
+    return mech
+
+
+def welded(**given):
+    return bd.welded_beams(**({"mechanism": bd.Mechanism()} | given))
+
+
+JOINED = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
+RIGID = {"name": "b", "mass": 1.0, "inertia": 0.1}
+# A working call of each: every argument is replaced by everything below, one at a time.
+CALLS = {
+    "AirDrag": (bd.AirDrag, {"name": "d", "beam": BEAM, "coefficient": 0.1}),
+    "Arc": (bd.Arc, {"radius": 1.0, "length": 1.0, "start": (0, 0), "angle": 0.1}),
+    "Attachment": (
+        bd.Attachment,
+        {
+            "body": DISK,
+            "point": (0.0, 0.0),
+            "inclination": 0.0,
+            "operator": DISK.at(0.0, 0.0).operator,
+            "kinematics": DISK.at(0.0, 0.0).kinematics,
+        },
+    ),
+    "Beam": (bd.Beam, {"name": "b", "curve": ARC, "section": STRIP, "elements": 1}),
+    "Beam.at": (BEAM.at, {"s": 0.5}),
+    "Beam.deformation": (BEAM.deformation, {"s": 0.5, "axes": "local"}),
+    "Beam.section_forces": (BEAM.section_forces, {"s": 0.5}),
+    "Beam.strain": (BEAM.strain, {"s": 0.5, "offset": 1e-4}),
+    "ConstrainedSystem": (
+        bd.ConstrainedSystem,
+        {"t": T, "q": Q, "v": V, "mass": [1, 1], "force": [0, 0], "q0": [0, 0], "v0": [0, 0]},
+    ),
+    "Curve": (bd.Curve, {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)}),
+    "Curve of points": (bd.Curve, {"points": POINTS}),
+    "Driver": (bd.Driver, JOINED | {"law": 0.0}),
+    "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
+    "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
+    "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),
+    "Line": (bd.Line, {"start": (0, 0), "end": (1, 0)}),
+    "Material": (bd.Material, {"E": 2e11, "nu": 0.3, "rho": 7800.0}),
+    "Mechanism": (bd.Mechanism, {"gravity": (0.0, -9.81)}),
+    "Mechanism.add": (lambda part: bd.Mechanism().add(part), {"part": DISK}),
+    "Mechanism.observe": (
+        lambda name, what: mechanism().observe(name, what),
+        {"name": "o", "what": DISK.at(0.0, 0.0)},
+    ),
+    "Mechanism.part": (lambda name: mechanism().part(name), {"name": "disk"}),
+    "Moment": (bd.Moment, {"name": "m", "on": DISK.at(0.0, 0.0), "law": 1.0}),
+    "Parabola": (bd.Parabola, {"span": 1.0, "rise": 0.1, "start": (0, 0), "angle": 0.1}),
+    "PointMass": (bd.PointMass, {"name": "p", "mass": 1.0, "at": (0, 0), "velocity": (0, 0)}),
+    "PointMass on": (bd.PointMass, {"name": "p", "mass": 1.0, "on": DISK.at(0.0, 0.0)}),
+    "PointOnLine": (bd.PointOnLine, JOINED | {"direction": (1.0, 0.0)}),
+    "RayleighDamping": (
+        bd.RayleighDamping,
+        {"name": "r", "beam": BEAM, "mass": 0.1, "stiffness": 0.0},
+    ),
+    "Revolute": (bd.Revolute, JOINED),
+    "RigidBody": (bd.RigidBody, RIGID | {"center": (0, 0), "velocity": (0, 0)}),
+    "RigidBody turning": (bd.RigidBody, RIGID | {"angular_velocity": 0.0}),
+    "RigidBody.at": (DISK.at, {"x": 0.0, "y": 0.0}),
+    "Section": (bd.Section, {"material": STEEL, "area": 1e-4, "second_moment": 1e-10}),
+    "Section.circle": (bd.Section.circle, {"material": STEEL, "diameter": 0.01, "damping": 0.0}),
+    "Section.rectangle": (
+        bd.Section.rectangle,
+        {"material": STEEL, "width": 0.02, "height": 0.001, "damping": 0.0},
+    ),
+    "Segment": (bd.Segment, {"curve": ARC, "start": 0.1, "end": 0.9}),
+    "Weld": (bd.Weld, JOINED),
+    "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
+    "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
+    "model": (bd.model, {"t_end": 1.0}),
+    "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
+    "piecewise": (lambda end, law: bd.piecewise((end, law), 0.0), {"end": 1.0, "law": 5.0}),
+    "piecewise of": (lambda piece, last: bd.piecewise(piece, last), {"piece": (1, 2), "last": 3}),
+    "relative_displacement": (
+        bd.relative_displacement,
+        {"of": DISK.at(0.0, 0.0), "on": GROUND.at(0.0, 0.0)},
+    ),
+    "run_up": (bd.run_up, {"speed": 1.0, "duration": 1.0}),
+    "sine": (bd.sine, {"amplitude": 1.0, "frequency": 1.0, "phase": 0.0}),
+    "table": (bd.table, {"times": [0, 1, 2], "values": [0, 1, 0]}),
+    "welded_beams": (welded, {"name": "w", "curve": ARC, "section": STRIP, "bodies": 1}),
+    "welded_beams of": (
+        welded,
+        {"mechanism": bd.Mechanism(), "name": "w", "curve": ARC, "section": STRIP, "bodies": 1},
+    ),
+}
+# What takes no values of a model: settings of integrators and studies, models and results are told
+# in tests of their own.
+ELSEWHERE = {
+    *("Auto", "Ida", "Radau", "GeneralizedAlpha"),
+    *("BeamRange", "BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Integrator", "Part"),
+    *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
+    *("study", "verify"),
+}
+
+
+def failing(*values, **named):
+    raise ZeroDivisionError
+
+
+def everything():
+    """Values nobody should give, and some that are fine."""
+    numbers = [10**400, -(10**400), 10**5000, 1e308, -1e308, 1e75, 1e-75, 1e-308, 5e-324, 0, -1]
+    others = [math.nan, math.inf, -math.inf, 2.5, Fraction(1, 3), Decimal("0.1"), Decimal("sNaN")]
+    arrays = [np.float32(0.1), np.int64(3), np.array(0.5), np.array(None), np.array([1.0])]
+    wrong = [1 + 2j, [1.0], np.str_("x"), np.bool_(True), True, None, "1.0", "", b"1", "12", ...]
+    symbols = [ca.SX.sym("z"), ca.SX.sym("z", 2), ca.MX.sym("z"), ca.DM(1.0)]
+    points = [{1, 2}, {1: 0, 2: 0}, (x for x in (1, 2)), (1, 2, 3), ((1, 2), (3, 4)), (1, "a")]
+    lists = [range(2), bytearray(b"12"), (math.nan, 1.0), (1e308, 1e308), (1e75, 1e-75)]
+    functions = [lambda t: t, lambda: 1, failing, np.sin, bd.Beam, object(), np.datetime64("2020")]
+    names = ["a" * 300, "a\nb", "a\0b", "=x", "\ud800", "a\u202eb", "a[m]", " a"]
+    return numbers + others + arrays + wrong + symbols + points + lists + functions + names
+
+
+def arguments_of(name):
+    call, given = CALLS[name]
+    return list(inspect.signature(call).parameters) if inspect.isclass(call) else list(given)
+
+
+def require_sentence(text):
+    assert "\n" not in text
+    assert text.isprintable()
+    assert text.endswith(".")
+    assert len(text) < 420
+    assert not re.search(r"0x[0-9a-f]{4}|SXFunction|casadi|\.cpp|overloaded|prototype", text)
+
+
+def test_every_public_name_is_tried():
+    assert {name.split(".")[0].split(" ")[0] for name in CALLS} - {"Ground"} == (
+        set(bd.__all__) - ELSEWHERE
+    )
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_every_value_in_every_place_is_taken_or_refused_in_a_sentence(name):
+    call, given = CALLS[name]
+    call(**given)
+    refused = 0
+    for argument in arguments_of(name):
+        for value in everything():
+            try:
+                call(**(given | {argument: value}))
+            except bd.BeamdaeError as problem:
+                refused += 1
+                require_sentence(str(problem))
+    assert refused > 20
+
+
+# Numbers, points and names ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        *((2, 2.0), (np.float32(0.5), 0.5), (np.int64(3), 3.0), (np.array(0.5), 0.5)),
+        *((Fraction(1, 2), 0.5), (Decimal("0.5"), 0.5), (10**400, math.inf)),
+        *((True, None), (np.bool_(True), None), ("1.0", None), (np.str_("1"), None)),
+        *((None, None), (1j, None), ([1.0], None), (np.array([1.0]), None), (b"1", None)),
+        *((ca.SX.sym("x"), None), (ca.DM(1.0), None)),
+    ],
+)
+def test_what_is_a_number(value, expected):
+    assert number(value) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (10**400, "mass must be finite, got 1000"),
+        (1e300, "mass must lie within 1e+75 in absolute value, got 1e+300."),
+        pytest.param(10**5000, "mass must be finite, got a value of type int.", id="5000"),
+    ],
+)
+def test_regression_numbers_too_large_are_told(value, told):
+    with pytest.raises(bd.BeamdaeError) as problem:
+        finite("bob", "mass", value)
+    assert str(problem.value).startswith(f"bob: {told}")
+
+
+def test_a_count_has_a_most():
+    with pytest.raises(bd.BeamdaeError, match="elements must be at most 100000, got 1e"):
+        bd.Beam("b", ARC, STRIP, elements=10**9)
+    assert count("b", "elements", np.int64(3)) == 3
+
+
+@pytest.mark.parametrize(
+    "value", [{1, 2}, {1: 0, 2: 0}, "12", (x for x in (1, 2)), (1, 2, 3), ((1, 2), (3, 4)), b"12"]
+)
+def test_regression_what_has_no_order_is_no_point(value):
+    with pytest.raises(bd.BeamdaeError, match="disk: center"):
+        bd.RigidBody("disk", 1.0, 1.0, center=value)
+
+
+@pytest.mark.parametrize("value", [(1, 2), [1, 2], np.array([1, 2]), range(1, 3)])
+def test_points_are_kept_as_plain_numbers(value):
+    assert point("disk", "center", value) == (1.0, 2.0)
+    body = bd.RigidBody("disk", np.array(2.0), Fraction(1, 2), center=value)
+    assert (body.mass, body.inertia, body.center) == (2.0, 0.5, (1.0, 2.0))
+    assert type(body.mass) is type(body.inertia) is float
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a" * 101,
+        "a\nb",
+        "a\0b",
+        "a\tb",
+        "=SUM(A1)",
+        "+a",
+        "-a",
+        "@a",
+        "a [m]",
+        " a",
+        "a ",
+        "a\u202e",
+    ],
+)
+def test_names_that_spoil_a_table_are_refused(name):
+    for make in (
+        lambda: bd.RigidBody(name, 1.0, 1.0),
+        lambda: mechanism().observe(name, DISK.at(0.0, 0.0)),
+        lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], names=("x", name)),
+        lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], observe={name: T}),
+    ):
+        with pytest.raises(bd.BeamdaeError, match="a name must"):
+            make()
+
+
+@pytest.mark.parametrize("name", ["a" * 100, "gauge 1", "mid-point", "at 0.5", "Ventil ä", "a=b"])
+def test_names_people_use_are_taken(name):
+    assert bd.RigidBody(name, 1.0, 1.0).name == name
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (BEAM, "<beamdae.beams.beam.Beam object>"),
+        ("a\nb", r"'a\nb'"),
+        (np.zeros((2, 2)), "array([[0., 0.], [0., 0.]])"),
+        pytest.param(10**5000, "a value of type int", id="5000"),
+        ("x" * 200, "'" + "x" * 76 + "..."),
+    ],
+)
+def test_values_are_shown_on_one_short_line(value, text):
+    assert shown(value) == text
+
+
+# Mechanics that cannot be meant ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: bd.Force("push", GROUND.at(0, 0), (1.0, 0.0)), "push: ground at .* does not move"),
+        (lambda: bd.Moment("push", GROUND.at(0, 0), 1.0), "push: ground at .* does not move"),
+        (lambda: bd.PointMass("m", 1.0, on=GROUND.at(0, 0)), "m: ground at .* does not move"),
+        (lambda: BEAM.strain(0.5, offset=0.0006), "offset must lie within half .* 0.0005 m, got"),
+        (lambda: BEAM.strain(0.5, offset=-1.0), "offset must lie within half the height"),
+        (lambda: bd.Curve(abs, x=(-1, 1)), "a kink, a jump, .* near x = "),
+        (lambda: bd.Curve(lambda x: 0.05 * abs(x - 0.123), x=(-1, 1)), "a kink.* x = 0.12"),
+        (lambda: bd.Curve(lambda x: abs(x) ** 1.5, x=(-1, 1)), "a kink, a jump, .* near x = "),
+        (lambda: bd.Parabola(1.0, 1e6), "Parabola: the curve folds onto itself"),
+        (lambda: bd.Section(bd.Material(1e75, 0, 1), 1, 1e-40).EI, None),
+        (lambda: bd.Section.circle(STEEL, 1e74), "Section: area must lie within 1e"),
+        (lambda: bd.Section.rectangle(STEEL, 1e-30, 1e-30), "Section: second_moment must be at"),
+        (lambda: bd.Section(bd.Material(1e-75, 0, 1), 1.0, 1e-75), None),
+        (lambda: bd.Beam("b", bd.Arc, STRIP), "b: curve must be a Line, Arc.* got <class"),
+        (lambda: bd.Beam("b", ARC, STRIP, kinematics=str), "kinematics must be a function of"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(make, told):
+    if told is None:
+        make()
+        return
+    with pytest.raises(bd.BeamdaeError, match=told) as problem:
+        make()
+    require_sentence(str(problem.value))
+
+
+@pytest.mark.parametrize("f", [np.sin, lambda x: x * abs(x), lambda x: 0.05 * np.sin(30 * x)])
+def test_curves_with_a_tangent_everywhere_are_taken(f):
+    assert bd.Curve(f, x=(-1.0, 1.0)).length > 2.0
+
+
+def test_a_driver_tells_by_how_much_it_leaves_the_drawing():
+    driver = bd.Driver(**(JOINED | {"law": lambda t: 0.5 + t}))
+    assert driver.facts == {"angle at the start, from the drawing [rad]": 0.5}
+
+
+def test_a_joint_of_a_removed_body_is_told():
+    mech = bd.Mechanism()
+    disk, bob = mech.add(DISK), mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.Revolute("pin", disk.at(0.0, 0.0), bob.point))
+    del mech.parts["bob"]
+    with pytest.raises(bd.BeamdaeError, match="'bob'"):
+        bd.equations_of_motion(mech)
+
+
+def test_a_mistyped_public_name_is_still_an_attribute_error():
+    assert not hasattr(bd, "Beem")
+    with pytest.raises(AttributeError, match="no attribute 'Beem'") as problem:
+        _ = bd.Beem
+    assert (problem.value.name, problem.value.obj) == ("Beem", bd)
+
+
+# Constrained systems -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"q0": "x"}, "q0 must have 2 entries, finite numbers, got 'x'"),
+        ({"q0": {1, 2}}, r"q0 must have 2 entries, finite numbers, got \{1, 2\}"),
+        ({"q0": [0, 10**400]}, "q0 must be finite, got 1000"),
+        ({"q0": Q}, "q0 must have 2 entries, finite numbers, got SX"),
+        ({"v0": [0.0, 0.0, 0.0]}, "v0 must have 2 entries"),
+        ({"names": 1}, "names must be a list of 2 entries, texts, got 1"),
+        ({"names": "xy"}, "names must be a list of 2 entries, texts, got 'xy'"),
+        ({"names": ("x",)}, "names must have 2 entries, got 1"),
+        ({"units": ("m", 10**400)}, "units must be texts such as 'm' and 'rad', got 1000"),
+        ({"mass": [[1, 0], [1]]}, "mass must be made of numbers and SX expressions .* one length"),
+        ({"mass": "x"}, "mass must be made of numbers and SX expressions .* got 'x'"),
+        ({"mass": ca.SX.zeros(2, 3)}, r"mass must have shape \(2, 2\), got \(2, 3\)"),
+        ({"force": ca.MX.sym("f", 2)}, "force must be made of numbers and SX expressions"),
+        ({"force": (x for x in (1, 2))}, "force must be made of numbers and SX expressions"),
+        ({"force": [0.0, ca.SX.sym("q_1")]}, "force must depend on t, q and v alone, not on q_1"),
+        ({"constraints": {1}}, "constraints must be made of numbers"),
+        ({"t": 2 * T}, "t must be a CasADi symbol, a column"),
+        ({"v": Q}, "t, q and v must be symbols of their own each"),
+        ({"v": ca.MX.sym("v", 2)}, "t, q and v must be all SX or all MX symbols"),
+        ({"scales": "x"}, "scales must have 2 entries, finite numbers"),
+        ({"breakpoints": 1.0}, "breakpoints must be a list of times, got 1.0"),
+        ({"observe": {3: T}}, "the name must be a non-empty text, got 3"),
+    ],
+)
+def test_a_wrong_system_is_told_in_our_words(change, told):
+    with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {told}") as problem:
+        _ = bd.ConstrainedSystem(**(CALLS["ConstrainedSystem"][1] | change)).equations
+    require_sentence(str(problem.value))
+    assert problem.value.__cause__ is None
+
+
+def test_a_system_may_be_given_an_empty_list_of_constraints():
+    system = bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], constraints=[])
+    assert system.equations.m == 0
+
+
+def test_expressions_without_a_formula_are_told():
+    t, q, v = ca.MX.sym("t"), ca.MX.sym("q", 1), ca.MX.sym("v", 1)
+    matrix = ca.vertcat(ca.horzcat(2.0 + t, 1.0), ca.horzcat(1.0, 3.0))
+    solved = ca.solve(matrix, ca.vertcat(1.0, t))[0]
+    given = {"t": t, "q": q, "v": v, "mass": [1.0], "q0": [0.0], "v0": [0.0]}
+    with pytest.raises(bd.BeamdaeError, match="force uses a function without a formula"):
+        _ = bd.ConstrainedSystem(**given, force=solved).equations
+
+
+# Laws --------------------------------------------------------------------------------------------
+
+
+def switched(t):
+    if t > 1.0:
+        return 1.0
+    return 0.0
+
+
+def thrown(t):
+    raise KeyError("x")
+
+
+def by_number(t):
+    return 1.0 if float(t) > 0.2 else 0.0
+
+
+DECIDES = r"decides by the value of t \(if, while, and, or, min, max\).* bd.piecewise"
+OF_NUMBERS = "needs t as a number, as float, int, random numbers .* numpy functions"
+
+
+@pytest.mark.parametrize(
+    ("law", "told"),
+    [
+        (switched, f"the law switched must be a formula in t, but it {DECIDES}"),
+        (lambda t: t > 1 and 3.0, DECIDES),
+        (lambda t: max(t, 1.0), DECIDES),
+        (math.sin, f"the law sin .*{OF_NUMBERS}"),
+        (lambda t: math.sin(t), OF_NUMBERS),
+        (int, OF_NUMBERS),
+        (by_number, f"the law by_number .*{OF_NUMBERS}"),
+        (lambda t: np.random.default_rng().random(), OF_NUMBERS),
+        (lambda t: np.polyval([1.0, 2.0], t), OF_NUMBERS),
+        (thrown, "the law thrown must .* failed at t = 0, KeyError: 'x'"),
+        (lambda t: t[3], "failed at t = 0, TypeError"),
+        (lambda t: ca.SX.sym("x", 2) + ca.SX.sym("y", 3), "of CasADi expressions do not fit"),
+        (lambda t: [t], r"the law must return one number, got \[SX"),
+        (lambda t: np.array([1.0]), "the law must return one number, got array"),
+        (lambda t: True, "the law must return one number, got True"),
+        (lambda t: ca.MX.sym("x"), r"the law must return one number, got MX\(x\)"),
+        (lambda t: ca.SX.sym("t_0"), "the law must depend on t alone, not on t_0"),
+        (lambda t: 1e300, r"the law at t = 0 must lie within 1e\+75"),
+        (lambda t: round(t), "the law must be smooth, but it uses"),
+    ],
+)
+def test_a_law_that_is_no_formula_is_explained(law, told):
+    with pytest.raises(bd.BeamdaeError, match=f"^twist: .*{told}") as problem:
+        bd.Moment("twist", DISK.at(0.0, 0.0), law)
+    require_sentence(str(problem.value))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Fraction(1, 3),
+        lambda t: Fraction(1, 3),
+        lambda t: np.array(t),
+        lambda t: math.pi * t,
+        lambda t: ca.sin(t),
+        lambda t: np.sqrt(1.0 - t),
+        lambda t: 1.0 / (t + 1e-3),
+        lambda t: np.sin(1e6 * t) * np.exp(-t),
+        ca.Function("f", [T], [T**2]),
+    ],
+)
+def test_formulas_and_numbers_are_laws(law):
+    assert len(bd.Moment("twist", DISK.at(0.0, 0.0), law).laws) == 1
