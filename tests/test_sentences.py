@@ -326,6 +326,31 @@ def test_a_joint_of_a_removed_body_is_told():
         bd.equations_of_motion(mech)
 
 
+class Broken(bd.Part):
+    name = "own"
+
+    def forces(self, gravity):
+        return ca.SX.sym("x", 2) + ca.SX.sym("y", 3)
+
+
+def test_a_part_of_ones_own_that_fails_is_named():
+    mech = mechanism()
+    mech.add(Broken())
+    with pytest.raises(bd.BeamdaeError, match=r"own: its forces\(\) failed, RuntimeError: sha"):
+        bd.equations_of_motion(mech)
+
+
+@pytest.mark.parametrize("kinematics", [failing, lambda q: q, lambda: 1])
+def test_an_attachment_whose_kinematics_fails_is_named(kinematics):
+    place = DISK.at(1.0, 0.0)
+    own = bd.Attachment(DISK, (1.0, 0.0), 0.0, place.operator, kinematics)
+    mech = mechanism()
+    mech.add(bd.Force("push", own, (1.0, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"disk at \(1, 0\): its kinematics must") as problem:
+        bd.equations_of_motion(mech)
+    require_sentence(str(problem.value))
+
+
 def test_a_mistyped_public_name_is_still_an_attribute_error():
     assert not hasattr(bd, "Beem")
     with pytest.raises(AttributeError, match="no attribute 'Beem'") as problem:

@@ -20,6 +20,7 @@ from beamdae.equations.equations_of_motion import (
     RangeTerm,
 )
 from beamdae.equations.fit import (
+    asked,
     require_body_fits,
     require_columns_fit,
     require_pieces_fit,
@@ -300,7 +301,7 @@ def _observable(
     operator = owners.globally(quantity.pieces)
     local = Local(operator.shape[0], len(quantity.data), lam_rows.stop - lam_rows.start)
     require_columns_fit(name, quantity.columns)
-    value = ca.densify(SX(quantity.expression(local)))
+    value = asked(name, "expression", lambda: ca.densify(SX(quantity.expression(local))))
     if value.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(

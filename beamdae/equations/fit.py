@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, shown, told
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
@@ -80,14 +80,23 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
     BeamdaeError
         If it has nothing to say, or states something of the wrong kind, name or shape.
     """
-    forces = _listing(part.name, "forces()", part.forces(gravity), ForceStatement)
-    constraints = _listing(part.name, "constraints()", part.constraints(), ConstraintStatement)
+    forces = _listing(
+        part.name, "forces()", asked(part.name, "forces()", part.forces, gravity), ForceStatement
+    )
+    constraints = _listing(
+        part.name,
+        "constraints()",
+        asked(part.name, "constraints()", part.constraints),
+        ConstraintStatement,
+    )
     if not (forces or constraints or part.coordinates):
         raise BeamdaeError(
             f"{part.name}: the part has nothing to say, it states neither coordinates nor forces() "
             "nor constraints()."
         )
-    ranges = _listing(part.name, "ranges()", part.ranges(), RangeStatement)
+    ranges = _listing(
+        part.name, "ranges()", asked(part.name, "ranges()", part.ranges), RangeStatement
+    )
     copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
     for statement in copied:
         _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
@@ -100,6 +109,16 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
                 f"{held.kernel.local.n_multipliers} constraints, these must be as many."
             )
     return forces, constraints, ranges
+
+
+def asked(part: str, what: str, question: Callable[..., Any], *given: Any) -> Any:
+    """What a part answers, or a sentence on why it failed to."""
+    try:
+        return question(*given)
+    except BeamdaeError:
+        raise
+    except Exception as problem:
+        raise BeamdaeError(f"{part}: its {what} failed, {told(problem)}.") from problem
 
 
 def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, finite, keep, point, shown
+from beamdae.errors import BeamdaeError, finite, keep, point, shown, told
 from beamdae.symbolic.statements import SX, Piece
 
 
@@ -72,11 +72,21 @@ class Attachment:
 
     def position(self, q: SX) -> SX:
         """Position (x, y) in the inertial frame [m] from the local coordinates."""
-        return self.kinematics(q)[0]
+        return self._moved(q)[0]
 
     def turn(self, q: SX) -> SX:
         """Rotation of the section since the reference drawing [rad] from the local coordinates."""
-        return self.kinematics(q)[1]
+        return self._moved(q)[1]
+
+    def _moved(self, q: SX) -> tuple[SX, SX]:
+        try:
+            position, turn = self.kinematics(q)
+        except Exception as problem:
+            raise BeamdaeError(
+                f"{self}: its kinematics must give a position and a turn, it failed, "
+                f"{told(problem)}."
+            ) from problem
+        return position, turn
 
     def __repr__(self) -> str:
         return f"{self.body.name} at ({self.point[0]:.6g}, {self.point[1]:.6g})"

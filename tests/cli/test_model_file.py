@@ -2,6 +2,9 @@
 
 import os
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -103,6 +106,20 @@ def test_what_is_no_file_is_told(file, tmp_path):
 def test_a_file_may_have_the_name_of_a_module(file, name):
     uses = "import numpy as np, casadi as ca\nfrom scipy import sparse\nx = np.sin(ca.pi)\n"
     assert bd.load_model(file(HEAD + uses + MODEL, name))().parts
+
+
+@pytest.mark.slow(reason="a command in a process of its own")
+def test_a_model_called_numpy_runs_where_it_lies(file, tmp_path):
+    """`python -m` puts the working folder before all others."""
+    name = file("# coding: latin-1\n" + HEAD + MODEL, "numpy.py")
+    package = str(Path(bd.__file__).parents[1])
+    plain = {"PYTHONPATH": package, "LC_ALL": "C", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-m", "beamdae", "run", name, "--t-end", "0.1", "--no-estimate"]
+    result = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | plain, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "results" / "swing.csv").is_file()
 
 
 def test_a_file_that_deletes_itself_is_a_model(file):
