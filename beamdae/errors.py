@@ -31,6 +31,13 @@ class BeamdaeWarning(UserWarning):
     """
 
 
+class KernelWarning(UserWarning):
+    """Kernels that run slower than they could; results are the same.
+
+    The message is one sentence that names the compiler or the cache, and what helps.
+    """
+
+
 def shown(value: Any) -> str:
     """A value as messages have it: on one line, short, without its place in memory."""
     try:
