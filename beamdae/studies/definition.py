@@ -217,5 +217,5 @@ def _stated(function: Callable[[], Iterable[Case]]) -> Any:
         raise
     except BaseException as problem:  # Whatever a user's function does, sys.exit included.
         raise BeamdaeError(
-            f"{function.__name__}: it cannot list its cases, {mistake(problem)}."
+            f"{function.__name__}: it cannot list its cases, {mistake(problem, 'it')}."
         ) from problem

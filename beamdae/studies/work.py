@@ -145,10 +145,10 @@ def _attempted(packed: bytes, reads: Reads) -> Outcome:
     return replace(outcome, read=digests(reads, home))
 
 
-def mistake(problem: BaseException) -> str:
+def mistake(problem: BaseException, whose: str = "the model") -> str:
     """What an exception of a user's function says, in words."""
     if isinstance(problem, SystemExit):
-        return f"the model called sys.exit({'' if problem.code is None else shown(problem.code)})"
+        return f"{whose} called sys.exit({'' if problem.code is None else shown(problem.code)})"
     return told(problem)
 
 
