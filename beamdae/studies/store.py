@@ -25,7 +25,7 @@ _FORMAT = 2
 # Longer records are none of ours [bytes].
 _LARGEST = 1_000_000_000
 _LONGEST_NAME = 80
-_SCRATCH = re.compile(r"\.(?P<node>.*)-(?P<process>\d+)\.scratch$")
+_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@.*\.scratch", re.DOTALL)
 
 
 class _DamagedError(Exception):
@@ -149,8 +149,8 @@ class Store:
 
     def clean(self) -> None:
         """Remove what processes that have ended left unfinished."""
-        for path in [*self.folder.glob("*.scratch"), *self.folder.glob("*/*.scratch")]:
-            made = _SCRATCH.search(path.name)
+        for path in [*self.folder.glob(".*.scratch"), *self.folder.glob("*/.*.scratch")]:
+            made = _SCRATCH.fullmatch(path.name)
             if made and made["node"] == platform.node() and not _lives(int(made["process"])):
                 with suppress(OSError):
                     path.unlink()
@@ -222,7 +222,8 @@ def write_whole(path: Path, content: bytes) -> None:
     BeamdaeError
         If it cannot be written.
     """
-    scratch = path.with_name(f"{path.name[:_LONGEST_NAME]}.{platform.node()}-{os.getpid()}.scratch")
+    name = f".{os.getpid()}@{platform.node()}@{path.name[:_LONGEST_NAME]}.scratch"
+    scratch = path.with_name(name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
