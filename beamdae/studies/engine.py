@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ class Results:
     frames
         Shapes of the bodies over time, by `Case.mechanism`.
     interrupted
-        Whether the study was stopped; a second start goes on.
+        Whether there was an interrupt; a second start goes on.
     notes
         What there is to say of results on disk that could not be used.
     keys
@@ -134,9 +134,9 @@ def run(
         for sentence in notes:
             warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
         interrupted = _perform(plan, outcomes, store, executor, progress, interrupts)
-        results = _measured(plan, folder, outcomes, interrupted or interrupts.noted, notes)
+        results = _measured(plan, folder, outcomes, notes)
         _write(results)
-    return results
+        return replace(results, interrupted=interrupted or interrupts.noted)
 
 
 def _kept(
@@ -163,7 +163,6 @@ def _measured(
     plan: Plan,
     folder: Path,
     outcomes: dict[str, Outcome],
-    interrupted: bool,
     notes: tuple[str, ...],
 ) -> Results:
     """The tables, from whatever outcomes there are."""
@@ -183,7 +182,7 @@ def _measured(
         if task.key in outcomes and outcomes[task.key].frames is not None
     }
     return Results(
-        study, folder, table, found, references, outcomes, frames, interrupted, notes, plan.of_cases
+        study, folder, table, found, references, outcomes, frames, False, notes, plan.of_cases
     )
 
 
