@@ -24,7 +24,8 @@ class Forecast:
 
     The logarithm of a run's cost is taken to be that of its number of steps (for a tolerance, a
     power of it) and the mean of what runs that are done took more or less than that, where those of
-    the same model and parameters, and of the same integrator, count most.
+    the same model and parameters, and of the same integrator, count most. What it takes to send
+    and to keep a run is added.
     """
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
@@ -45,6 +46,8 @@ class Forecast:
         self._counts = np.zeros((len(series), len(groups)))
         self._missing = np.ones(len(tasks), bool)
         self._begun = np.full(len(tasks), np.nan)
+        # What runs took beyond what they say: sending, keeping, and other programs [s].
+        self._more: list[float] = []
 
     def begin(self) -> None:
         """Take notice that as many tasks as there are workers are under way."""
@@ -57,8 +60,10 @@ class Forecast:
         k = self._place[task.key]
         self._missing[k] = False
         spent = _spent(task, outcome)
-        if spent is None and not np.isnan(self._begun[k]):
-            spent = clock.monotonic() - self._begun[k]
+        if not np.isnan(self._begun[k]):
+            passed = clock.monotonic() - self._begun[k]
+            self._more.append(0.0 if spent is None else max(passed - spent, 0.0))
+            spent = passed if spent is None else spent
         if spent is not None and spent > 0.0:
             cell = (self._series[k], self._group[k])
             self._sums[cell] += math.log(spent) - self._prior[k]
@@ -78,6 +83,9 @@ class Forecast:
         begun = self._begun[self._missing]
         passed = np.where(np.isnan(begun), 0.0, clock.monotonic() - begun)
         rest = np.maximum(expected - passed, _MORE * np.minimum(passed, expected))
+        # The first run of each process has its start in it.
+        more = self._more[self._workers :]
+        rest += float(np.median(more)) if more else 0.0
         return float(max(rest.sum() / self._workers, rest.max()))
 
 

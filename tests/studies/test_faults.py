@@ -170,7 +170,7 @@ class Interrupting(SerialPool):
             yield found
 
 
-@pytest.mark.parametrize("after", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("after", [0, 2, 4])
 def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     """Before the first run ended, during references, during the cases."""
     study = made(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
@@ -511,13 +511,14 @@ def test_wrong_comparisons_are_told_before_the_work(settings, words):
 
 
 def test_regression_numbers_of_any_size_are_labels_and_cells(tmp_path):
-    for value in (10**400, 10**6000, {"a": float("nan")}, {1: 2, "b": 3}):
-        case = bd.Case(swing, {"extra": value}, ALPHA)
-        assert case.label == ALPHA.label
-        assert case.group.startswith("swing(extra=")
-        results = engine.run(made(case), tmp_path, SerialPool())
-        assert list(results.table["status"]) == ["ok"]
-        assert pd.read_csv(tmp_path / "cases.csv")["trajectory"][0]
+    values = (10**400, 10**6000, {"a": float("nan")}, {1: 2, "b": 3})
+    cases = [bd.Case(swing, {"extra": value}, ALPHA) for value in values]
+    assert {case.label for case in cases} == {ALPHA.label}
+    assert all(case.group.startswith("swing(extra=") for case in cases)
+    assert len({case.fingerprint(0.1, 0.01) for case in cases}) == len(cases)
+    results = engine.run(made(*cases), tmp_path, Interrupting(2))
+    assert list(results.table["group"]) == [case.group for case in cases]
+    assert len(pd.read_csv(tmp_path / "cases.csv")) == len(cases)
     with pytest.raises(bd.BeamdaeError, match="swing: mass must be finite"):
         made(bd.Case(swing, {"mass": 10**400}))
 
