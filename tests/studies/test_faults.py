@@ -236,7 +236,8 @@ def lives(number):
 
 @pytest.mark.slow(reason="processes die and are started again")
 def test_processes_that_die_hang_or_leave_something_are_rows(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(pool, "_GRACE", 5.0)
+    # The start of a process is within it, and machines are slow.
+    monkeypatch.setattr(pool, "_GRACE", 20.0)
     marker = tmp_path / "children"
     kinds = [*RAISED, "interrupt", "at once", "at once, 3", "killed", "hanging", "greedy"]
     left = ["talkative", "threads", "children", "fork", "elsewhere", "none"]
@@ -251,7 +252,7 @@ def test_processes_that_die_hang_or_leave_something_are_rows(tmp_path, monkeypat
         task.case.parameters["kind"]: (outcome, keep)
         for task, outcome, keep in LocalPool(2).outcomes(tasks)
     }
-    assert time.monotonic() - begin < 60.0
+    assert time.monotonic() - begin < 120.0
     sentences = {kind: outcome.status.sentence for kind, (outcome, _) in found.items()}
     assert {kind: sentences[kind] for kind in RAISED} == RAISED
     assert sentences["interrupt"] == "the model raised KeyboardInterrupt"
