@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from beamdae.errors import BeamdaeError, finite, nearest, number, positive, shown
+from beamdae.errors import BeamdaeError, entries, finite, nearest, number, positive, shown
+
+_LONGEST_NAME = 120
+# What no file on some system may be called, whatever follows its first dot.
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
+_SEPARATING = frozenset('/\\:*?"<>|')
 
 
 @dataclass(frozen=True)
@@ -23,11 +29,17 @@ class Model:
         Default end time [s].
     parameters
         Defaults by name; their types are the types of the parameters.
+    data
+        Files its results depend on besides those Python opens while it is built and run.
     """
 
     build: Callable[..., Any]
     t_end: float
     parameters: dict[str, Any]
+    data: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        file_name("model", self.name)
 
     @property
     def name(self) -> str:
@@ -40,6 +52,32 @@ class Model:
         of_file = inspect.unwrap(self.build).__globals__.get("__doc__")
         lines = (self.build.__doc__ or of_file or "").strip().splitlines()
         return lines[0] if lines else ""
+
+    @property
+    def home(self) -> Path:
+        """The folder of the file the function stands in, or the working directory."""
+        file = Path(inspect.unwrap(self.build).__code__.co_filename)
+        return file.absolute().parent if file.is_file() else Path.cwd()
+
+    def files(self) -> list[Path]:
+        """The files of `data`: beside the model's own file, and in the working directory.
+
+        Raises
+        ------
+        BeamdaeError
+            If one of them is in neither.
+        """
+        found = []
+        for name in self.data:
+            places = {folder / name: None for folder in (self.home, Path.cwd())}
+            there = [place for place in places if place.is_file()]
+            if not there:
+                raise BeamdaeError(
+                    f"{self.name}: data must name files beside {self.home / '*.py'} or in the "
+                    f"working directory, there is no file {name!r}."
+                )
+            found += there
+        return found
 
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""
@@ -105,8 +143,42 @@ def _plain(value: Any) -> Any:
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
-def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
-    """Decorate a function that builds a mechanism; `t_end` is its default end time [s].
+def file_name(part: str, value: Any) -> str:
+    """Return `value` as a name that files and folders may have on any system.
+
+    Raises
+    ------
+    BeamdaeError
+        If it has separators, control characters or none at all, begins with a dot, ends with a
+        dot or a space, is reserved (CON, NUL, COM1), or longer than 120 bytes.
+    """
+    if not isinstance(value, str):
+        raise BeamdaeError(f"{part}: its name must be a text, got {shown(value)}.")
+    length = len(value.encode(errors="replace"))
+    fits = 0 < length <= _LONGEST_NAME and value[0] not in ". " and value[-1] not in ". "
+    if not (fits and value.isprintable() and not _SEPARATING & set(value)):
+        raise BeamdaeError(
+            f"{part}: its name must do as that of a folder, 1 to {_LONGEST_NAME} letters, digits, "
+            f"_ - + = , and inner dots and spaces, got {shown(value)}."
+        )
+    if value.partition(".")[0].strip().upper() in _RESERVED:
+        raise BeamdaeError(
+            f"{part}: its name must do as that of a folder, and {value} is no folder on Windows."
+        )
+    return value
+
+
+def model(*, t_end: float, data: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Model]:
+    """Decorate a function that builds a mechanism.
+
+    Parameters
+    ----------
+    t_end
+        Its default end time [s].
+    data
+        Names of files its results depend on, beside its own file or in the working directory.
+        Files Python opens are followed without that; it is for those that others open (HDF5,
+        SQLite).
 
     Examples
     --------
@@ -120,6 +192,10 @@ def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
     {'mass': 2.0}
     """
     end = positive("model", "t_end", t_end)
+    files = tuple(entries("model", "data", data, "a list of names of files"))
+    for name in files:
+        if not isinstance(name, str) or not name.isprintable() or not name:
+            raise BeamdaeError(f"model: data must be a list of names of files, got {shown(name)}.")
 
     def decorate(function: Callable[..., Any]) -> Model:
         if not inspect.isfunction(function):
@@ -132,6 +208,8 @@ def model(*, t_end: float) -> Callable[[Callable[..., Any]], Model]:
                     "and must be given by name."
                 )
             parameters[parameter.name] = _plain(parameter.default)
-        return Model(function, end, parameters)
+        made = Model(function, end, parameters, files)
+        made.files()
+        return made
 
     return decorate

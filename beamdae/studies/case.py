@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
-import json
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Iterable, Mapping, Sized
 from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import product
-from pathlib import Path
+from functools import cache
+from itertools import islice, product
 from typing import Any
 
-import cloudpickle
-import numpy as np
-
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.results.files import versions
 from beamdae.results.solution import Solution
 from beamdae.simulation import simulate
-from beamdae.studies.sources import own_texts
+from beamdae.studies.contents import FingerprintError
+from beamdae.studies.fingerprints import digest, parameter_digest
+from beamdae.studies.sources import file_digest, package_digest
+
+# Longer texts are no labels, and two of them may look alike.
+_LONGEST = 60
+_MOST_COMBINATIONS = 1_000_000
+# Hashes found before, with what they are of: by identity, which lasts as long as the object.
+Known = dict[int, tuple[Any, str]]
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,19 @@ class Case:
     integrator: Integrator = field(default_factory=Ida)
 
     def __post_init__(self) -> None:
-        require_integrator("Case", self.integrator)
+        if not isinstance(self.model, Model):
+            raise BeamdaeError(
+                f"Case: model must be a model function, see @bd.model, got {shown(self.model)}."
+            )
+        named = isinstance(self.parameters, Mapping) and all(
+            isinstance(name, str) for name in self.parameters
+        )
+        if not named:
+            raise BeamdaeError(
+                f"Case of {self.model.name}: parameters must be a dict of values by name, "
+                f"got {shown(self.parameters)}."
+            )
+        require_integrator(f"Case of {self.model.name}", self.integrator)
 
     @property
     def changed(self) -> dict[str, Any]:
@@ -73,7 +88,7 @@ class Case:
     @property
     def group(self) -> str:
         """Model and parameters: cases that differ in their integrator alone share a reference."""
-        values = ", ".join(f"{k}={v}" for k, v in self.parameters.items())
+        values = ", ".join(f"{k}={text_of(v)}" for k, v in self.parameters.items())
         return f"{self.model.name}({values})" if values else self.model.name
 
     def configured(self) -> Model:
@@ -86,49 +101,105 @@ class Case:
         """Run it; see `simulate`."""
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
-    def mechanism(self) -> str:
-        """Hash of what the equations of motion depend on: source, model, parameters, versions."""
+    def mechanism(self, known: Known | None = None) -> str:
+        """Hash of what the equations of motion depend on.
+
+        Of the model (its code with all values it refers to, and the files it names), parameters,
+        versions, and the sources of beamdae. Hashes in `known` are taken as they are.
+
+        Raises
+        ------
+        BeamdaeError
+            If the model refers to something, or a parameter is something, that no other process
+            can tell again: a lock, a generator, an open file.
+        """
+        known = {} if known is None else known
         parameters = self.model.complete(dict(self.parameters))
-        return _digest([_source(self.model), self.model.name, parameters, versions()])
+        found = {name: _of_parameter(self.model, name, x, known) for name, x in parameters.items()}
+        of_model = _once(known, self.model.build, lambda: _of_model(self.model))
+        return _joined([of_model, sorted(found.items()), _of_files(self.model), _surroundings()])
 
-    def fingerprint(self, t_end: float, output_step: float) -> str:
-        """Hash of all the result depends on."""
+    def fingerprint(self, t_end: float, output_step: float, known: Known | None = None) -> str:
+        """Hash of all the result depends on, but files it reads while it runs: see `mechanism`."""
+        known = {} if known is None else known
+        kind = type(self.integrator)
+        code = _once(known, kind, lambda: _of_integrator(kind))
         settings = asdict(self.integrator)  # type: ignore[call-overload]
-        code = _class_source(type(self.integrator))
-        return _digest([self.mechanism(), code, settings, t_end, output_step])
+        return _joined([self.mechanism(known), code, settings, t_end, output_step])
 
 
-def _digest(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, default=_identified)
-    return hashlib.sha256(text.encode()).hexdigest()[:20]
+def _joined(content: Any) -> str:
+    return digest(content)[:20]
 
 
-def _identified(value: Any) -> Any:
-    """What JSON cannot say of a value, so that different values are told apart."""
-    if isinstance(value, np.ndarray):
-        return [str(value.dtype), value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
-    if isinstance(value, np.generic):
-        return value.item()
-    return [type(value).__name__, hashlib.sha256(cloudpickle.dumps(value)).hexdigest()]
+def _once(known: Known, value: Any, find: Any) -> str:
+    """What `find` gives, unless it is known of this very object."""
+    if id(value) not in known:
+        known[id(value)] = (value, find())
+    return known[id(value)][1]
 
 
-def _source(model: Model) -> list[Any]:
-    """What a model's function is: the texts of the user's own files it may depend on.
+def _of_parameter(model: Model, name: str, value: Any, known: Known) -> str:
+    def find() -> str:
+        try:
+            return parameter_digest(value)
+        except FingerprintError as problem:
+            raise BeamdaeError(
+                f"{model.name}: {name} must be what another process can tell again (numbers, "
+                "texts, arrays, functions; lists, dicts, sets and objects of these), "
+                f"got {shown(value)} ({problem.place} is a {problem.kind})."
+            ) from None
 
-    With the values it is closed over, and itself where it stands in no file.
-    """
-    function = inspect.unwrap(model.build)
-    file = function.__code__.co_filename
-    texts = own_texts(file)
-    if not Path(file).is_file():
-        texts.append(hashlib.sha256(cloudpickle.dumps(function)).hexdigest())
-    return [texts, dict(inspect.getclosurevars(function).nonlocals)]
+    # Defaults live as long as the model does.
+    return _once(known, value, find) if value is model.parameters[name] else find()
 
 
-def _class_source(kind: type[Integrator]) -> list[Any]:
-    """Name of a class, and the texts of the user's own files it may depend on."""
-    file = inspect.unwrap(kind.integrate).__code__.co_filename
-    return [kind.__module__, kind.__qualname__, own_texts(file)]
+def _of_model(model: Model) -> str:
+    try:
+        return digest([model.name, model.build])
+    except FingerprintError as problem:
+        raise BeamdaeError(
+            f"{model.name}: {problem.place} must be what another process can tell again (numbers, "
+            f"texts, arrays, functions and objects of these), got a {problem.kind}; make it inside "
+            "the function."
+        ) from None
+
+
+def _of_integrator(kind: type[Integrator]) -> str:
+    try:
+        return digest(kind)
+    except FingerprintError as problem:
+        raise BeamdaeError(
+            f"{kind.__name__}: {problem.place} must be what another process can tell again "
+            f"(numbers, texts, arrays, functions and objects of these), got a {problem.kind}."
+        ) from None
+
+
+def _of_files(model: Model) -> list[str | None]:
+    return [file_digest(str(path)) for path in model.files()]
+
+
+@cache
+def _surroundings() -> list[Any]:
+    return [versions(), sys.version_info[:2], package_digest()]
+
+
+def text_of(value: Any) -> str:
+    """A parameter in labels: its text, or where that is long or no text, type and hash."""
+    try:
+        text = str(value)
+    except Exception:  # Numbers of thousands of digits, and what objects do.
+        text = ""
+    plain = value is None or isinstance(value, (bool, int, float, str))
+    # What NumPy leaves out, and addresses, are the same or another by chance.
+    vague = not plain and ("..." in text or " at 0x" in text)
+    if text.isprintable() and len(text) <= _LONGEST and (text or value == "") and not vague:
+        return text
+    try:
+        found = digest(value)[:6]
+    except FingerprintError:
+        return type(value).__name__
+    return f"{type(value).__name__} #{found}"
 
 
 def default_integrators() -> tuple[Integrator, ...]:
@@ -150,7 +221,18 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     >>> grid(elements=[4, 8], strain=["linear"])
     [{'elements': 4, 'strain': 'linear'}, {'elements': 8, 'strain': 'linear'}]
     """
+    combinations, found = 1, {}
     for name, values in lists.items():
-        if isinstance(values, str) or not isinstance(values, Iterable):
-            raise BeamdaeError(f"grid: {name} must be a list of values, got {values!r}.")
-    return [dict(zip(lists, values, strict=True)) for values in product(*lists.values())]
+        if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
+            raise BeamdaeError(f"grid: {name} must be a list of values, got {shown(values)}.")
+        if not isinstance(values, Sized):
+            # Of a generator it is not known whether it ends.
+            values = list(islice(values, _MOST_COMBINATIONS + 1))
+        found[name] = values
+        combinations *= len(values)
+    if combinations > _MOST_COMBINATIONS:
+        raise BeamdaeError(
+            f"grid: {', '.join(lists)} must have at most {_MOST_COMBINATIONS} combinations, "
+            f"got {combinations} or more."
+        )
+    return [dict(zip(found, values, strict=True)) for values in product(*found.values())]

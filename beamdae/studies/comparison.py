@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError
-from beamdae.results.solution import Solution
+from beamdae.errors import BeamdaeError, positive, shown
+from beamdae.results.solution import Solution, Status
 from beamdae.studies.case import Case
-from beamdae.studies.deviations import compared
+from beamdae.studies.deviations import column_names, compared
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.work import NOT_RUN, Outcome, by_time, values
+from beamdae.studies.work import NOT_RUN, Outcome, by_time, mistake, values
 
 CaseProgress = Callable[[str, float], None]
 
@@ -56,7 +56,7 @@ def compare(
     Raises
     ------
     BeamdaeError
-        If the reference fails or a column is unknown.
+        If the reference fails, a column is unknown, or what is given is of another kind.
 
     Examples
     --------
@@ -73,11 +73,19 @@ def compare(
     """
     cases = tuple(cases) if isinstance(cases, Iterable) else (cases,)
     if not cases or not all(isinstance(case, Case) for case in cases):
-        raise BeamdaeError(f"compare: give a list of at least one Case, got {cases!r:.120}.")
+        raise BeamdaeError(f"compare: give a list of at least one Case, got {shown(cases)}.")
+    if reference is not None and not isinstance(reference, (Case, Solution)):
+        raise BeamdaeError(
+            f"compare: reference must be a Case or a Solution, got {shown(reference)}."
+        )
+    columns = column_names("compare", columns)
+    for name, value in (("t_end", t_end), ("output_step", output_step)):
+        if value is not None:
+            positive("compare", name, value)
+    if progress is not None and not callable(progress):
+        raise BeamdaeError(f"compare: progress must be a function, got {shown(progress)}.")
     if isinstance(reference, Case):
         reference = _solved(reference, t_end, output_step, progress)
-    if reference is not None and not isinstance(reference, Solution):
-        raise BeamdaeError(f"compare: reference must be a Case or a Solution, got {reference!r}.")
     rows, interrupted = [], False
     for case in cases:
         outcome = NOT_RUN
@@ -94,8 +102,12 @@ def _outcome(
 ) -> Outcome:
     try:
         solution = case.solve(t_end, output_step, _named(progress, case.label))
+    except KeyboardInterrupt:
+        return Outcome(Status("interrupted", "interrupted before its start"))
     except BeamdaeError as problem:
         return Outcome.failed(str(problem))
+    except BaseException as problem:  # Whatever a model does, sys.exit included, ends its row.
+        return Outcome.failed(mistake(problem))
     return Outcome(solution.status, values(solution), by_time(solution))
 
 
@@ -115,7 +127,14 @@ def _solved(
     case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Solution:
     label = case.integrator.label
-    solution = case.solve(t_end, output_step, _named(progress, f"reference {label}"))
+    try:
+        solution = case.solve(t_end, output_step, _named(progress, f"reference {label}"))
+    except (BeamdaeError, KeyboardInterrupt):
+        raise
+    except BaseException as problem:  # Whatever a model does, sys.exit included.
+        raise BeamdaeError(
+            f"{case.model.name}: the reference failed, {label}: {mistake(problem)}."
+        ) from problem
     if not solution.status.success:
         raise BeamdaeError(
             f"{case.model.name}: the reference failed, {label}: {solution.status.sentence}."

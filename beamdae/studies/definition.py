@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.errors import BeamdaeError, count, keep, positive, shown
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
-from beamdae.studies.case import Case
-from beamdae.studies.work import Limits, Task
+from beamdae.integrators.integrator import require_integrator
+from beamdae.model_functions import file_name
+from beamdae.studies.case import Case, Known
+from beamdae.studies.deviations import column_names
+from beamdae.studies.work import Limits, Task, mistake
 
 # Two methods of different kind; what they agree on is what both mean.
 REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
 _ROWS = 400
+_MOST_CASES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -55,24 +60,33 @@ class Study:
     over: str | None = None
 
     def __post_init__(self) -> None:
-        if not self.cases or not all(isinstance(case, Case) for case in self.cases):
-            raise BeamdaeError(f"{self.name}: a study lists at least one Case.")
-        count(self.name, "repetitions", self.repetitions)
+        file_name("study", self.name)
+        keep(
+            self,
+            cases=_cases(self.name, self.cases),
+            references=_references(self.name, self.references),
+            columns=column_names(self.name, self.columns),
+            repetitions=count(self.name, "repetitions", self.repetitions),
+        )
         for setting in ("t_end", "output_step"):
-            if getattr(self, setting) is not None:
-                positive(self.name, setting, getattr(self, setting))
-        methods = [integrator.method for integrator in self.references]
-        if len(methods) != 2 or methods[0] == methods[1]:
+            value = getattr(self, setting)
+            if value is not None:
+                keep(self, **{setting: positive(self.name, setting, value)})
+        if not isinstance(self.limits, Limits):
             raise BeamdaeError(
-                f"{self.name}: references must be two integrators of different kind, "
-                f"got {', '.join(methods)}."
+                f"{self.name}: limits must be Limits(time=, memory=, patience=), "
+                f"got {shown(self.limits)}."
+            )
+        if self.over is not None and not isinstance(self.over, str):
+            raise BeamdaeError(
+                f"{self.name}: over must be the name of a parameter, got {shown(self.over)}."
             )
         self._check_cases()
 
     def _check_cases(self) -> None:
-        builds: dict[str, Any] = {}
+        models: dict[str, str] = {}
+        known: Known = {}
         for case in self.cases:
-            case.model.complete(dict(case.parameters))
             if self.over is not None:
                 if self.over not in case.parameters:
                     raise BeamdaeError(
@@ -80,8 +94,9 @@ class Study:
                         "value."
                     )
                 positive(self.name, self.over, case.parameters[self.over])
-            plain = replace(case, parameters={}).mechanism()
-            if builds.setdefault(case.model.name, plain) != plain:
+            case.mechanism(known)
+            plain = replace(case, parameters={}).mechanism(known)
+            if models.setdefault(case.model.name, plain) != plain:
                 raise BeamdaeError(
                     f"{self.name}: two different models are called {case.model.name!r}, "
                     "give one of them another name."
@@ -91,22 +106,56 @@ class Study:
         """What tells a case from the others of its group."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
-    def task(self, case: Case, reference: bool = False) -> Task:
-        """A case as a task; references take as long as they need, ten times a case's limit."""
+    def task(self, case: Case, reference: bool = False, known: Known | None = None) -> Task:
+        """A case as a task; references take as long as they need, ten times a case's limit.
+
+        Hashes in `known` are taken as they are, see `Case.mechanism`.
+        """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _ROWS if self.output_step is None else self.output_step
         limits = self.limits
+        known = {} if known is None else known
         if reference and limits.time is not None:
             limits = Limits(10.0 * limits.time, limits.memory, limits.patience)
         return Task(
-            case.fingerprint(t_end, output_step),
+            case.fingerprint(t_end, output_step, known),
             case,
             t_end,
             output_step,
             limits,
             1 if reference else self.repetitions,
             animated=reference,
+            mechanism=case.mechanism(known),
         )
+
+
+def _cases(name: str, value: Any) -> tuple[Case, ...]:
+    cases = _listed(value, _MOST_CASES)
+    if not cases:
+        raise BeamdaeError(f"{name}: a study lists at least one Case, got {shown(value)}.")
+    wrong = [case for case in cases if not isinstance(case, Case)]
+    if wrong:
+        raise BeamdaeError(f"{name}: a study lists at least one Case, got {shown(wrong[0])} in it.")
+    if len(cases) > _MOST_CASES:
+        raise BeamdaeError(f"{name}: a study lists at most {_MOST_CASES} cases, got more.")
+    return cases
+
+
+def _references(name: str, value: Any) -> tuple[Integrator, Integrator]:
+    found = _listed(value, 3)
+    allowed = f"{name}: references must be two integrators of different kind"
+    if not found or not all(isinstance(x, Integrator) for x in found):
+        raise BeamdaeError(f"{allowed}, got {shown(value)}.")
+    methods = [require_integrator(name, x).method for x in found]
+    if len(methods) != 2 or methods[0] == methods[1]:
+        raise BeamdaeError(f"{allowed}, got {', '.join(methods)}.")
+    return found[0], found[1]
+
+
+def _listed(value: Any, most: int) -> tuple[Any, ...] | None:
+    """The entries of whatever has an order, no more than can be and one; None: it has none."""
+    ordered = isinstance(value, Iterable) and not isinstance(value, (str, bytes, set, frozenset))
+    return tuple(islice(value, most + 1)) if ordered else None
 
 
 def study(
@@ -141,11 +190,13 @@ def study(
             positive("study", name, value)
 
     def decorate(function: Callable[[], Iterable[Case]]) -> Study:
+        if not callable(function) or not hasattr(function, "__name__"):
+            raise BeamdaeError(f"study: it must decorate a function, got {shown(function)}.")
         return Study(
             function.__name__,
-            tuple(function()),
+            _stated(function),
             references,
-            tuple(columns),
+            columns,  # type: ignore[arg-type]
             t_end,
             output_step,
             Limits(time_limit, memory_limit, patience),
@@ -154,3 +205,17 @@ def study(
         )
 
     return decorate
+
+
+def _stated(function: Callable[[], Iterable[Case]]) -> Any:
+    """What the function of a study lists; its mistakes are told as such."""
+    try:
+        found = function()
+        listed = _listed(found, _MOST_CASES)
+        return found if listed is None else listed
+    except (BeamdaeError, KeyboardInterrupt):
+        raise
+    except BaseException as problem:  # Whatever a user's function does, sys.exit included.
+        raise BeamdaeError(
+            f"{function.__name__}: it cannot list its cases, {mistake(problem, 'it')}."
+        ) from problem

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, nearest
+from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.results.headers import Header, observed_columns
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6
 _POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
+
+
+def column_names(part: str, value: Any) -> tuple[str, ...]:
+    """Return names of columns as a tuple, or say that they are none."""
+    found = tuple(value) if isinstance(value, Iterable) else (None,)
+    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in found):
+        raise BeamdaeError(
+            f"{part}: columns must be a list of names of observed columns, got {shown(value)}."
+        )
+    return found
 
 
 def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -> None:

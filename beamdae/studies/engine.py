@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.results.headers import observed_columns
 from beamdae.results.solution import Status
-from beamdae.simulation import as_equations
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import require_columns
+from beamdae.studies.interrupts import Interrupts
+from beamdae.studies.plan import Plan
 from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
-from beamdae.studies.references import Reference, agreed, group_key, groups, reference_tasks
-from beamdae.studies.store import Store
+from beamdae.studies.references import Reference, agreed, group_key
+from beamdae.studies.standing import Count, Standing
+from beamdae.studies.store import Store, safe_cell, write_whole
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
 from beamdae.studies.work import NOT_RUN, Outcome, Task
 
-
-@dataclass(frozen=True)
-class Standing:
-    """How far a study is.
-
-    Attributes
-    ----------
-    total, done, failed, kept, running
-        Runs there are (references included), done by now, failed among them, found on disk, and
-        under way.
-    last
-        Label of the run that ended last.
-    """
-
-    total: int
-    done: int
-    failed: int
-    kept: int
-    running: int
-    last: str
+# More sentences of one kind are counted.
+_MOST_NOTES = 20
 
 
 @dataclass(frozen=True)
@@ -61,7 +48,11 @@ class Results:
     frames
         Shapes of the bodies over time, by `Case.mechanism`.
     interrupted
-        Whether cases were left out; a second start goes on.
+        Whether there was an interrupt; a second start goes on.
+    notes
+        What there is to say of results on disk that could not be used.
+    keys
+        Fingerprints of the cases, as they were when it was run.
     """
 
     study: Study
@@ -72,10 +63,20 @@ class Results:
     outcomes: dict[str, Outcome]
     frames: dict[str, Any]
     interrupted: bool
+    notes: tuple[str, ...] = ()
+    keys: Mapping[int, Task] = field(default_factory=dict, repr=False)
 
     def outcome(self, case: Case) -> Outcome:
         """The outcome of a case."""
-        return self.outcomes.get(self.study.task(case).key, NOT_RUN)
+        return self.outcomes.get(self._task(case).key, NOT_RUN)
+
+    def frames_of(self, case: Case) -> dict[str, Any] | None:
+        """Shapes of the bodies over time, of whatever run of the same mechanism has them."""
+        return self.frames.get(self._task(case).mechanism)
+
+    def _task(self, case: Case) -> Task:
+        # By identity: what a model refers to may have changed since.
+        return self.keys.get(id(case)) or self.study.task(case)
 
     @property
     def failed(self) -> bool:
@@ -92,16 +93,13 @@ class Results:
             If a file cannot be written.
         """
         paths = []
-        for key, outcome in self.outcomes.items():
-            if outcome.table is None:
+        for outcome in self.outcomes.values():
+            if outcome.table is None or not outcome.file:
                 continue
-            paths.append(Store(self.folder).trajectory(key).with_suffix(".parquet"))
-            try:
-                outcome.table.reset_index().to_parquet(paths[-1], index=False)
-            except OSError as problem:
-                raise BeamdaeError(
-                    f"{paths[-1]}: it cannot be written, {problem.strerror}."
-                ) from problem
+            path = (self.folder / "trajectories" / outcome.file).with_suffix(".parquet")
+            content = outcome.table.reset_index().to_parquet(index=False)
+            write_whole(path, content)
+            paths.append(path)
         return paths
 
 
@@ -116,116 +114,135 @@ def run(
     Finished runs are kept there by a hash of what they depend on; they are not done again. An
     interrupt (Ctrl-C) ends the runs under way and measures what there is.
 
+    An interrupt at any other time, and any further one, waits until the tables are written.
+
     Raises
     ------
     BeamdaeError
         If the folder cannot be written, or the first case has no such columns.
+
+    Warns
+    -----
+    BeamdaeWarning
+        Of results on disk that are damaged, which are run again.
     """
-    _check_columns(study)
-    store = Store(folder)
-    methods = {g: reference_tasks(study, cases) for g, cases in groups(study).items()}
-    tasks = _unique(
-        [task for group in methods.values() for method in group for task in method]
-        + [study.task(case) for case in study.cases]
-    )
-    stored = ((task.key, store.outcome(task)) for task in tasks)
-    outcomes = {key: outcome for key, outcome in stored if outcome is not None}
-    interrupted = _perform(tasks, outcomes, store, executor, progress)
+    with Interrupts() as interrupts:
+        plan = Plan.of(study)
+        store = Store(folder)
+        store.clean()
+        notes, outcomes = _kept(plan, store, interrupts)
+        for sentence in notes:
+            warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
+        interrupted = _perform(plan, outcomes, store, executor, progress, interrupts)
+        results = _measured(plan, folder, outcomes, notes)
+        _write(results)
+        return replace(results, interrupted=interrupted or interrupts.noted)
+
+
+def _kept(
+    plan: Plan, store: Store, interrupts: Interrupts
+) -> tuple[tuple[str, ...], dict[str, Outcome]]:
+    """Sentences on what is damaged, and the outcomes that are on disk and serve."""
+    outcomes: dict[str, Outcome] = {}
+    damaged: list[str] = []
+    for task in plan.tasks:
+        if interrupts.noted:
+            break
+        outcome, problem = store.outcome(task)
+        if outcome is not None:
+            outcomes[task.key] = outcome
+        if problem:
+            damaged.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
+    if len(damaged) > _MOST_NOTES:
+        more = len(damaged) - _MOST_NOTES
+        damaged[_MOST_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
+    return tuple(damaged), outcomes
+
+
+def _measured(
+    plan: Plan,
+    folder: Path,
+    outcomes: dict[str, Outcome],
+    notes: tuple[str, ...],
+) -> Results:
+    """The tables, from whatever outcomes there are."""
+    study = plan.study
     references = {
         group: agreed(study, tasks_of, outcomes)
         if all(task.key in outcomes for method in tasks_of for task in method)
         else NO_REFERENCE
-        for group, tasks_of in methods.items()
+        for group, tasks_of in plan.methods.items()
     }
-    rows = [_row(study, case, outcomes, references) for case in study.cases]
+    rows = [_row(plan, case, outcomes, references) for case in study.cases]
     table = case_table(rows)
     found = summary(table) if study.over is None else mesh_summary(table, study.over)
     frames = {
-        task.case.mechanism(): outcomes[task.key].frames
-        for task in tasks
+        task.mechanism: outcomes[task.key].frames
+        for task in plan.tasks
         if task.key in outcomes and outcomes[task.key].frames is not None
     }
-    results = Results(study, folder, table, found, references, outcomes, frames, interrupted)
-    _write(results)
-    return results
-
-
-def _check_columns(study: Study) -> None:
-    """Refuse a column the first case does not observe, before the work is done."""
-    if not study.columns:
-        return
-    try:
-        observables = as_equations(study.cases[0].configured()).observables
-    except Exception:  # What is wrong with it is for its own row to say.
-        return
-    present = [header for observable in observables for header in observable.headers]
-    require_columns(study.name, study.columns, present)
+    return Results(
+        study, folder, table, found, references, outcomes, frames, False, notes, plan.of_cases
+    )
 
 
 def _row(
-    study: Study, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
+    plan: Plan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
 ) -> dict[str, Any]:
-    task, group = study.task(case), group_key(study, case)
-    outcome = outcomes.get(task.key, NOT_RUN)
+    group = group_key(plan.study, case)
+    outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
     try:
         found = row(case, group, outcome, references[group])
     except BeamdaeError as problem:
         failed = Outcome(Status("failed", str(problem)), outcome.values)
         found = row(case, group, failed, NO_REFERENCE)
-    has_rows = outcome.table is not None
-    return found | {"trajectory": f"trajectories/{task.key}.csv" if has_rows else ""}
-
-
-def _unique(tasks: list[Task]) -> list[Task]:
-    """Each run once, with all that any of those who want it ask for."""
-    found: dict[str, Task] = {}
-    for task in tasks:
-        earlier = found.setdefault(task.key, task)
-        found[task.key] = replace(
-            earlier,
-            repetitions=max(earlier.repetitions, task.repetitions),
-            animated=earlier.animated or task.animated,
-        )
-    return list(found.values())
+    return found | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
 
 
 def _perform(
-    tasks: list[Task],
+    plan: Plan,
     outcomes: dict[str, Outcome],
     store: Store,
     executor: Executor,
     progress: Callable[[Standing], None] | None,
+    interrupts: Interrupts,
 ) -> bool:
     """Do what is not there yet and add it; returns whether it was interrupted."""
-    missing = [task for task in tasks if task.key not in outcomes]
-    kept = len(outcomes)
-    failed = sum(not outcome.status.success for outcome in outcomes.values())
-    if progress is not None:
-        busy = min(executor.workers, len(missing))
-        progress(Standing(len(tasks), kept, failed, kept, busy, ""))
-    if not missing:
-        return False
+    missing = [task for task in plan.tasks if task.key not in outcomes]
+    count = Count(plan.tasks, outcomes, executor.workers, progress)
+    count.tell("")
+    if not missing or interrupts.noted:
+        return interrupts.noted
     try:
-        for task, outcome, keep in executor.outcomes(missing):
-            outcomes[task.key] = outcome
-            if keep and outcome.status.kind != "interrupted":
-                store.keep(task, outcome)
-            failed += not outcome.status.success
-            if progress is not None:
-                label = f"{task.case.group}, {task.case.label}"
-                busy = min(executor.workers, len(tasks) - len(outcomes))
-                progress(Standing(len(tasks), len(outcomes), failed, kept, busy, label))
+        interrupts.raising = True
+        with closing(executor.outcomes(missing)) as found:
+            for task, outcome, keep in found:
+                _require_columns(plan, task, outcome)
+                if keep and outcome.status.kind != "interrupted":
+                    outcome = store.keep(task, outcome)
+                outcomes[task.key] = outcome
+                count.add(task, outcome)
+                count.tell(f"{task.case.group}, {task.case.label}")
+        interrupts.raising = False
     except KeyboardInterrupt:
         return True
+    finally:
+        interrupts.raising = False
     return False
 
 
+def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
+    """Refuse a column the model of the first case does not observe, as soon as that is known.
+
+    Not by a look at the model: whatever it does when it is built, no process but its own does it.
+    """
+    study = plan.study
+    if study.columns and outcome.table is not None and task.case.model is study.cases[0].model:
+        require_columns(study.name, study.columns, observed_columns(outcome.table))
+
+
 def _write(results: Results) -> None:
-    try:
-        results.folder.mkdir(parents=True, exist_ok=True)
-        results.table.to_csv(results.folder / "cases.csv", index=False)
-        results.summary.to_csv(results.folder / "summary.csv", index=False)
-    except OSError as problem:
-        raise BeamdaeError(
-            f"{results.folder}: it cannot be written, {problem.strerror}."
-        ) from problem
+    for name, table in (("cases", results.table), ("summary", results.summary)):
+        safe = table.rename(columns=safe_cell).map(safe_cell)
+        text = safe.to_csv(index=False, lineterminator="\n")
+        write_whole(results.folder / f"{name}.csv", text.encode(errors="backslashreplace"))

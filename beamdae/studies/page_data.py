@@ -99,7 +99,7 @@ def _group(results: Results, group: str) -> dict[str, Any]:
 
 def _frames(results: Results, case: Case) -> dict[str, Any] | None:
     """Of whatever run of the same mechanism has them: its reference."""
-    return results.frames.get(case.mechanism())
+    return results.frames_of(case)
 
 
 def _case(

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, TimeoutError, wait
-from contextlib import contextmanager
-from multiprocessing import get_context
-from typing import Any, Protocol
+from collections import deque
+from collections.abc import Generator, Sequence
+from concurrent.futures import CancelledError
+from typing import Protocol
 
 from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Status
-from beamdae.studies.work import Outcome, Task, perform
+from beamdae.studies.interrupts import Interrupts
+from beamdae.studies.reads import forget
+from beamdae.studies.work import Outcome, Task, mistake, perform
+from beamdae.studies.workers import Worker, WorkerError, ready
 
 # A run that has not ended by its own time limit after so many seconds more is killed.
 _GRACE = 60.0
 _TRIES = 2
+# How long outcomes are waited for before interrupts and time limits are looked at [s].
+_MOMENT = 0.1
 # How long a scheduler may take to answer [s].
 _PATIENCE = 10.0
+
+
+# A task, its outcome, and whether that is to be kept. To be closed where it is not gone through.
+Outcomes = Generator[tuple[Task, Outcome, bool], None, None]
 
 
 class Executor(Protocol):
@@ -26,7 +33,7 @@ class Executor(Protocol):
 
     workers: int
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task."""
 
 
@@ -44,9 +51,10 @@ class SerialPool:
 
     workers = 1
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task, in their order."""
         for task in tasks:
+            forget()
             outcome = perform(task.packed())
             yield task, outcome, True
             # The integrator took the interrupt for its run alone; it is meant for the study.
@@ -55,57 +63,73 @@ class SerialPool:
 
 
 class LocalPool:
-    """One process a core; one that dies takes its own case with it and no other."""
+    """One process a core; one that dies takes its own case with it and no other.
+
+    Interrupts are raised between outcomes alone, once all processes have been ended.
+    """
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers or _cores()
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task."""
-        from pebble import ProcessExpired, ProcessPool
-
-        context = get_context("spawn")
-        with _stopped(
-            ProcessPool(self.workers, context=context, initializer=_leave_interrupts)
-        ) as pool:
-
-            def submit(task: Task) -> Any:
-                limit = task.limits.time
-                seconds = None if limit is None else task.repetitions * limit + _GRACE
-                return pool.schedule(perform, (task.packed(),), timeout=seconds)
-
-            waiting: dict[Any, tuple[Task, int]] = {}
-            for task in tasks:
-                try:
-                    waiting[submit(task)] = (task, 1)
-                except Exception as problem:  # Whatever a model holds that cannot be sent.
-                    yield task, Outcome.failed(f"it cannot be sent to a process: {problem}"), False
-            while waiting:
-                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                    task, tries = waiting.pop(future)
-                    try:
-                        yield task, future.result(), True
-                    except ProcessExpired as problem:
-                        if tries < _TRIES:
-                            waiting[submit(task)] = (task, tries + 1)
-                        else:
-                            reason = f"its process died {tries} times ({problem})"
-                            yield task, Outcome.failed(reason), False
-                    except TimeoutError:
-                        reason = "killed, it did not end at its time limit"
-                        yield task, Outcome(Status("limited", reason)), True
-                    except Exception as problem:  # The end of one case is not that of a study.
-                        yield task, Outcome.failed(f"{type(problem).__name__}: {problem}"), False
+        waiting = deque((task, 1) for task in tasks)
+        workers: list[Worker] = []
+        with Interrupts() as interrupts:
+            try:
+                while waiting or any(worker.task for worker in workers):
+                    if interrupts.noted:
+                        raise KeyboardInterrupt
+                    yield from _handed_out(waiting, workers, self.workers)
+                    yield from _brought_back(waiting, workers)
+            finally:
+                for worker in workers:
+                    worker.end()
 
 
-@contextmanager
-def _stopped(pool: Any) -> Iterator[Any]:
-    """The pool, without anything left running behind it."""
-    try:
-        yield pool
-    finally:
-        pool.stop()
-        pool.join()
+# A task, and the how manieth try it is.
+_Try = tuple[Task, int]
+
+
+def _handed_out(waiting: deque[_Try], workers: list[Worker], most: int) -> Outcomes:
+    """Give every process a task, and start no more than are of use."""
+    while waiting and sum(worker.task is not None for worker in workers) < most:
+        task, tries = waiting.popleft()
+        try:
+            packed = task.packed()
+        except Exception as problem:  # Whatever a model holds that cannot be sent.
+            yield task, Outcome.failed(f"it cannot be sent to a process, {mistake(problem)}"), False
+            continue
+        idle = [worker for worker in workers if worker.task is None]
+        if not idle:
+            workers.append(Worker())
+            idle = workers[-1:]
+        limit = task.limits.time
+        seconds = None if limit is None else task.repetitions * limit + _GRACE
+        idle[0].begin((task, tries), packed, seconds)
+
+
+def _brought_back(waiting: deque[_Try], workers: list[Worker]) -> Outcomes:
+    """What has ended by now, or within a moment."""
+    busy = [worker for worker in workers if worker.task is not None]
+    for worker in ready(busy, _MOMENT):
+        task, tries = worker.task
+        try:
+            yield task, worker.outcome(), True
+        except WorkerError as problem:
+            workers.remove(worker)
+            worker.end()
+            if tries < _TRIES:
+                waiting.appendleft((task, tries + 1))
+            else:
+                reason = f"its process died {tries} times, it {problem}"
+                yield task, Outcome.failed(reason), False
+    for worker in [x for x in workers if x.task is not None and x.late]:
+        task, _ = worker.task
+        workers.remove(worker)
+        worker.end()
+        reason = "killed, it did not end at its time limit"
+        yield task, Outcome(Status("limited", reason)), True
 
 
 class DaskPool:
@@ -128,7 +152,7 @@ class DaskPool:
         if not self.workers:
             raise BeamdaeError(f"--scheduler {address}: the scheduler has no workers.")
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome, bool]]:
+    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task."""
         from distributed import KilledWorker
         from distributed import as_completed as completed
@@ -145,15 +169,10 @@ class DaskPool:
                 except (KilledWorker, CancelledError) as problem:
                     yield task, Outcome.failed(f"its workers died ({problem})"), False
                 except Exception as problem:  # The end of one case is not that of a study.
-                    yield task, Outcome.failed(f"{type(problem).__name__}: {problem}"), False
+                    yield task, Outcome.failed(mistake(problem)), False
         finally:
             self._client.cancel(list(futures))
             self._client.close()
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the process that runs the study."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _cores() -> int:

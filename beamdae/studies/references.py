@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.studies.case import Case
+from beamdae.studies.case import Case, Known
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compared, deviations
 from beamdae.studies.work import Outcome, Task
@@ -66,20 +66,23 @@ def groups(study: Study) -> dict[str, list[Case]]:
     return found
 
 
-def reference_tasks(study: Study, cases: Sequence[Case]) -> list[list[Task]]:
+def reference_tasks(
+    study: Study, cases: Sequence[Case], known: Known | None = None
+) -> list[list[Task]]:
     """The runs of the two methods of a group: one, or two to be extrapolated, each."""
     over = study.over
     if over is not None:
         # The finest mesh, and the next to it.
         meshes = {case.parameters[over]: case for case in cases}
-        return [[study.task(meshes[size])] for size in sorted(meshes, reverse=True)[:2]]
+        return [[study.task(meshes[n], known=known)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references:
         steps = [integrator]
         name, value = integrator.accuracy
         if name == "step":
             steps.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
-        methods.append([study.task(replace(cases[0], integrator=x), reference=True) for x in steps])
+        runs = [replace(cases[0], integrator=x) for x in steps]
+        methods.append([study.task(case, reference=True, known=known) for case in runs])
     return methods
 
 
@@ -98,9 +101,9 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
     truth, witness = (_rows(tasks, outcomes) for tasks in methods)
     try:
         columns = compared(truth, study.columns)
+        uncertainty = float(deviations(witness, truth, columns).to_numpy().max())
     except BeamdaeError as problem:
         return _none(labels, str(problem))
-    uncertainty = float(deviations(witness, truth, columns).to_numpy().max())
     if not uncertainty <= _DISAGREEMENT:
         return _none(
             labels, f"no reference, {labels[0]} and {labels[1]} differ by {uncertainty:.2g}"

@@ -1,74 +1,68 @@
-"""Which files of the user's own the results of a case depend on."""
+"""Files results depend on: which are the user's own, and hashes of what they hold."""
 
 from __future__ import annotations
 
-import ast
-import sys
+import hashlib
+import os
+import site
 import sysconfig
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-_INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
-_PACKAGE = Path(__file__).parents[1]
-
-
-def own_texts(file: str) -> list[str]:
-    """Texts of a file and of all it imports, and what that imports, that are not installed.
-
-    Modules of installed packages are known by their versions. Imports are those written in the
-    files, wherever in them; modules are looked for beside the file and on sys.path.
-    """
-    found: set[Path] = set()
-    waiting = [Path(file).absolute()]
-    while waiting:
-        path = waiting.pop()
-        if path not in found and path.is_file() and not _is_installed(path):
-            found.add(path)
-            waiting += _imported(path, path.stat().st_mtime_ns, tuple(sys.path))
-    return [_text(path, path.stat().st_mtime_ns) for path in sorted(found)]
-
-
-def _is_installed(path: Path) -> bool:
-    return any(path.is_relative_to(folder) for folder in (*_INSTALLED, _PACKAGE))
+PACKAGE = Path(__file__).parents[1]
+# Commands and reports are no part of a result.
+_ABOVE = ("cli", "report")
+# What the system holds, and what programs keep for themselves.
+_SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
 
 @cache
-def _text(path: Path, changed: int) -> str:
-    # One letter a byte: whatever the encoding, a change is a change.
-    return path.read_text("latin-1")
+def _installed() -> tuple[str, ...]:
+    folders = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
+    folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM, str(PACKAGE)]
+    folders.append(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    both = {x for folder in folders if folder for x in (folder, os.path.realpath(folder))}
+    return tuple(f"{folder.rstrip(os.sep)}{os.sep}" for folder in both)
 
 
 @cache
-def _imported(path: Path, changed: int, folders: tuple[str, ...]) -> tuple[Path, ...]:
-    """The user's own files among those a file imports, or may import."""
+def is_installed(file: str) -> bool:
+    """Whether a file is no user's own: a part of Python, of a package or of the system."""
+    return file.startswith("<frozen ") or file.startswith(_installed())
+
+
+@cache
+def package_digest() -> str:
+    """Hash of beamdae's own sources, as they are when it is asked first."""
+    whole = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        place = path.relative_to(PACKAGE)
+        if place.parts[0] not in _ABOVE:
+            whole.update(f"{place.as_posix()}\0".encode())
+            whole.update(path.read_bytes() + b"\0")
+    return whole.hexdigest()
+
+
+def signature(path: str) -> tuple[int, int, int] | None:
+    """What changes when a file does; None if there is no such file."""
     try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):
-        return ()
-    names = {name for node in ast.walk(tree) for name in _named(node)}
-    places = (path.parent, *map(Path, folders))
-    files = {file.absolute() for name in names for file in _located(name, places)}
-    return tuple(file for file in files if not _is_installed(file))
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
 
 
-def _named(node: ast.AST) -> Iterator[str]:
-    if isinstance(node, ast.Import):
-        yield from (alias.name for alias in node.names)
-    elif isinstance(node, ast.ImportFrom):
-        # Of a relative import the name beside the file.
-        base = node.module or ""
-        yield base
-        yield from (f"{base}.{alias.name}".lstrip(".") for alias in node.names)
+def file_digest(path: str) -> str | None:
+    """Hash of what a file holds; None if there is no such file, or it cannot be read."""
+    return _file_digest(path, signature(path))
 
 
-def _located(name: str, folders: tuple[Path, ...]) -> list[Path]:
-    """The files of a module and of the packages it is in, where they are found first."""
-    parts = [part for part in name.split(".") if part]
-    for folder in folders:
-        stems = [folder.joinpath(*parts[: k + 1]) for k in range(len(parts))]
-        files = [f for stem in stems for f in (stem.with_suffix(".py"), stem / "__init__.py")]
-        there = [file for file in files if file.is_file()]
-        if there:
-            return there
-    return []
+@cache
+def _file_digest(path: str, changed: tuple[int, int, int] | None) -> str | None:
+    if changed is None:
+        return None
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import os
-from dataclasses import asdict, dataclass
+import platform
+import re
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from operator import methodcaller
 from pathlib import Path
+from typing import Any, get_args
 
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.results.solution import Status
+from beamdae.results.solution import Kind, Status
+from beamdae.studies.reads import changed
 from beamdae.studies.work import Outcome, Task
+
+_FORMAT = 2
+# Longer records are none of ours [bytes].
+_LARGEST = 1_000_000_000
+_LONGEST_NAME = 80
+_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@.*\.scratch", re.DOTALL)
+
+
+class _DamagedError(Exception):
+    """A record that is there and cannot be used; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True)
@@ -21,60 +38,212 @@ class Store:
 
     folder: Path
 
-    def _record(self, key: str) -> Path:
-        return self.folder / "outcomes" / f"{key}.json"
+    def record(self, task: Task) -> Path:
+        """Where a task's outcome is kept."""
+        return self.folder / "outcomes" / f"{task.key}.json"
 
-    def trajectory(self, key: str) -> Path:
-        """Where the rows of a case are."""
-        return self.folder / "trajectories" / f"{key}.csv"
+    def trajectory(self, task: Task, suffix: str = ".csv") -> Path:
+        """Where a task's rows are kept, unless its record names another file: by its case."""
+        return self.folder / "trajectories" / f"{_readable(task)}{suffix}"
 
-    def keep(self, task: Task, outcome: Outcome) -> None:
-        """Write an outcome; the record comes last, so that one that is there is complete."""
-        if outcome.table is not None:
-            _write(self.trajectory(task.key), outcome.table.to_csv())
-        record = {
+    def keep(self, task: Task, outcome: Outcome) -> Outcome:
+        """Write an outcome, and return it with the name of its file.
+
+        The record comes last, so that one that is there is complete; it has the hash of the rows
+        and its own.
+
+        Raises
+        ------
+        BeamdaeError
+            If a file cannot be written. What was kept before is as it was.
+        """
+        rows, table = None, outcome.table
+        if table is not None:
+            path = self.trajectory(task)
+            outcome = replace(outcome, file=path.name)
+            # The record has the headers as they are.
+            safe = table.rename(columns=safe_cell)
+            text = safe.to_csv(lineterminator="\n").encode(errors="replace")
+            write_whole(path, text)
+            rows = {
+                "file": path.name,
+                "sha256": hashlib.sha256(text).hexdigest(),
+                "columns": [str(c) for c in table],
+            }
+        content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
-            "rows": None if outcome.table is None else len(outcome.table),
+            "rows": rows,
             "frames": outcome.frames,
+            "read": outcome.read,
             "limits": asdict(task.limits),
             "repetitions": task.repetitions,
         }
         # Numbers of numpy are told as their own.
-        text = json.dumps(record, indent=1, default=methodcaller("item"))
-        _write(self._record(task.key), text + "\n")
+        content = json.loads(json.dumps(content, default=methodcaller("item")))
+        record = {"format": _FORMAT, "sha256": _sum(content), "outcome": content}
+        write_whole(self.record(task), f"{json.dumps(record, indent=1)}\n".encode())
+        return outcome
 
-    def outcome(self, task: Task) -> Outcome | None:
-        """The outcome of a task, if there is one that serves.
+    def outcome(self, task: Task) -> tuple[Outcome | None, str]:
+        """The outcome of a task if there is one that serves, and what is wrong if it is damaged.
 
-        None if it was never kept, if its files are damaged, if it failed under other limits, or
-        lacks repetitions or frames that are asked for now.
+        None without a word if it was never kept, if files it has read have changed, if it failed
+        under other limits, or lacks repetitions or frames that are asked for now.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is a folder in the place of its file.
         """
+        for path in (self.record(task), self.trajectory(task)):
+            if path.is_dir():
+                raise BeamdaeError(f"{path}: it must be a file of results, and is a folder.")
         try:
-            record = json.loads(self._record(task.key).read_text())
-            table = None
-            if record["rows"] is not None:
-                table = pd.read_csv(self.trajectory(task.key), index_col=0)
-                if len(table) != record["rows"]:
-                    return None
-            status = Status(**record["status"])
-            failed = not status.success
-            if failed and record["limits"] != asdict(task.limits):
-                return None
-            if not failed and record["repetitions"] < task.repetitions:
-                return None
-            if not failed and task.animated and record["frames"] is None:
-                return None
-            return Outcome(status, record["values"], table, record["frames"])
-        except (OSError, ValueError, KeyError, TypeError):
+            content = self._content(task)
+            if content is None or not _serves(task, content):
+                return None, ""
+            table = None if content["rows"] is None else self._table(content["rows"])
+            status = Status(**content["status"])
+        except _DamagedError as problem:
+            return None, str(problem)
+        file = content["rows"]["file"] if content["rows"] else ""
+        values, frames, read = (content[name] for name in ("values", "frames", "read"))
+        return Outcome(status, values, table, frames, read, file), ""
+
+    def _content(self, task: Task) -> dict[str, Any] | None:
+        path = self.record(task)
+        try:
+            if path.stat().st_size > _LARGEST:
+                raise _DamagedError(f"{path.name} is larger than any record")
+            record = json.loads(path.read_bytes())
+        except FileNotFoundError:
             return None
+        except OSError as problem:
+            raise _DamagedError(f"{path.name} cannot be read, {problem.strerror}") from None
+        except (ValueError, RecursionError, MemoryError):
+            raise _DamagedError(f"{path.name} is no JSON") from None
+        if not isinstance(record, dict) or "format" not in record:
+            raise _DamagedError(f"{path.name} is no record, or one of an earlier version")
+        if record["format"] != _FORMAT:
+            raise _DamagedError(f"{path.name} is a record of another version")
+        content = record.get("outcome")
+        if not isinstance(content, dict) or record.get("sha256") != _sum(content):
+            raise _DamagedError(f"{path.name} is not what was written")
+        if not _is_record(content):
+            raise _DamagedError(f"{path.name} has values no record has")
+        return content
+
+    def _table(self, rows: dict[str, Any]) -> pd.DataFrame:
+        path = self.folder / "trajectories" / rows["file"]
+        try:
+            text = path.read_bytes()
+        except OSError as problem:
+            raise _DamagedError(f"{path.name} cannot be read, {problem.strerror}") from None
+        if hashlib.sha256(text).hexdigest() != rows["sha256"]:
+            raise _DamagedError(f"{path.name} is not what was written")
+        # As texts first: pandas itself may read the last digit of a number as another one.
+        table = pd.read_csv(io.BytesIO(text), index_col=0, dtype=str)
+        table.index = table.index.astype(float)
+        return table.astype(float).set_axis(rows["columns"], axis="columns")
+
+    def clean(self) -> None:
+        """Remove what processes that have ended left unfinished."""
+        for path in [*self.folder.glob(".*.scratch"), *self.folder.glob("*/.*.scratch")]:
+            made = _SCRATCH.fullmatch(path.name)
+            if made and made["node"] == platform.node() and not _lives(int(made["process"])):
+                with suppress(OSError):
+                    path.unlink()
 
 
-def _write(path: Path, text: str) -> None:
+def _serves(task: Task, content: dict[str, Any]) -> bool:
+    """Whether an outcome is what the task asks for now."""
+    if changed(content["read"], task.case.model.home):
+        return False
+    if content["status"]["kind"] != "ok":
+        return bool(content["limits"] == asdict(task.limits))
+    if content["repetitions"] < task.repetitions:
+        return False
+    return not task.animated or content["frames"] is not None
+
+
+def _is_record(content: dict[str, Any]) -> bool:
+    """Whether all that is made use of is there, and of its kind."""
+    kinds: dict[str, Any] = {
+        "status": dict,
+        "values": dict,
+        "rows": (dict, type(None)),
+        "frames": (dict, type(None)),
+        "read": dict,
+        "limits": dict,
+        "repetitions": int,
+    }
+    if not all(isinstance(content.get(name, Ellipsis), kind) for name, kind in kinds.items()):
+        return False
+    status, rows = content["status"], content["rows"]
+    known = set(status) == {"kind", "sentence"} and isinstance(status["sentence"], str)
+    plain = (str, int, float, type(None))
+    return (
+        known
+        and status["kind"] in get_args(Kind)
+        and all(isinstance(x, plain) for x in content["values"].values())
+        and (rows is None or {"file", "sha256", "columns"} <= set(rows))
+        and (rows is None or Path(str(rows["file"])).name == rows["file"])
+    )
+
+
+def _sum(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _readable(task: Task) -> str:
+    """Name of a case that any file may have, and no other case has."""
+    text = re.sub(r"[^A-Za-z0-9=.,_+]+", "-", f"{task.case.group}-{task.case.label}")
+    return f"{text[:_LONGEST_NAME].strip('-.,')}-{task.key[:10]}"
+
+
+def safe_cell(value: Any) -> Any:
+    """The value as a cell no spreadsheet takes for a formula; numbers are as they are."""
+    if not isinstance(value, str) or not value.lstrip("'").startswith(tuple("=+-@\t\r")):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, which appears whole or not at all.
+
+    Raises
+    ------
+    BeamdaeError
+        If it cannot be written.
+    """
+    name = f".{os.getpid()}@{platform.node()}@{path.name[:_LONGEST_NAME]}.scratch"
+    scratch = path.with_name(name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_suffix(f".{os.getpid()}")
-        scratch.write_text(text)
-        scratch.replace(path)
+        try:
+            scratch.write_bytes(content)
+            scratch.replace(path)
+        finally:
+            scratch.unlink(missing_ok=True)
     except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
+        why = problem.strerror or problem
+        raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
+
+
+def _lives(process: int) -> bool:
+    if os.name == "nt":
+        # No signal asks there; what is this process's own is not left over.
+        return process == os.getpid()
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True

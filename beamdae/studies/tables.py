@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.studies.case import Case
+from beamdae.studies.case import Case, text_of
 from beamdae.studies.deviations import deviations, reactions
 from beamdae.studies.references import RESOLUTION, Reference
 from beamdae.studies.work import COUNTS, MEASURES, Outcome
@@ -64,7 +64,9 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
 
 
 def _cell(value: Any) -> Any:
-    return value if isinstance(value, (bool, int, float, str)) else str(value)
+    # Longer whole numbers are no numbers to those who read tables.
+    short = not isinstance(value, int) or abs(value) < 2**63
+    return value if isinstance(value, (bool, int, float, str)) and short else text_of(value)
 
 
 def case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import sys
+import os
 import time as clock
 import warnings
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,15 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError, BeamdaeWarning, keep, positive, shown, told
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
+from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import packed
-
-_GIGABYTE = 1e9
+from beamdae.studies.reads import Reads, digests, reading, unchanged
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,23 @@ class Limits:
     memory: float | None = None
     patience: float | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("time", "memory", "patience"):
+            if getattr(self, name) is not None:
+                keep(self, **{name: positive("Limits", name, getattr(self, name))})
+
 
 @dataclass(frozen=True)
 class Task:
-    """A case to be done, and the name it is kept by."""
+    """A case to be done, and the name it is kept by.
+
+    Attributes
+    ----------
+    key
+        `Case.fingerprint`.
+    mechanism
+        `Case.mechanism`, if that is known.
+    """
 
     key: str
     case: Case
@@ -56,6 +70,7 @@ class Task:
     limits: Limits = Limits()
     repetitions: int = 1
     animated: bool = False
+    mechanism: str = ""
 
     def packed(self) -> bytes:
         """The task for another process, the source of its model included."""
@@ -76,12 +91,18 @@ class Outcome:
         Observed columns, energies and drift by time; None if there was no consistent start.
     frames
         Shapes of the bodies over time, for an animation; None if none was asked for.
+    read
+        Hashes of files that were read, by name; see `beamdae.studies.reads`.
+    file
+        Name of the file its table is kept in, if it is.
     """
 
     status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
     table: pd.DataFrame | None = None
     frames: dict[str, Any] | None = None
+    read: dict[str, str | None] = field(default_factory=dict)
+    file: str = ""
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:
@@ -93,37 +114,68 @@ NOT_RUN = Outcome(Status("interrupted", "not run, the study was interrupted"))
 
 
 def perform(packed: bytes) -> Outcome:
-    """Do a packed task; a mistake in the model is a sentence, not an exception."""
+    """Do a packed task; a mistake in the model is a sentence, not an exception.
+
+    The outcome has the files that were read, and where the process is stays as it was.
+    """
+    folder = os.getcwd()
     try:
-        return _performed(cloudpickle.loads(packed))
+        with reading() as reads:
+            outcome = _attempted(packed, reads)
+    finally:
+        with suppress(OSError):
+            os.chdir(folder)
+    return outcome
+
+
+def _attempted(packed: bytes, reads: Reads) -> Outcome:
+    home = Path.cwd()
+    try:
+        task = cloudpickle.loads(packed)
+        home = task.case.model.home
+        outcome = _performed(task, reads)
+    except KeyboardInterrupt:
+        raise
     except BeamdaeError as problem:
-        return Outcome.failed(str(problem))
+        outcome = Outcome.failed(str(problem))
     except MemoryError:
-        return Outcome.failed("it needs more memory than there is")
-    except Exception as problem:  # Whatever a model raises is the end of its case alone.
-        return Outcome.failed(f"{type(problem).__name__}: {problem}")
+        outcome = Outcome.failed("it needs more memory than there is, or than it may take")
+    except BaseException as problem:  # Whatever a model raises is the end of its case alone.
+        outcome = Outcome.failed(mistake(problem))
+    return replace(outcome, read=digests(reads, home))
 
 
-def _performed(task: Task) -> Outcome:
+def mistake(problem: BaseException, whose: str = "the model") -> str:
+    """What an exception of a user's function says, in words."""
+    if isinstance(problem, SystemExit):
+        return f"{whose} called sys.exit({'' if problem.code is None else shown(problem.code)})"
+    return told(problem)
+
+
+def _performed(task: Task, reads: Reads) -> Outcome:
     begin = clock.perf_counter()
-    _forget_peak()
-    # Neighboring cases differ in the integrator alone: their equations are built once.
-    equations = _equations(_Recipe(task.case.mechanism(), task.case))
-    integrator = task.case.integrator
-    solutions = []
-    for _ in range(task.repetitions):
-        watch = _Watchman(task.limits, task.t_end)
-        with warnings.catch_warnings():
-            # They are a column of the table.
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            solutions.append(simulate(equations, integrator, task.t_end, task.output_step, watch))
-        if not solutions[-1].status.success:
-            break
-    solution = solutions[-1]
-    times = [s.statistics.wall_time for s in solutions]
-    found = values(solution) | {"wall time [s]": float(np.median(times))}
-    table = by_time(solution)
-    frames = _frames(task, solution) if task.animated else None
+    forget_peak()
+    with bounded(task.limits.memory):
+        # Neighboring cases differ in the integrator alone: their equations are built once.
+        built = _built(task)
+        reads |= built.reads
+        integrator = task.case.integrator
+        solutions = []
+        for _ in range(task.repetitions):
+            watch = _Watchman(task.limits, task.t_end)
+            with warnings.catch_warnings():
+                # They are a column of the table.
+                warnings.simplefilter("ignore", BeamdaeWarning)
+                solutions.append(
+                    simulate(built.equations, integrator, task.t_end, task.output_step, watch)
+                )
+            if not solutions[-1].status.success:
+                break
+        solution = solutions[-1]
+        times = [s.statistics.wall_time for s in solutions]
+        found = values(solution) | {"wall time [s]": float(np.median(times))}
+        table = by_time(solution)
+        frames = _frames(task, solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
@@ -146,9 +198,28 @@ class _Recipe:
     case: Case = field(compare=False)
 
 
+@dataclass(frozen=True)
+class _Built:
+    """Equations of motion, and the files that were read to build them."""
+
+    equations: EquationsOfMotion
+    reads: Reads
+
+
+def _built(task: Task) -> _Built:
+    recipe = _Recipe(task.mechanism or task.case.mechanism(), task.case)
+    built = _equations(recipe)
+    if not unchanged(built.reads):
+        _equations.cache_clear()
+        built = _equations(recipe)
+    return built
+
+
 @lru_cache(maxsize=1)
-def _equations(recipe: _Recipe) -> EquationsOfMotion:
-    return as_equations(recipe.case.model(**recipe.case.parameters))
+def _equations(recipe: _Recipe) -> _Built:
+    with reading() as reads:
+        equations = as_equations(recipe.case.model(**recipe.case.parameters))
+    return _Built(equations, reads)
 
 
 def by_time(solution: Solution) -> pd.DataFrame:
@@ -213,30 +284,3 @@ class _Watchman:
         if memory is not None and peak_memory() > memory:
             return f"memory limit of {memory:g} GB"
         return None
-
-
-_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-
-
-def _forget_peak() -> None:
-    """Begin a new peak of memory, where the system can."""
-    try:
-        _CLEAR.write_text("5")
-    except OSError:
-        return
-
-
-def peak_memory() -> float:
-    """Largest memory of this process since `_forget_peak`, or its beginning [GB]; NaN: unknown."""
-    try:
-        lines = [x for x in _STATUS.read_text().splitlines() if x.startswith("VmHWM")]
-        return float(lines[0].split()[1]) * 1024.0 / _GIGABYTE
-    except (OSError, IndexError):
-        pass
-    try:
-        from resource import RUSAGE_SELF, getrusage
-    except ImportError:
-        return float("nan")
-    # Bytes on macOS, kilobytes elsewhere.
-    unit = 1.0 if sys.platform == "darwin" else 1024.0
-    return getrusage(RUSAGE_SELF).ru_maxrss * unit / _GIGABYTE

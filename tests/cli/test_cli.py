@@ -140,7 +140,7 @@ MISTAKES = {
     "no model": ("import beamdae\n", [], "model.py", "no model"),
     "no such model": (ARM, ["--model", "arn"], "'arn'", "did you mean 'arm'?"),
     "several models": (
-        ARM + "\n\nleg = bd.model(t_end=1.0)(lambda: None)\nleg.build.__name__ = 'leg'\n",
+        ARM + "\n\n@bd.model(t_end=1.0)\ndef leg():\n    return None\n",
         [],
         "--model",
         "arm, leg",

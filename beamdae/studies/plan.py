@@ -1,0 +1,54 @@
+"""All runs of a study: its cases and their references, each once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from beamdae.studies.case import Known
+from beamdae.studies.definition import Study
+from beamdae.studies.references import groups, reference_tasks
+from beamdae.studies.work import Task
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All runs of a study, with fingerprints that were taken once.
+
+    Attributes
+    ----------
+    of_cases
+        The task of each case, by its identity.
+    methods
+        The tasks of the two methods of the reference of each group.
+    tasks
+        Each run once.
+    """
+
+    study: Study
+    of_cases: dict[int, Task]
+    methods: dict[str, list[list[Task]]]
+    tasks: list[Task]
+
+    @classmethod
+    def of(cls, study: Study) -> Plan:
+        """The plan of a study as its models are now."""
+        known: Known = {}
+        of_cases = {id(case): study.task(case, known=known) for case in study.cases}
+        methods = {
+            group: reference_tasks(study, cases, known) for group, cases in groups(study).items()
+        }
+        of_references = [task for group in methods.values() for m in group for task in m]
+        return cls(study, of_cases, methods, _unique([*of_references, *of_cases.values()]))
+
+
+def _unique(tasks: list[Task]) -> list[Task]:
+    """Each run once, with all that any of those who want it ask for."""
+    found: dict[str, Task] = {}
+    for task in tasks:
+        earlier = found.setdefault(task.key, task)
+        found[task.key] = replace(
+            earlier,
+            repetitions=max(earlier.repetitions, task.repetitions),
+            animated=earlier.animated or task.animated,
+        )
+    return list(found.values())

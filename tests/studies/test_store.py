@@ -1,0 +1,311 @@
+"""Results on disk: what is damaged is run again and told, what is unfinished is swept up."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beamdae as bd
+from beamdae.results.solution import Status
+from beamdae.studies import engine, store
+from beamdae.studies.pool import SerialPool
+from beamdae.studies.store import Store, safe_cell, write_whole
+from beamdae.studies.work import Limits, Outcome, Task
+
+
+@bd.model(t_end=0.1)
+def swing(mass=2.0, note="", table=None):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    return mech
+
+
+CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
+STUDY = bd.Study(
+    "made", (CASE,), references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)), t_end=0.1
+)
+TASK = STUDY.task(CASE)
+TABLE = pd.DataFrame(
+    {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
+    index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
+)
+DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, table=TABLE)
+
+
+@pytest.fixture
+def filled(tmp_path):
+    place = Store(tmp_path)
+    place.keep(TASK, DONE)
+    return place
+
+
+def test_what_is_kept_is_read_back_to_the_last_bit(filled):
+    found, problem = filled.outcome(TASK)
+    assert problem == ""
+    pd.testing.assert_frame_equal(found.table, TABLE, check_exact=True)
+    assert found.values["steps"] == 3
+    assert found.file == filled.trajectory(TASK).name
+    assert filled.trajectory(TASK).read_text().startswith("t [s],'=end.x [m],")
+
+
+def one_digit(text):
+    return text.replace(b"3.14159", b"3.14158")
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda x: x[:-1], lambda x: x[:-12], lambda x: x[:-40], lambda x: b"", one_digit]
+)
+def test_regression_a_trajectory_that_is_not_what_was_written_is_run_again(filled, damage):
+    """Cut by 12 bytes it was a traceback at every start, by 1 or 40 it was taken for good."""
+    file = filled.trajectory(TASK)
+    before = file.read_bytes()
+    file.write_bytes(damage(before))
+    assert file.read_bytes() != before
+    found, problem = filled.outcome(TASK)
+    assert found is None
+    assert problem == f"{file.name} is not what was written"
+
+
+def test_a_trajectory_that_is_gone_is_told(filled):
+    filled.trajectory(TASK).unlink()
+    found, problem = filled.outcome(TASK)
+    assert found is None
+    assert "cannot be read, No such file" in problem
+
+
+def changed(record, **values):
+    return json.dumps(record | values)
+
+
+OLD = {"status": {"kind": "ok", "sentence": ""}, "values": {}, "rows": None, "frames": None}
+RECORDS = {
+    "list": "[]",
+    "null": "null",
+    "number": "3",
+    "NaN": "NaN",
+    "cut": '{"format": 2',
+    "binary": b"\x00\xff\xfe" * 100,
+    "empty": b"",
+    "nested": "[" * 100_000,
+    "of another version": json.dumps({"format": 3, "outcome": {}}),
+    "of an earlier version": json.dumps(OLD),
+    "another's": json.dumps({"format": 2, "sha256": "0", "outcome": {}}),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
+    text = RECORDS[name]
+    filled.record(TASK).write_bytes(text if isinstance(text, bytes) else text.encode())
+    found, problem = filled.outcome(TASK)
+    assert found is None
+    assert problem.startswith(filled.record(TASK).name)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"status": {"kind": "splendid", "sentence": ""}},
+        {"status": {"kind": "ok"}},
+        {"values": {"steps": [1]}},
+        {"rows": {"file": "../x", "sha256": "", "columns": []}},
+        {"repetitions": None},
+        {"read": []},
+    ],
+)
+def test_records_with_values_no_record_has_are_run_again(filled, change):
+    """With the right sum: whoever wrote it was no version of this."""
+    record = json.loads(filled.record(TASK).read_text())
+    content = record["outcome"] | change
+    filled.record(TASK).write_text(changed(record, outcome=content, sha256=store._sum(content)))
+    assert filled.outcome(TASK) == (None, f"{filled.record(TASK).name} has values no record has")
+
+
+def test_one_changed_digit_of_a_record_is_seen(filled):
+    text = filled.record(TASK).read_text()
+    filled.record(TASK).write_text(text.replace('"steps": 3', '"steps": 4'))
+    assert filled.outcome(TASK)[0] is None
+    filled.record(TASK).write_text(json.dumps(json.loads(text)))
+    assert filled.outcome(TASK)[0] is not None, "however it is laid out"
+
+
+def test_a_record_that_is_larger_than_any_is_not_read(filled):
+    with open(filled.record(TASK), "wb") as file:
+        file.truncate(2_000_000_000)
+    assert filled.outcome(TASK)[1].endswith("is larger than any record")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read all")
+def test_a_record_that_may_not_be_read_is_run_again(filled):
+    filled.record(TASK).chmod(0)
+    assert "cannot be read, Permission denied" in filled.outcome(TASK)[1]
+
+
+def test_a_folder_in_the_place_of_a_file_is_refused_before_the_work(tmp_path):
+    Store(tmp_path).record(TASK).mkdir(parents=True)
+    with pytest.raises(bd.BeamdaeError, match=r"\.json: it must be a file of results, and is a fo"):
+        engine.run(STUDY, tmp_path, SerialPool())
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return folder, engine.run(STUDY, folder, SerialPool())
+
+
+def test_regression_damaged_results_are_run_again_and_that_is_told(run):
+    folder, before = run
+    file = Store(folder).trajectory(TASK)
+    file.write_bytes(file.read_bytes()[:-12])
+    seen = []
+    with pytest.warns(bd.BeamdaeWarning, match=rf"{file.name} is not what was written, so .* run"):
+        again = engine.run(STUDY, folder, SerialPool(), seen.append)
+    assert (seen[0].kept, seen[0].total) == (3, 4)
+    assert len(again.notes) == 1
+    pd.testing.assert_frame_equal(again.outcome(CASE).table, before.outcome(CASE).table)
+    # Said once: now they are whole.
+    assert engine.run(STUDY, folder, SerialPool()).notes == ()
+
+
+def test_trajectories_are_named_by_their_case(run):
+    folder, results = run
+    (name,) = results.table["trajectory"]
+    assert name.startswith("trajectories/swing-mass=1.0-GeneralizedAlpha-step=0.01-")
+    assert (folder / name).is_file()
+    assert results.to_parquet()[0].suffix == ".parquet"
+    odd = bd.Case(swing, {"note": "a/b\\c:*?\n" + "x" * 300 + "\u00e9"}, bd.Ida(1e-4))
+    made = Store(folder).trajectory(STUDY.task(odd)).name
+    assert len(made) < 120
+    assert made.isascii()
+    assert not set(made) & set('/\\:*?"<>|\n ')
+
+
+def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):
+    """The same run under two labels is kept once, under the first."""
+    plain, told = (
+        bd.Case(swing, {}, CASE.integrator),
+        bd.Case(swing, {"mass": 2.0}, CASE.integrator),
+    )
+    for cases in ((plain, told), (told, plain)):
+        results = engine.run(replace(STUDY, cases=cases), tmp_path, SerialPool())
+        assert results.table["trajectory"].nunique() == 1
+        assert (tmp_path / results.table["trajectory"][0]).is_file()
+
+
+# Writing --------------------------------------------------------------------------------------
+
+
+def no_room(self, content):
+    with open(self, "wb") as file:
+        file.write(content[: len(content) // 2])
+    raise OSError(28, "No space left on device")
+
+
+def test_regression_a_full_disk_ends_the_study_with_a_sentence(tmp_path, monkeypatch):
+    """What was kept stays valid; nothing unfinished is left."""
+    writes, real = [], store.Path.write_bytes
+
+    def sometimes(self, content):
+        writes.append(self)
+        return real(self, content) if len(writes) < 4 else no_room(self, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store.Path, "write_bytes", sometimes)
+        with pytest.raises(bd.BeamdaeError, match="it cannot be written, No space left on device"):
+            engine.run(STUDY, tmp_path, SerialPool())
+    assert not list(tmp_path.rglob("*.scratch"))
+    seen = []
+    results = engine.run(STUDY, tmp_path, SerialPool(), seen.append)
+    assert seen[0].kept == 1
+    assert results.notes == ()
+    assert set(results.table["status"]) == {"ok"}
+
+
+def test_executors_are_closed_before_the_sentence_is_told(tmp_path, monkeypatch):
+    closed = []
+
+    class Watched(SerialPool):
+        def outcomes(self, tasks):
+            try:
+                yield from super().outcomes(tasks)
+            finally:
+                closed.append(True)
+
+    monkeypatch.setattr(store.Path, "write_bytes", no_room)
+    with pytest.raises(bd.BeamdaeError) as caught:
+        engine.run(STUDY, tmp_path, Watched())
+    assert closed, caught
+
+
+def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
+    file = tmp_path / "a.csv"
+    write_whole(file, b"before")
+
+    def interrupt(self, content):
+        self.touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store.Path, "write_bytes", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(file, b"after")
+    assert [(x.name, x.read_bytes()) for x in tmp_path.iterdir()] == [("a.csv", b"before")]
+
+
+def test_what_killed_processes_leave_is_swept_up(filled):
+    ended = subprocess.Popen([sys.executable, "-S", "-E", "-c", ""])
+    ended.wait()
+    node, mine = platform.node(), filled.folder / "outcomes"
+    names = {
+        f".{ended.pid}@{node}@a.json.scratch": False,
+        f".{os.getpid()}@{node}@b.json.scratch": True,
+        f".{ended.pid}@elsewhere@c.json.scratch": True,
+        f".{ended.pid}.scratch": True,
+    }
+    for name in names:
+        (mine / name).write_text("half")
+    filled.clean()
+    assert {name: (mine / name).exists() for name in names} == names
+    assert filled.outcome(TASK)[0] is not None
+
+
+# Cells ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["=1+2", "@x", "+a", "-a", "\tx", "'=1", "=HYPERLINK()", "-1-2"])
+def test_texts_a_spreadsheet_would_compute_are_guarded(text):
+    assert safe_cell(text) == f"'{text}"
+
+
+@pytest.mark.parametrize("value", ["-1.5", "+2e3", "a=1", "", "'a", -1.5, 3, None, np.nan, True])
+def test_numbers_and_other_texts_are_as_they_were(value):
+    assert safe_cell(value) is value
+
+
+def test_tables_are_guarded_and_numbers_stay_numbers(tmp_path):
+    cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
+    results = engine.run(replace(STUDY, cases=cases), tmp_path, SerialPool())
+    table = pd.read_csv(tmp_path / "cases.csv")
+    assert table["note"][0] == "'=1+2"
+    assert table["mass"][0] == 1.0
+    assert results.table["note"][0] == "=1+2"
+    assert pd.api.types.is_numeric_dtype(table["error [-]"])
+    for path in (tmp_path / "trajectories").iterdir():
+        assert all(map(pd.api.types.is_numeric_dtype, pd.read_csv(path).dtypes))
+
+
+def test_limits_and_status_of_a_failure_are_kept(tmp_path):
+    failed = Outcome(Status("failed", "=1+2, it broke"))
+    Store(tmp_path).keep(TASK, failed)
+    assert Store(tmp_path).outcome(TASK)[0].status == failed.status
+    other = Task(TASK.key, CASE, 0.1, 0.01, Limits(time=3.0))
+    assert Store(tmp_path).outcome(other) == (None, "")
