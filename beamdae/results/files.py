@@ -1,9 +1,14 @@
-"""Results on disk: a table as CSV, and beside it what it is the table of."""
+"""Results on disk: files that appear whole or not at all, and tables as CSV."""
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Mapping
+import os
+import re
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,27 +17,121 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError
 
+# What spreadsheets take for the beginning of a formula, in the widths they know.
+_FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
+
 
 def write(path: Path, table: pd.DataFrame, beside: Mapping[str, Any]) -> Path:
     """Write a table as CSV and what it is the table of, with versions, as JSON beside it.
 
-    Returns the path of the CSV file.
+    Headers and texts go through `guarded`. Returns the path of the CSV file.
 
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written.
+        If a file cannot be written.
     """
     if path.suffix == ".json":
         raise BeamdaeError(f"{path}: the table is CSV, .json is for what is written beside it.")
-    sidecar = {**beside, "versions": versions()}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        table.to_csv(path, index=False)
-        path.with_suffix(".json").write_text(json.dumps(sidecar, indent=2) + "\n")
-    except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
+    text = json.dumps({**beside, "versions": versions()}, indent=2) + "\n"
+    # The two change places one right after the other, once both are on the disk.
+    with replacing(path.with_suffix(".json")) as sidecar:
+        sidecar.write_text(text, encoding="utf-8")
+        with replacing(path) as scratch:
+            guarded(table).to_csv(scratch, index=False, encoding="utf-8", errors="backslashreplace")
     return path
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text as UTF-8, as it is, so that the file appears whole or not at all.
+
+    As `replacing`, which see; what UTF-8 cannot say (lone surrogates) is written as its escape.
+    Returns the path.
+
+    Raises
+    ------
+    BeamdaeError
+        If the file cannot be written.
+    """
+    with replacing(path) as scratch:
+        scratch.write_bytes(text.encode("utf-8", errors="backslashreplace"))
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A scratch file beside `path`, of the same suffix, that takes its place when the block ends.
+
+    The folder is made if need be. A block that ends by an exception, an interrupt included, leaves
+    `path` as it was and no scratch file. A file that was there keeps its permissions, a link the
+    file it leads to; what is no file, such as a pipe, is written as it is.
+
+    Raises
+    ------
+    BeamdaeError
+        Where the block or what follows it raises an OSError: "<path>: it cannot be written, why."
+    """
+    target = Path(os.path.realpath(path))
+    scratch = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists() and not (target.is_file() or target.is_dir()):
+            yield target
+            return
+        scratch.touch(exist_ok=False)
+        try:
+            yield scratch
+            _on_the_disk(scratch)
+            _take_place(scratch, target)
+        finally:
+            with suppress(OSError):
+                scratch.unlink(missing_ok=True)
+    except OSError as problem:
+        why = problem.strerror or problem
+        raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
+
+
+def _on_the_disk(file: Path) -> None:
+    # A name may reach the disk before what it names, and a full one may tell only now.
+    descriptor = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _take_place(scratch: Path, target: Path) -> None:
+    if target.is_file():
+        if not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        scratch.chmod(target.stat().st_mode & 0o777)
+    os.replace(scratch, target)
+
+
+def guarded(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with `safe_cell` done to its headers and its cells of text; the index is left."""
+    safe = table.rename(columns=safe_cell)
+    for k, kind in enumerate(table.dtypes):
+        if not pd.api.types.is_numeric_dtype(kind):
+            safe.isetitem(k, [safe_cell(value) for value in table.iloc[:, k]])
+    return safe
+
+
+def safe_cell(value: Any) -> Any:
+    """The value as a cell of a CSV file which no spreadsheet takes for a formula.
+
+    A text that begins with = + - or @ and is no number gets an apostrophe in front; any other
+    value is as it was. `plain_cell` takes it away again.
+    """
+    formula = isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
+    return f"'{value}" if formula else value
+
+
+def plain_cell(value: Any) -> Any:
+    """What `safe_cell` was given, such as headers that `pandas.read_csv` read."""
+    is_guarded = isinstance(value, str) and value.startswith("'") and _FORMULA.match(value)
+    return value[1:] if is_guarded else value
 
 
 @cache
