@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import LEDGER_COLUMNS
-from beamdae.errors import BeamdaeError
+from beamdae.results.files import replacing
 from beamdae.results.headers import Header, observed_columns
 
 if TYPE_CHECKING:
@@ -181,12 +181,8 @@ def _as_written(figure: Figure) -> None:
 def saved(figure: Figure, path: Path) -> Path:
     """Save a picture, names in it drawn as they are written; the folder is made if need be."""
     _as_written(figure)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with warnings.catch_warnings():
-            # A name in a script the font lacks is drawn as boxes; the tables have it right.
-            warnings.filterwarnings("ignore", message="Glyph .* missing from")
-            figure.savefig(path, dpi=150)
-    except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
+    with replacing(path) as scratch, warnings.catch_warnings():
+        # A name in a script the font lacks is drawn as boxes; the tables have it right.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(scratch, dpi=150, format=path.suffix.removeprefix(".") or "png")
     return path

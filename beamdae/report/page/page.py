@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.results.files import write_text
 
 # Curves are stored in 16 bits a value: a 65534th of their range, far less than a line is wide.
 _LEVELS = 65534
@@ -86,13 +87,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     BeamdaeError
         If an id is taken, a case belongs to no group or the file cannot be written.
     """
-    text = _rendered(_completed(page))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be written, {problem.strerror}.") from problem
-    return path
+    return write_text(path, _rendered(_completed(page)))
 
 
 def _rendered(page: Mapping[str, Any]) -> str:
