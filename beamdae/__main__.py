@@ -1,6 +1,16 @@
-"""`python -m beamdae`."""
+"""`python -m beamdae`, and the command `beamdae`."""
 
-from beamdae.cli.commands import main
+import sys
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C is heard while it is being imported as well."""
+    try:
+        from beamdae.cli.commands import main as run
+    except KeyboardInterrupt:
+        sys.exit(130)
+    run()
+
 
 if __name__ == "__main__":
     main()

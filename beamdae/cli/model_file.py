@@ -95,9 +95,9 @@ def _imported(path: Path) -> ModuleType:
     try:
         with _beside(path):
             spec.loader.exec_module(module)
-    except BeamdaeError:
+    except (BeamdaeError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as problem:
+    except BaseException as problem:
         raise BeamdaeError(f"{path}: it does not import, {_explained(problem, path)}.") from problem
     finally:
         del sys.modules[name]
@@ -112,9 +112,9 @@ def _located(model: Model, path: Path) -> Callable[..., Any]:
         try:
             with _beside(path):
                 built = model.build(**values)
-        except BeamdaeError:
+        except (BeamdaeError, KeyboardInterrupt):
             raise
-        except Exception as problem:
+        except BaseException as problem:
             raise BeamdaeError(
                 f"{model.name}: {path} cannot build it, {_explained(problem, path)}."
             ) from problem
@@ -155,6 +155,8 @@ def _explained(problem: BaseException, path: Path) -> str:
         if Path(frame.filename) == path.absolute() or Path(frame.filename) == path
     ]
     message = str(problem)
+    if isinstance(problem, SystemExit):
+        message = f"it called sys.exit({problem.code!r})"
     if isinstance(problem, SyntaxError):
         # Its own message repeats the place, and the place may be another file.
         where = (
