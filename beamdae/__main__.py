@@ -4,11 +4,16 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C is heard while it is being imported as well."""
+    """Run the command line; an interrupt is heard while it is being imported as well."""
+    code = 130
     try:
+        from beamdae.cli import interrupts
+
+        interrupts.listen()
+        code = 0
         from beamdae.cli.commands import main as run
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(code or interrupts.code())
     run()
 
 

@@ -74,16 +74,18 @@ app.command("list", cls=_Command)(list_command)
 
 def main() -> None:
     """Run the command line, to its exit code whatever becomes of its signals and streams."""
-    interrupts.listen()
     streams.secure()
     # What is not finite is told by a sentence.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
+    code = 0
     try:
         app(prog_name="beamdae")
     except SystemExit as end:
-        interrupts.deaf()
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
-        sys.exit(streams.ended(code))
+    except KeyboardInterrupt:
+        code = interrupts.code()
+    interrupts.deaf()
+    sys.exit(streams.ended(interrupts.code() if interrupts.heard() else code))
 
 
 def _say_version(wanted: bool) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -77,16 +77,64 @@ def compare_command(
         study = replace(study, t_end=t_end)
     if output_step is not None:
         study = replace(study, output_step=output_step)
-    results, standing = _results(study, out / study.name, _executor(workers, scheduler))
-    written, complete = _written(results, parquet)
+    work = _Work(study, out / study.name)
+    try:
+        _do(work, _executor(workers, scheduler), parquet)
+    except KeyboardInterrupt:
+        if work.results is None:
+            raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
+    results = work.results
+    assert results is not None
     _say(results)
-    say_written(console(), written)
-    if results.interrupted or interrupts.heard() or complete is None:
+    say_written(console(), work.written)
+    if results.interrupted or interrupts.heard():
         done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
-        complain(f"stopped, {done} of {standing.total} done: {_GO_ON}")
+        complain(f"stopped, {done} of {work.runs} done: {_GO_ON}")
         raise typer.Exit(interrupts.code())
-    if results.failed or not complete:
+    if results.failed or work.failed:
         raise typer.Exit(1)
+
+
+@dataclass
+class _Work:
+    """A study and what has become of it, as far as it got."""
+
+    study: Study
+    folder: Path
+    results: Results | None = None
+    runs: int = 0
+    written: list[Path] = field(default_factory=list)
+    failed: bool = False
+
+    def write(self, name: str, write: Callable[[], list[Path]]) -> None:
+        """Write files; those that fail cost no others."""
+        files = drawn(name, write)
+        self.written += files or []
+        self.failed = self.failed or files is None
+
+
+def _do(work: _Work, executor: Any, parquet: bool) -> None:
+    """Run a study and write its files, the page before the pictures, until an interrupt."""
+    from beamdae.report.page.page import write_page
+    from beamdae.studies import engine
+    from beamdae.studies.page_data import page
+    from beamdae.studies.pictures import plots
+
+    with interrupts.held(through=1):
+        with study_progress() as progress:
+
+            def heard(standing: Standing) -> None:
+                work.runs = standing.total
+                progress(standing)
+
+            results = work.results = engine.run(work.study, work.folder, executor, heard)
+        work.written += [results.folder / "cases.csv", results.folder / "summary.csv"]
+        path = results.folder / "report.html"
+        work.write(path.name, lambda: [write_page(path, page(results))])
+    if parquet:
+        work.write("trajectories", results.to_parquet)
+    for name, plot in plots(results).items():
+        work.write(name, plot)
 
 
 def _executor(workers: int | None, scheduler: str | None) -> Any:
@@ -98,50 +146,6 @@ def _executor(workers: int | None, scheduler: str | None) -> Any:
             f"compare: --workers must be at most {most}, {_MOST_WORKERS} a core, got {workers}."
         )
     return DaskPool(scheduler) if scheduler else LocalPool(workers)
-
-
-def _results(study: Study, folder: Path, executor: Any) -> tuple[Results, Standing]:
-    """The results of a study, and where it stood at its end."""
-    from beamdae.studies import engine
-
-    standings: list[Standing] = []
-    with study_progress() as progress:
-
-        def heard(standing: Standing) -> None:
-            standings[:] = [standing]
-            progress(standing)
-
-        try:
-            results = engine.run(study, folder, executor, heard)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
-    return results, standings[0]
-
-
-def _written(results: Results, parquet: bool) -> tuple[list[Path], bool | None]:
-    """The files of a study, the page before the pictures, and whether there are all of them.
-
-    None: an interrupt kept the rest from being written.
-    """
-    from beamdae.report.page.page import write_page
-    from beamdae.studies.page_data import page
-    from beamdae.studies.pictures import plots
-
-    written = [results.folder / "cases.csv", results.folder / "summary.csv"]
-    wanted: dict[str, Callable[[], list[Path]]] = {
-        "report.html": lambda: [write_page(results.folder / "report.html", page(results))]
-    }
-    if parquet:
-        wanted["trajectories"] = results.to_parquet
-    complete = True
-    try:
-        for name, write in (wanted | plots(results)).items():
-            files = drawn(name, write)
-            written += files or []
-            complete = complete and files is not None
-    except KeyboardInterrupt:
-        return written, None
-    return written, complete
 
 
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:

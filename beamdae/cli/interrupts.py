@@ -9,7 +9,18 @@ from typing import Any
 
 # Signals belong to the process, and so does what is known of them.
 _heard: list[int] = []
-_holds: list[None] = []
+# How many come through, of each block that is to be finished.
+_through: list[int] = []
+# So many mean it, whatever is under way.
+_INSISTENT = 4
+
+
+class Interrupted(KeyboardInterrupt):
+    """An interrupt that Python does not take for its own.
+
+    One that passes through `exec`, as in a dataclass, would end the process by its signal, with
+    another exit code, also where it is caught.
+    """
 
 
 def listen() -> None:
@@ -27,8 +38,8 @@ def deaf() -> None:
 
 def _hear(number: int, _: Any) -> None:
     _heard.append(number)
-    if not _holds:
-        raise KeyboardInterrupt
+    if not _through or len(_heard) <= min(_through) or len(_heard) >= _INSISTENT:
+        raise Interrupted
 
 
 def heard() -> bool:
@@ -42,13 +53,16 @@ def code() -> int:
 
 
 @contextmanager
-def held() -> Iterator[None]:
-    """Finish what is in here first: an interrupt comes after it."""
-    before = len(_heard)
-    _holds.append(None)
+def held(through: int = 0) -> Iterator[None]:
+    """Finish what is in here first: an interrupt comes after it.
+
+    The first `through` of the process come at once; a fourth does anyway.
+    """
+    before = max(len(_heard), through)
+    _through.append(through)
     try:
         yield
     finally:
-        _holds.pop()
-    if len(_heard) > before and not _holds:
-        raise KeyboardInterrupt
+        _through.pop()
+    if len(_heard) > before and not _through:
+        raise Interrupted

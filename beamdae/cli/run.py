@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -88,8 +90,18 @@ def run_command(
     )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
-    solution = _integrated(model, method, t_end, output_step)
-    told = _kept(solution, files, f"{model.name}, {method.label}", estimate, verify)
+    # Files come first: nothing is told before they are there.
+    told = _Told([])
+    with _to_the_end(told), interrupts.held(through=1):
+        solution = _integrated(model, method, t_end, output_step)
+        with interrupts.held():
+            told.written += [solution.to_csv(files.table), files.beside]
+        told.cut_short = interrupts.heard()
+    if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
+        with _to_the_end(told):
+            _estimate(solution, verify, files, told)
+    with _to_the_end(told):
+        _draw(solution, f"{model.name}, {method.label}", files, told)
     _say(solution, model.name, told)
     if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
         reason = "interrupted after the run"
@@ -105,8 +117,6 @@ def run_command(
 
 def configured(path: Path, name: str | None, settings: list[str] | None) -> Model:
     """The model of a file with the values of --set as its defaults."""
-    from dataclasses import replace
-
     from beamdae.cli.model_file import load_model
 
     model = load_model(path, name)
@@ -164,45 +174,44 @@ def _integrated(model: Model, method: Any, t_end: float | None, output_step: flo
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 
 
-def _kept(solution: Solution, files: _Files, title: str, estimate: bool, verify: bool) -> _Told:
-    """Write a run, find how far it is off, and draw it; an interrupt ends that where it is.
-
-    Files come first: nothing is told before they are there.
-    """
-    from beamdae.report.pictures import picture_of_run
-
-    told = _Told([])
+@contextmanager
+def _to_the_end(told: _Told) -> Iterator[None]:
+    """Go on after this, also where an interrupt ends it."""
     try:
-        with interrupts.held():
-            told.written += [solution.to_csv(files.table), files.beside]
-        errors, beyond = _errors(solution, estimate, verify)
-        if errors is not None and not interrupts.heard():
-            told.errors, told.beyond = errors, beyond
-            known = errors.astype(object).where(errors.notna(), None)
-            with interrupts.held():
-                solution.to_csv(files.table, errors=known.to_dict("index"))
-        early = "" if solution.status.success else f", ended early: {solution.status.kind}"
-        picture = drawn(
-            files.picture.name,
-            lambda: [picture_of_run(files.picture, solution.table(), title + early)],
-        )
-        told.written += picture or []
-        told.complete = picture is not None
+        yield
     except KeyboardInterrupt:
+        if not told.written:
+            raise
         told.cut_short = True
-    return told
 
 
-def _errors(solution: Solution, estimate: bool, verify: bool) -> tuple[Any, str]:
-    """How far the observed columns are off, if that is asked for, and what to say of it."""
+def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> None:
+    """Find how far the observed columns are off, and write that beside the table."""
     from beamdae import verification
 
-    nothing = not len(solution.observed.columns) or solution.status.kind == "interrupted"
-    if nothing or not (estimate or verify):
-        return None, ""
-    find = verification.verify if verify else verification.error_estimate
-    errors = find(solution)
-    return errors, verification.exceeded(solution, errors)
+    if not len(solution.observed.columns):
+        return
+    errors = (verification.verify if verify else verification.error_estimate)(solution)
+    # The second run takes an interrupt for its own.
+    if interrupts.heard():
+        return
+    told.errors, told.beyond = errors, verification.exceeded(solution, errors)
+    known = errors.astype(object).where(errors.notna(), None)
+    with interrupts.held():
+        solution.to_csv(files.table, errors=known.to_dict("index"))
+
+
+def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:
+    """Draw the run; the title says if it ended early."""
+    from beamdae.report.pictures import picture_of_run
+
+    early = "" if solution.status.success else f", ended early ({solution.status.kind})"
+    picture = drawn(
+        files.picture.name,
+        lambda: [picture_of_run(files.picture, solution.table(), title + early)],
+    )
+    told.written += picture or []
+    told.complete = picture is not None
 
 
 def _say(solution: Solution, name: str, told: _Told) -> None:

@@ -7,7 +7,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, TimeoutError, wait
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from typing import Any, Protocol
 
 from beamdae.errors import BeamdaeError
@@ -72,7 +72,8 @@ class LocalPool:
             def submit(task: Task) -> Any:
                 limit = task.limits.time
                 seconds = None if limit is None else task.repetitions * limit + _GRACE
-                return pool.schedule(perform, (task.packed(),), timeout=seconds)
+                with _interrupts_later():
+                    return pool.schedule(perform, (task.packed(),), timeout=seconds)
 
             waiting: dict[Any, tuple[Task, int]] = {}
             for task in tasks:
@@ -149,6 +150,24 @@ class DaskPool:
         finally:
             self._client.cancel(list(futures))
             self._client.close()
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Threads and processes that are started in here do not hear Ctrl-C, while they begin either.
+
+    They inherit what is blocked.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # Where it starts with the first of them, it lets interrupts through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _leave_interrupts() -> None:
