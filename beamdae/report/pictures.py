@@ -27,8 +27,10 @@ _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5
 _PANELS = 12
 # What is larger could overflow when the range of an axis is taken.
 _HUGE = 1e300
-# Letters of a title on one line, of names of panels and of entries in legends.
-_LINE, _NAME, _ENTRY = 60, 40, 60
+# Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
+_LINE, _NAME, _BESIDE, _AXIS, _ENTRY = 60, 40, 22, 28, 60
+# About as wide is a letter of a legend below the panels, and the line beside its name [inches].
+_LETTER, _SIGN = 0.075, 0.8
 
 
 def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
@@ -53,11 +55,12 @@ def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         for column, color in zip(columns, _repeated(COLORS), strict=False):
             axis.plot(table["t [s]"], table[column], color=color, lw=1.2, **_point(table))
-        _dress(axis, name, f"[{unit}]")
+        _dress(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
         if len(columns) > 1:
             _legend(axis, labels)
         else:
-            axis.set_ylabel(f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]")
+            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
+            axis.set_ylabel(shortened(label, _AXIS))
     return saved(figure, path)
 
 
@@ -188,8 +191,8 @@ def wrapped(title: str) -> str:
 
 
 def _dress(axis: Axes, title: str, ylabel: str) -> None:
-    axis.set_title(shortened(title, _NAME), fontsize=10)
-    axis.set_ylabel(shortened(ylabel, _NAME // 2))
+    axis.set_title(title, fontsize=10)
+    axis.set_ylabel(shortened(ylabel, _AXIS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":
@@ -219,10 +222,11 @@ def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
     """A legend below the panels, of lines in these styles by name, that takes no room from them."""
     from matplotlib.lines import Line2D
 
-    names = [shortened(name, _ENTRY) for name in entries]
-    # Of this size a letter is about 0.07 inches wide, the line beside it 0.6.
-    widest = 0.07 * max(map(len, names), default=1) + 0.6
-    columns = max(1, min(len(names), int(figure.get_figwidth() / widest)))
+    width = figure.get_figwidth()
+    most = min(_ENTRY, int((width - _SIGN) / _LETTER))
+    names = [shortened(name, most) for name in entries]
+    widest = _LETTER * max(map(len, names), default=1) + _SIGN
+    columns = max(1, min(len(names), int(width / widest)))
     figure.set_figheight(figure.get_figheight() + 0.19 * math.ceil(len(names) / columns))
     found = figure.legend(
         handles=[Line2D([], [], **style) for style in entries.values()],

@@ -614,4 +614,4 @@ def test_names_of_users_are_shown_whatever_they_are(show):
         assert tab.locator("[data-panel=observed] path.curve").count() == 1
     first = tab.locator("#table tr[data-case='case 2'] td").all_inner_texts()
     # Its only odd value is that of u16: no name of JavaScript's own has one.
-    assert [text for text in first[-len(NAMES) :] if text != "–"] == ["u16"]
+    assert [text for text in first[-len(NAMES) :] if text != "\N{EN DASH}"] == ["u16"]
