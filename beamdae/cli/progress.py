@@ -24,9 +24,8 @@ def run_progress(t_end: float) -> Iterator[Callable[[str, float], None]]:
     """A bar of the time reached, if there is a terminal."""
     from rich.progress import TimeElapsedColumn
 
-    reached = f"t = {{task.completed:.3g}} of {t_end:.3g} s"
-    with _bar(reached, TimeElapsedColumn(), total=t_end) as update:
-        yield lambda label, t: update(completed=t, label=label)
+    with _bar(TimeElapsedColumn()) as update:
+        yield lambda label, t: update(t, t_end, f"t = {t:.3g} of {t_end:.3g} s", label)
 
 
 @contextmanager
@@ -35,25 +34,24 @@ def study_progress() -> Iterator[Callable[[Standing], None]]:
     if progress_console() is None:
         yield _Lines()
         return
-    from rich.progress import TextColumn
-
-    left = TextColumn("{task.fields[left]}", markup=False)
     begin = time.perf_counter()
-    with _bar("{task.completed:.0f}/{task.total:.0f}", left, total=None, left="") as update:
-        yield lambda standing: update(
-            total=standing.total,
-            completed=standing.done,
-            left=_clock(_seconds_left(standing, begin)),
-            label=", ".join([_counts(standing), *([standing.last] if standing.last else [])]),
-        )
+    with _bar() as update:
+
+        def progress(standing: Standing) -> None:
+            left = _clock(_seconds_left(standing, begin))
+            done = f"{standing.done}/{standing.total} {left}"
+            label = ", ".join(filter(None, [_counts(standing), standing.last]))
+            update(standing.done, standing.total, done, label)
+
+        yield progress
 
 
 @contextmanager
-def _bar(done: str, clock: Any, **fields: Any) -> Iterator[Callable[..., None]]:
-    """A bar, what is done, a clock and a label: the label gets the room that is left."""
+def _bar(*further: Any) -> Iterator[Callable[[float, float, str, str], None]]:
+    """A bar, what is done, further columns, and a label in the room that is left."""
     screen = progress_console()
     if screen is None:
-        yield lambda **_: None
+        yield lambda *_: None
         return
     from rich.progress import BarColumn, Progress, TextColumn
     from rich.table import Column
@@ -61,8 +59,8 @@ def _bar(done: str, clock: Any, **fields: Any) -> Iterator[Callable[..., None]]:
     rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     columns = (
         BarColumn(_BAR),
-        TextColumn(done, markup=False, table_column=Column(no_wrap=True)),
-        clock,
+        TextColumn("{task.fields[done]}", markup=False, table_column=Column(no_wrap=True)),
+        *further,
         TextColumn("{task.fields[label]}", markup=False, table_column=rest),
     )
     with Progress(
@@ -73,10 +71,10 @@ def _bar(done: str, clock: Any, **fields: Any) -> Iterator[Callable[..., None]]:
         redirect_stdout=False,
         redirect_stderr=False,
     ) as bar:
-        task = bar.add_task("", label="", **fields)
+        task = bar.add_task("", total=None, done="", label="")
 
-        def update(label: str, **values: Any) -> None:
-            bar.update(task, label=plain(label), **values)
+        def update(completed: float, total: float, done: str, label: str) -> None:
+            bar.update(task, completed=completed, total=total, done=done, label=plain(label))
 
         yield update
 
@@ -95,7 +93,9 @@ def _seconds_left(standing: Standing, begin: float) -> float | None:
     """What the study says of the time it still takes, or what its runs have taken so far."""
     told = getattr(standing, "left", None)
     fresh, missing = standing.done - standing.kept, standing.total - standing.done
-    if told is not None or not fresh or not missing:
+    if not missing:
+        return 0.0
+    if told is not None or not fresh:
         return told
     return (time.perf_counter() - begin) / fresh * missing
 
@@ -118,7 +118,7 @@ class _Lines:
     def __call__(self, standing: Standing) -> None:
         if standing.done >= self._next or standing.done == standing.total:
             seconds = _seconds_left(standing, self._begin)
-            rest = "" if seconds is None else f", about {seconds:.0f} s left"
+            rest = f", about {seconds:.0f} s left" if seconds else ""
             typer.echo(
                 f"{standing.done} of {standing.total} runs, {standing.running} running, "
                 f"{standing.failed} failed, {standing.kept} kept from before{rest}",

@@ -185,9 +185,9 @@ def _figure(panels: int, title: str) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def wrapped(title: str) -> str:
-    """A title on at most two lines; of a longer one the middle is left out."""
-    return textwrap.fill(shortened(title, 2 * _LINE - 10), _LINE)
+def wrapped(title: str, line: int = _LINE) -> str:
+    """A title on about two lines; of a longer one the middle is left out."""
+    return textwrap.fill(shortened(title, 2 * line - 10), line)
 
 
 def _dress(axis: Axes, title: str, ylabel: str) -> None:

@@ -43,7 +43,6 @@ _SUMMARIZED = {
     "what": Column("what", 1, sentences=True),
     "at": Column("at", 3, sentences=True),
     "value": Column("value"),
-    "unit": Column("unit", 2, sentences=True),
 }
 
 
@@ -158,12 +157,10 @@ def comparison_table(table: pd.DataFrame) -> FittedTable:
 
 def summary_table(summary: pd.DataFrame) -> FittedTable:
     """What the rows of a group come to."""
-    shown = [name for name in _SUMMARIZED if name in summary]
-    rows = [
-        (str(row["answer"]), *(number(row[name]) for name in shown))
-        for _, row in summary.iterrows()
-    ]
-    return FittedTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
+    values = summary["value"].map(number) + " " + summary["unit"]
+    said = summary.assign(value=values.str.removesuffix(" -"))[["answer", *_SUMMARIZED]]
+    rows = [tuple(map(str, row)) for row in said.to_numpy()]
+    return FittedTable("answer", list(_SUMMARIZED.values()), rows, "summary.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:

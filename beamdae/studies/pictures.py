@@ -26,6 +26,8 @@ _MARKERS = "osD^vPX"
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
 _MOST_RUNS = 8
 _MOST_TICKS = 8
+# Letters of a line of the title of a panel.
+_LINE = 54
 # What axes of powers have room for.
 _LEAST, _MOST = 1e-300, 1e300
 
@@ -178,7 +180,7 @@ def _panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
     axes = {}
     for k, title in enumerate(titles):
         axis = figure.add_subplot(rows, columns, k + 1)
-        axis.set_title(pictures.wrapped(title), fontsize=9)
+        axis.set_title(pictures.wrapped(title, _LINE), fontsize=9)
         axis.grid(color="0.9", lw=0.6, which="both")
         axes[title] = axis
     return figure, axes
