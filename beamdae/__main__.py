@@ -1,12 +1,25 @@
-"""`python -m beamdae`."""
+"""`python -m beamdae`, and the command `beamdae`."""
 
+import os
 import sys
-from pathlib import Path
+
+
+def main() -> None:
+    """Run the command line; an interrupt is heard while it is being imported as well."""
+    code = 130
+    try:
+        from beamdae.cli import interrupts
+
+        interrupts.listen()
+        code = 0
+        from beamdae.cli.commands import main as run
+    except KeyboardInterrupt:
+        sys.exit(code or interrupts.code())
+    run()
+
 
 if __name__ == "__main__":
     # Python puts the working folder in front: a model there called numpy.py would hide the module.
-    if not sys.flags.safe_path and Path(sys.path[0]) != Path(__file__).parents[1]:
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
         del sys.path[0]
-    from beamdae.cli.commands import main
-
     main()

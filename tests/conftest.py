@@ -1,7 +1,12 @@
 """Settings of all tests."""
 
+import os
+
 import pytest
 from hypothesis import settings
+
+# Workers of xdist are told of a terminal with 80 columns, which is none of theirs.
+os.environ.pop("COLUMNS", None)
 
 # A first example builds and compiles kernels, which takes as long as the machine is slow.
 settings.register_profile("beamdae", deadline=None)

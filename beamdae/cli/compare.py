@@ -2,45 +2,50 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
+from beamdae.cli import interrupts
 from beamdae.cli.options import (
     EndTime,
     ModelName,
     Out,
     OutputStep,
     Settings,
+    TimeLimit,
     assignments,
-    console,
     require_writable,
-    say_written,
 )
-from beamdae.errors import BeamdaeError, count
+from beamdae.cli.progress import study_progress
+from beamdae.cli.saying import complain, console, drawn, say_written
+from beamdae.errors import BeamdaeError, count, positive
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.studies import Study
     from beamdae.studies.engine import Results, Standing
 
-_INTERRUPTED = 130
 # More rows than these are for the page, not for the screen.
 _MOST_ROWS = 16
+# Processes a core that are still of use, where some of them wait.
+_MOST_WORKERS = 16
+_LONGEST_NAME = 100
+_GO_ON = "start the same command again and it goes on"
 
 
 def compare_command(
     path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
     settings: Settings = None,
     model_name: ModelName = None,
+    time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
     workers: Annotated[
@@ -50,45 +55,97 @@ def compare_command(
         str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
     ] = None,
     parquet: Annotated[
-        bool, typer.Option("--parquet", help="Write trajectories as Parquet as well.")
+        bool,
+        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
     ] = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, against a reference.
 
     Finished cases are kept in the results folder: a second start goes on where the first one
-    stopped.
+    stopped. Ends with 0 where cases succeeded and have a reference, with 1 where not, with 2 after
+    a mistake, and with 130 after Ctrl-C.
     """
     study = _study(path, model_name, assignments(settings))
     require_writable(out / study.name / "outcomes")
     if parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError("--parquet: it needs an engine, pip install 'beamdae[parquet]'.")
+    if time_limit is not None:
+        limit = positive("compare", "--time-limit", time_limit)
+        study = replace(study, limits=replace(study.limits, time=limit))
     if t_end is not None:
         study = replace(study, t_end=t_end)
     if output_step is not None:
         study = replace(study, output_step=output_step)
+    work = _Work(study, out / study.name)
+    try:
+        _do(work, _executor(workers, scheduler), parquet)
+    except KeyboardInterrupt:
+        if work.results is None:
+            raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
+    results = work.results
+    assert results is not None
+    _say(results)
+    say_written(console(), work.written)
+    if results.interrupted or interrupts.heard():
+        done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
+        complain(f"stopped, {done} of {work.runs} done: {_GO_ON}")
+        raise typer.Exit(interrupts.code())
+    if results.failed or work.failed:
+        raise typer.Exit(1)
+
+
+@dataclass
+class _Work:
+    """A study and what has become of it, as far as it got."""
+
+    study: Study
+    folder: Path
+    results: Results | None = None
+    runs: int = 0
+    written: list[Path] = field(default_factory=list)
+    failed: bool = False
+
+    def write(self, name: str, write: Callable[[], list[Path]]) -> None:
+        """Write files; those that fail cost no others."""
+        files = drawn(name, write)
+        self.written += files or []
+        self.failed = self.failed or files is None
+
+
+def _do(work: _Work, executor: Any, parquet: bool) -> None:
+    """Run a study and write its files, the page before the pictures, until an interrupt."""
     from beamdae.report.page.page import write_page
     from beamdae.studies import engine
     from beamdae.studies.page_data import page
-    from beamdae.studies.pictures import draw
+    from beamdae.studies.pictures import plots
+
+    with interrupts.held(through=1):
+        with study_progress() as progress:
+
+            def heard(standing: Standing) -> None:
+                work.runs = standing.total
+                progress(standing)
+
+            results = work.results = engine.run(work.study, work.folder, executor, heard)
+        work.written += [results.folder / "cases.csv", results.folder / "summary.csv"]
+        path = results.folder / "report.html"
+        work.write(path.name, lambda: [write_page(path, page(results))])
+    if parquet:
+        work.write("trajectories", results.to_parquet)
+    for name, plot in plots(results).items():
+        work.write(name, plot)
+
+
+def _executor(workers: int | None, scheduler: str | None) -> Any:
     from beamdae.studies.pool import DaskPool, LocalPool
 
-    if workers is not None:
-        count("compare", "--workers", workers)
-    executor = DaskPool(scheduler) if scheduler else LocalPool(workers)
-    with _progress() as progress:
-        results = engine.run(study, out / study.name, executor, progress)
-    _say(results)
-    written = [results.folder / "cases.csv", results.folder / "summary.csv", *draw(results)]
-    written.append(write_page(results.folder / "report.html", page(results)))
-    if parquet:
-        written += results.to_parquet()
-    say_written(console(), written)
-    if results.interrupted:
-        typer.echo("interrupted: start the same command again and it goes on", err=True)
-        raise typer.Exit(_INTERRUPTED)
-    if results.failed:
-        raise typer.Exit(1)
+    most = _MOST_WORKERS * (os.cpu_count() or 1)
+    if workers is not None and count("compare", "--workers", workers) > most:
+        raise BeamdaeError(
+            f"compare: --workers must be at most {most}, {_MOST_WORKERS} a core, got {workers}."
+        )
+    return DaskPool(scheduler) if scheduler else LocalPool(workers)
 
 
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
@@ -113,86 +170,35 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())
     # A folder for each choice of parameters.
     chosen = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{k}={v}") for k, v in values.items()]
-    return Study("_".join([model.name, "compare", *chosen]), cases)
+    folder = "_".join([model.name, "compare", *chosen])
+    if len(folder) > _LONGEST_NAME:
+        digest = hashlib.sha256(repr(values).encode()).hexdigest()[:8]
+        folder = f"{folder[:_LONGEST_NAME]}_{digest}"
+    return Study(folder, cases)
 
 
 def _say(results: Results) -> None:
     """Tables on the screen, and a sentence for each failure."""
     from beamdae.report import terminal
+    from beamdae.report.letters import plain
 
     screen = console()
     screen.print(results.study.name, style="bold")
+    summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in results.references.items():
-        screen.print(f"{group}: {reference.sentence}", style="dim", soft_wrap=True)
+        screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
         if len(results.table) <= _MOST_ROWS:
             screen.print(terminal.comparison_table(rows))
-        if reference.table is None and not results.interrupted:
-            typer.echo(f"failed: {group}: {reference.sentence}", err=True)
-    if len(results.summary):
-        cells = [[terminal.number(x) for x in row] for row in results.summary.to_numpy()]
-        screen.print(terminal.listing([str(c) for c in results.summary], cells))
+        if group in summaries:
+            screen.print(terminal.summary_table(summaries[group]))
+    if not results.interrupted:
+        for group, reference in results.references.items():
+            if reference.table is None:
+                complain(f"failed: {group}: {reference.sentence}")
     tried = results.table[results.table["status"] != "interrupted"]
     reasons = terminal.failures(tried)
     for reason in reasons[:_MOST_ROWS]:
-        typer.echo(f"failed: {reason}", err=True)
+        complain(f"failed: {reason}")
     if len(reasons) > _MOST_ROWS:
-        typer.echo(f"failed: {len(reasons) - _MOST_ROWS} more, see cases.csv", err=True)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[Standing], None]]:
-    """A bar of the runs done on stderr; lines now and then where that is no terminal."""
-    screen = Console(stderr=True)
-    if not screen.is_terminal:
-        yield _Lines()
-        return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns: tuple[Any, ...] = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn(
-            "{task.fields[running]} running, {task.fields[failed]} failed, "
-            "{task.fields[kept]} kept from before"
-        ),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task("", total=None, failed=0, kept=0, running=0)
-        yield lambda p: bar.update(
-            task,
-            total=p.total,
-            completed=p.done,
-            failed=p.failed,
-            kept=p.kept,
-            running=p.running,
-            description=p.last,
-        )
-
-
-class _Lines:
-    """A line at every tenth of the runs."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-        self._begin = time.perf_counter()
-
-    def __call__(self, standing: Standing) -> None:
-        if standing.done >= self._next or standing.done == standing.total:
-            fresh, left = standing.done - standing.kept, standing.total - standing.done
-            elapsed = time.perf_counter() - self._begin
-            rest = f", about {elapsed / fresh * left:.0f} s left" if fresh and left else ""
-            typer.echo(
-                f"{standing.done} of {standing.total} runs, {standing.running} running, "
-                f"{standing.failed} failed, {standing.kept} kept from before{rest}",
-                err=True,
-            )
-            self._next = standing.done + 0.1 * standing.total
+        complain(f"failed: {len(reasons) - _MOST_ROWS} more, see cases.csv")

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 import beamdae
-from beamdae.errors import nearest, reason
+from beamdae.errors import nearest, reason, shown
 
 _UNEXPECTED = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
 
@@ -27,6 +27,8 @@ def explained(problem: BaseException, path: Path) -> str:
         if Path(frame.filename) in own
     ]
     message = reason(problem).replace(".__init__()", "()")
+    if isinstance(problem, SystemExit):
+        message = f"it called sys.exit({shown(problem.code)})"
     if isinstance(problem, SyntaxError):
         # Its own message repeats the place, and the place may be another file.
         elsewhere = problem.filename is not None and Path(problem.filename) not in own

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from beamdae.errors import BeamdaeError
-
-_WIDTH = 140
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
 ModelName = Annotated[
@@ -28,6 +24,10 @@ OutputStep = Annotated[
     float | None,
     typer.Option(help="Seconds between rows; default a thousandth of the run (compare: a 400th)."),
 ]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(help="Seconds an integration may take; what it reached by then is kept."),
+]
 
 
 def assignments(settings: list[str] | None) -> dict[str, str]:
@@ -41,29 +41,22 @@ def assignments(settings: list[str] | None) -> dict[str, str]:
     return values
 
 
-def require_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be made or written, before the work is done."""
-    there = folder.absolute()
-    while not there.exists():
-        there = there.parent
+def require_writable(folder: Path, files: tuple[str, ...] = ()) -> None:
+    """Refuse a folder that cannot be made or written, or such files in it, before the work is done.
+
+    Folders in the place of files count as such.
+    """
+    try:
+        there = folder.absolute()
+        while not there.exists():
+            there = there.parent
+        taken = next((folder / name for name in files if (folder / name).is_dir()), None)
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise BeamdaeError(f"--out {folder}: it cannot be written, {reason}.") from None
     if not there.is_dir():
         raise BeamdaeError(f"--out {folder}: it cannot be written, {there} is not a folder.")
     if not os.access(there, os.W_OK | os.X_OK):
         raise BeamdaeError(f"--out {folder}: it cannot be written, {there} allows no files.")
-
-
-def console() -> Console:
-    """Standard output as it is: units in brackets are no markup."""
-    width = None if sys.stdout.isatty() else _WIDTH
-    return Console(width=width, markup=False, highlight=False, emoji=False)
-
-
-def say_warning(console: Console, sentence: str) -> None:
-    """Tell what a result has to be read with."""
-    console.print(f"warning: {sentence}", style="yellow", markup=False, highlight=False)
-
-
-def say_written(console: Console, paths: list[Path]) -> None:
-    """Tell which files there are now."""
-    for path in paths:
-        console.print(f"written: {path}", style="dim", soft_wrap=True)
+    if taken is not None:
+        raise BeamdaeError(f"--out {folder}: it cannot be written, {taken} is a folder.")

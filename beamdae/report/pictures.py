@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import math
+import textwrap
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import LEDGER_COLUMNS
+from beamdae.report.letters import shortened
 from beamdae.results.files import replacing
 from beamdae.results.headers import Header, observed_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
 
 # Okabe & Ito's palette, readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _PANELS = 12
+# What is larger could overflow when the range of an axis is taken.
+_HUGE = 1e300
+# Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
+_LINE, _NAME, _BESIDE, _AXIS, _ENTRY = 60, 40, 22, 28, 60
+# About as wide is a letter of a legend below the panels, and the line beside its name [inches].
+_LETTER, _SIGN = 0.075, 0.8
 
 
 def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
@@ -38,17 +46,21 @@ def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
     Path
         Of the PNG file.
     """
+    table = _drawable(table)
     groups = _groups(table)
-    figure, axes = _figure(len(groups), title)
-    for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=True):
+    figure, axes = _figure(min(len(groups), _PANELS), title)
+    if len(groups) > _PANELS:
+        figure.supxlabel(f"{_PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
+    for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
+        labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         for column, color in zip(columns, _repeated(COLORS), strict=False):
-            label = column.removesuffix(f" [{unit}]").removeprefix(f"{name}.")
-            axis.plot(table["t [s]"], table[column], color=color, lw=1.2, label=label)
-        _dress(axis, name, f"[{unit}]")
+            axis.plot(table["t [s]"], table[column], color=color, lw=1.2, **_point(table))
+        _dress(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
         if len(columns) > 1:
-            _legend(axis, len(columns))
+            _legend(axis, labels)
         else:
-            axis.set_ylabel(f"{label} [{unit}]" if label != name else f"[{unit}]")
+            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
+            axis.set_ylabel(shortened(label, _AXIS))
     return saved(figure, path)
 
 
@@ -70,31 +82,46 @@ def picture_of_comparison(
     uncertainty
         Of the reference, in the same measure.
     """
+    reference = _drawable(reference)
     columns = characteristic_columns(reference)
-    figure, axes = _figure(len(columns) + 1, title)
-    styles = [
-        {"color": c, "ls": d, "lw": 1.4}
-        for c, d in zip(_repeated(COLORS), _repeated(_DASHES), strict=False)
+    errors = {
+        label: deviant.max(axis=1) for label, (_, deviant) in runs.items() if deviant is not None
+    }
+    errors = {label: x.where((x > 0.0) & (x < _HUGE)) for label, x in errors.items()}
+    measured = any(x.notna().any() for x in errors.values())
+    figure, axes = _figure(len(columns) + measured, title)
+    looks = [
+        {"color": c, "ls": d} for c, d in zip(_repeated(COLORS), _repeated(_DASHES), strict=False)
     ]
+    styles = dict(zip(runs, looks, strict=False))
     for axis, column in zip(axes, columns, strict=False):
-        axis.plot(reference["t [s]"], reference[column], color="0.8", lw=5, label="reference")
-        for (label, (curve, _)), style in zip(runs.items(), styles, strict=False):
-            axis.plot(curve["t [s]"], curve[column], label=label, **style)
+        axis.plot(reference["t [s]"], reference[column], color="0.8", lw=5, **_point(reference))
+        for label, (curve, _) in runs.items():
+            table = _drawable(curve)
+            if column in table:
+                axis.plot(table["t [s]"], table[column], lw=1.4, **styles[label], **_point(table))
         _dress(axis, "", column)
-    error = axes[-1]
-    for (_, deviant), style in zip(runs.values(), styles, strict=False):
-        if deviant is None:
-            continue
-        largest = deviant.max(axis=1)
-        error.plot(largest.index, largest.where(largest > 0.0), **{**style, "ls": "-", "lw": 1.0})
-    error.set_yscale("log")
-    if uncertainty > 0.0:
-        error.axhline(uncertainty, color="0.4", lw=1.0, ls=":", label="reference uncertainty")
-        error.legend(loc="lower right", frameon=False, fontsize=8)
-    _dress(error, "", "error / amplitude [-]")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    if measured:
+        _errors(axes[-1], errors, styles, uncertainty)
+    entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
+    legend(figure, entries)
     return saved(figure, path)
+
+
+def _errors(
+    axis: Axes,
+    errors: Mapping[str, pd.Series],
+    styles: Mapping[str, dict[str, Any]],
+    uncertainty: float,
+) -> None:
+    """Errors over time, each in the style of its run."""
+    for label, error in errors.items():
+        axis.plot(error.index, error, lw=1.0, **styles[label], **_point(error))
+    axis.set_yscale("log")
+    if 0.0 < uncertainty < _HUGE:
+        line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
+        axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
+    _dress(axis, "", "error / amplitude [-]")
 
 
 def characteristic_columns(table: pd.DataFrame) -> list[str]:
@@ -116,15 +143,26 @@ def _groups(table: pd.DataFrame) -> dict[tuple[str, str], list[str]]:
     for column in _moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
-    return dict(list(groups.items())[:_PANELS])
+    return groups
 
 
 def _moving(table: pd.DataFrame) -> list[str]:
-    """Observed columns that are neither rates nor still."""
+    """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
-    size = {c: float(np.ptp(table[c].to_numpy())) for c in columns}
+    columns = [c for c in columns if table[c].notna().any()]
+    size = {c: float(table[c].max() - table[c].min()) for c in columns}
     largest = max(size.values(), default=0.0)
     return [c for c in columns if size[c] > 1e-9 * largest] or columns
+
+
+def _drawable(table: pd.DataFrame) -> pd.DataFrame:
+    """The table without numbers no axis has a place for."""
+    return table.where(table.abs() < _HUGE)
+
+
+def _point(rows: pd.DataFrame | pd.Series) -> dict[str, Any]:
+    """A mark where there is but one row: a line would not be seen."""
+    return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 
 
 def _repeated(styles: Sequence[Any]) -> list[Any]:
@@ -141,40 +179,80 @@ def _figure(panels: int, title: str) -> tuple[Figure, list[Axes]]:
     axes = [figure.add_subplot(rows, columns, k + 1) for k in range(panels)]
     for axis in axes[-columns:]:
         axis.set_xlabel("t [s]")
-    figure.suptitle(title, fontsize=11)
+    if not axes:
+        figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
+    figure.suptitle(wrapped(title), fontsize=11)
     return figure, axes
+
+
+def wrapped(title: str, line: int = _LINE) -> str:
+    """A title on about two lines; of a longer one the middle is left out."""
+    return textwrap.fill(shortened(title, 2 * line - 10), line)
 
 
 def _dress(axis: Axes, title: str, ylabel: str) -> None:
     axis.set_title(title, fontsize=10)
-    axis.set_ylabel(ylabel)
+    axis.set_ylabel(shortened(ylabel, _AXIS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":
         axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
-    axis.tick_params(labelsize=9)
+    axis.tick_params(labelsize=9, which="both")
+    axis.yaxis.get_offset_text().set_fontsize(9)
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(axis: Axes, columns: int) -> None:
+def _legend(axis: Axes, labels: Sequence[str]) -> None:
     """A legend in the corner above the axes, where no curve runs through it."""
-    axis.legend(
+    found = axis.legend(
+        axis.lines,
+        [""] * len(labels),
         loc="lower right",
         bbox_to_anchor=(1.02, 0.97),
         frameon=False,
         fontsize=8,
-        ncols=columns,
+        ncols=min(len(labels), 4),
         handlelength=1.2,
         columnspacing=1.0,
     )
+    _name(found, [shortened(label, 14) for label in labels])
+
+
+def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """A legend below the panels, of lines in these styles by name, that takes no room from them."""
+    from matplotlib.lines import Line2D
+
+    width = figure.get_figwidth()
+    most = min(_ENTRY, int((width - _SIGN) / _LETTER))
+    names = [shortened(name, most) for name in entries]
+    widest = _LETTER * max(map(len, names), default=1) + _SIGN
+    columns = max(1, min(len(names), int(width / widest)))
+    figure.set_figheight(figure.get_figheight() + 0.19 * math.ceil(len(names) / columns))
+    found = figure.legend(
+        handles=[Line2D([], [], **style) for style in entries.values()],
+        labels=[""] * len(names),
+        loc="outside lower center",
+        ncols=columns,
+        frameon=False,
+        fontsize=8,
+        handlelength=3.0,
+    )
+    _name(found, names)
+
+
+def _name(found: Legend, names: Sequence[str]) -> None:
+    # Legends leave out what begins with an underscore, if they are given it.
+    for text, name in zip(found.get_texts(), names, strict=True):
+        text.set_text(name)
 
 
 def _as_written(figure: Figure) -> None:
     """Names are no formulas: a dollar sign in them is one."""
     legends = [axis.get_legend() for axis in figure.axes] + figure.legends
-    texts = [text for legend in legends if legend is not None for text in legend.get_texts()]
-    texts += [text for axis in figure.axes for text in (axis.title, axis.yaxis.label)]
-    for text in texts:
+    texts = [text for found in legends if found is not None for text in found.get_texts()]
+    for axis in figure.axes:
+        texts += [axis.title, axis.xaxis.label, axis.yaxis.label]
+    for text in [*texts, *figure.texts]:
         text.set_parse_math(False)
 
 

@@ -3,35 +3,46 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich import box
 from rich.table import Table
+from rich.text import Text
 
+from beamdae.report.fitted import Column, FittedTable
+from beamdae.report.letters import plain
 from beamdae.results.headers import Header
 from beamdae.results.validity import BeamRange
 
 # Values this small beside the largest in their unit are what rounding leaves of zero.
 _ROUNDING = 1e-12
 
+# Letters of a line of a header.
+_HEADER = 12
+
 # Settings of a run that have rows of their own.
 _TOLD_APART = ("integrator", "amplitudes")
 
-# Header in the terminal by column of a comparison.
+# What the terminal shows of a column of a comparison; the least of it goes first.
 _COMPARED = {
-    "status": "status",
-    "wall time [s]": "wall\n[s]",
-    "steps": "steps",
-    "rejected steps": "rejected",
-    "residual calls": "residual\ncalls",
-    "Jacobian calls": "Jacobian\ncalls",
-    "error [-]": "error\n[-]",
-    "max position drift": "position\ndrift",
-    "max velocity drift": "velocity\ndrift",
-    "energy imbalance [-]": "energy\nimbalance",
+    "status": Column("status", 2),
+    "wall time [s]": Column("wall\n[s]", 1),
+    "steps": Column("steps", 3),
+    "rejected steps": Column("rejected", 7),
+    "residual calls": Column("residual\ncalls", 8),
+    "Jacobian calls": Column("Jacobian\ncalls", 6),
+    "error [-]": Column("error\n[-]"),
+    "max position drift": Column("position\ndrift", 5),
+    "max velocity drift": Column("velocity\ndrift", 9),
+    "energy imbalance [-]": Column("energy\nimbalance", 4),
+}
+_SUMMARIZED = {
+    "what": Column("what", 1, sentences=True),
+    "at": Column("at", 3, sentences=True),
+    "value": Column("value"),
 }
 
 
@@ -49,17 +60,17 @@ def number(value: Any, digits: int = 3) -> str:
 def facts(title: str, rows: Mapping[str, Any]) -> Table:
     """Two columns: what, and how much."""
     table = Table(
-        title=title,
+        title=Text(plain(title), style="bold") if title else None,
         title_justify="left",
-        title_style="bold",
         box=None,
         show_header=False,
         pad_edge=False,
     )
-    table.add_column(style="dim")
+    table.add_column(style="dim", overflow="fold")
     table.add_column(overflow="fold")
     for name, value in rows.items():
-        table.add_row(name, value if isinstance(value, str) else number(value))
+        said = value if isinstance(value, str) else number(value)
+        table.add_row(Text(plain(name)), Text(plain(said)))
     return table
 
 
@@ -87,68 +98,100 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     }
 
 
-def validity(beams: Iterable[BeamRange]) -> Table:
+def validity(beams: Iterable[BeamRange]) -> FittedTable:
     """How far each beam went from its floating frame, and what its strains make of it."""
-    table = _table("beam", "deflection\nof length", "rotation\n[rad]", "strain\n[-]", "error\n[-]")
-    for beam in beams:
-        row = (beam.deflection, beam.rotation, beam.strain, beam.error)
-        table.add_row(beam.name, *(number(value, 2) for value in row))
-    return table
+    columns = [
+        Column("deflection\nof length", 2),
+        Column("rotation\n[rad]", 3),
+        Column("strain\n[-]", 1),
+        Column("error\n[-]"),
+    ]
+    rows = [
+        (x.name, *(number(v, 2) for v in (x.deflection, x.rotation, x.strain, x.error)))
+        for x in beams
+    ]
+    return FittedTable("beam", columns, rows, "the JSON file")
 
 
-def ranges(observed: pd.DataFrame, errors: pd.DataFrame | None = None) -> Table:
+def ranges(observed: pd.DataFrame, errors: pd.DataFrame | None = None) -> FittedTable:
     """Smallest, largest and last value of each observed column, and what is told of its error.
 
     `errors` has a row for each column, first its amplitude, then what is shown.
     """
-    told = [] if errors is None else list(errors.columns[1:])
-    table = _table("observed", "min", "max", "end", *(name.replace(" ", "\n", 1) for name in told))
+    told = [] if errors is None else list(map(str, errors.columns[1:]))
+    columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
+    # The first of what is told is the error, the last the verdict.
+    kept = (told[0], told[-1]) if told else ()
+    columns += [Column(textwrap.fill(x, _HEADER), 0 if x in kept else 4) for x in told]
+    rounding = _rounding(observed)
+    rows = []
+    for name in map(str, observed):
+        values = observed[name]
+        numbers = (float(x) for x in (values.min(), values.max(), values.iloc[-1]))
+        said = [] if errors is None else [number(errors.loc[name, column], 2) for column in told]
+        least = rounding[Header.of(name).kind]
+        rows.append((name, *(number(0.0 if abs(x) < least else x, 5) for x in numbers), *said))
+    return FittedTable("observed", columns, rows)
+
+
+def _rounding(observed: pd.DataFrame) -> dict[str, float]:
+    """By kind of a column: what is rounding beside the largest value of that kind."""
     largest: dict[str, float] = {}
     for name in map(str, observed):
-        size = float(observed[name].abs().max())
-        if math.isfinite(size):
-            kind = Header.of(name).kind
-            largest[kind] = max(largest.get(kind, 0.0), size)
-    for name in map(str, observed):
-        values, rounding = observed[name], _ROUNDING * largest.get(Header.of(name).kind, 0.0)
-        row = (float(x) for x in (values.min(), values.max(), values.iloc[-1]))
-        said = [] if errors is None else [number(errors.loc[name, column], 2) for column in told]
-        table.add_row(name, *(number(0.0 if abs(x) < rounding else x, 5) for x in row), *said)
-    return table
+        kind, size = Header.of(name).kind, float(observed[name].abs().max())
+        largest[kind] = max(largest.get(kind, 0.0), size if math.isfinite(size) else 0.0)
+    return {kind: _ROUNDING * size for kind, size in largest.items()}
 
 
-def comparison_table(table: pd.DataFrame) -> Table:
+def comparison_table(table: pd.DataFrame) -> FittedTable:
     """The table of a study, with a mark on errors that the reference cannot resolve."""
     shown = [name for name in _COMPARED if name in table]
-    result = _table("integrator", *(_COMPARED[name] for name in shown))
+    rows = []
     for _, row in table.iterrows():
         cells = {name: number(row[name]) for name in shown}
         if row.get("below resolution", False):
             cells["error [-]"] = f"< {number(10.0 * row['reference uncertainty [-]'])}"
-        result.add_row(row["label"], *cells.values())
-    return result
+        rows.append((str(row["label"]), *cells.values()))
+    return FittedTable("integrator", [_COMPARED[name] for name in shown], rows, "cases.csv")
+
+
+def summary_table(summary: pd.DataFrame) -> FittedTable:
+    """What the rows of a group come to."""
+    values = summary["value"].map(number) + " " + summary["unit"]
+    said = summary.assign(value=values.str.removesuffix(" -"))[["answer", *_SUMMARIZED]]
+    rows = [tuple(map(str, row)) for row in said.to_numpy()]
+    return FittedTable("answer", list(_SUMMARIZED.values()), rows, "summary.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
     where = failed["group"] + ", " + failed["label"]
-    return [f"{i}: {s}" for i, s in zip(where, failed["reason"], strict=True)]
+    return [plain(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
 
 
-def listing(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A table of texts, folded where they are long."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for header in headers:
-        table.add_column(header, overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    return table
+def parts(kinds: Mapping[str, str]) -> FittedTable:
+    """The parts of a mechanism and what they are."""
+    return FittedTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
-def _table(first: str, *headers: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column(first, overflow="fold")
-    for header in headers:
-        table.add_column(header, justify="right", no_wrap=True)
-    return table
+def models(rows: Iterable[Sequence[str]]) -> FittedTable:
+    """Name, end time, file, parameters and first line of models."""
+    columns = [
+        Column("t_end\n[s]", 3),
+        Column("file", 1, sentences=True),
+        Column("parameters", 2, sentences=True),
+        Column("about", 4, sentences=True),
+    ]
+    return FittedTable("model", columns, rows)
+
+
+def studies(rows: Iterable[Sequence[str]]) -> FittedTable:
+    """Name, number of cases, file and models of studies."""
+    columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
+    return FittedTable("study", columns, rows)
+
+
+def problems(rows: Iterable[Sequence[str]]) -> FittedTable:
+    """Files and what is wrong with them."""
+    return FittedTable("file", [Column("cannot be listed", sentences=True)], rows)

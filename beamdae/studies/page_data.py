@@ -91,7 +91,8 @@ def _group(results: Results, group: str) -> dict[str, Any]:
             "methods": list(reference.methods) if reference is not None else [],
             "uncertainty": reference.resolves if reference is not None and accepted else None,
             "accepted": accepted,
-            "sentence": sentence,
+            # The page says itself that there is none.
+            "sentence": sentence.removeprefix("no reference, "),
         },
         "frames": frames,
     }

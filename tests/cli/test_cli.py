@@ -327,10 +327,10 @@ def test_check_finds_what_run_would(command, name):
 
 def test_list_shows_every_model_and_why_a_file_has_none(tmp_path):
     (tmp_path / "good.py").write_text(ARM)
-    (tmp_path / "bad.py").write_text("1 / 0\n")
+    (tmp_path / "bad.py").write_text("import beamdae as bd\n\n1 / 0\nbd.model\n")
     (tmp_path / "helper.py").write_text("")
     result = CliRunner().invoke(app, ["list", str(tmp_path)])
-    assert result.exit_code == 0
+    assert result.exit_code == 1
     for word in ("arm", "0.02", "A strip falls.", "elements=1", "bad.py", "ZeroDivisionError"):
         assert word in result.stdout
     assert "helper" not in result.stdout

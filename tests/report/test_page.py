@@ -560,3 +560,58 @@ def test_another_model_without_errors_curves_and_animation(show):
 )
 def test_little_to_show(show, page, said):
     assert said in show(page).inner_text("main")
+
+
+NAMES = [
+    "u16",
+    "__proto__",
+    "constructor",
+    "hasOwnProperty",
+    "low [m]",
+    "bell \x07 escape \x1b[31m null \x00",
+    "line\u2028separator",
+    "lone \ud800 surrogate",
+    "</script><script>document.title = 'injected'</script>",
+    "<!-- <script>",
+    "[/b] :smile: $x_1^{2}\\",
+]
+
+
+def odd_names():
+    """A study in which every name a user chooses is odd."""
+    page = study()
+    page["title"] = "".join(NAMES)
+    page["notes"] = list(NAMES)
+    page["columns"] += [{"key": n, "label": n, "unit": n, "kind": "number"} for n in NAMES]
+    for k, one in enumerate(page["cases"]):
+        one["values"] |= {n: n for n in NAMES[: 1 + k]}
+        one["label"] += NAMES[k]
+        if one["curves"]:
+            one["curves"]["observed"] = {n: np.cos(k * T).tolist() for n in NAMES}
+    for group in page["groups"]:
+        if group["frames"]:
+            group["frames"]["bodies"][1]["name"] = "".join(NAMES)
+    return page
+
+
+def test_names_of_users_are_stored_as_they_are(tmp_path):
+    text = write_page(tmp_path / "page.html", odd_names()).read_text(encoding="utf-8")
+    assert text.count("</script>") == 2
+    assert not set(map(chr, [*range(9), *range(14, 32), 0x2028])) & set(text)
+    (stored_text,) = re.findall(r'id="data">(.*?)</script>', text, re.DOTALL)
+    data = json.loads(stored_text)
+    assert data["title"] == "".join(NAMES)
+    assert data["cases"][4]["values"]["u16"] == "u16"
+
+
+def test_names_of_users_are_shown_whatever_they_are(show):
+    tab = show(odd_names())
+    assert tab.title().startswith("u16")
+    assert rows(tab)
+    choice = tab.get_by_label("Observed: which")
+    for k in range(len(NAMES)):
+        choice.select_option(index=k)
+        assert tab.locator("[data-panel=observed] path.curve").count() == 1
+    first = tab.locator("#table tr[data-case='case 2'] td").all_inner_texts()
+    # Its only odd value is that of u16: no name of JavaScript's own has one.
+    assert [text for text in first[-len(NAMES) :] if text != "\N{EN DASH}"] == ["u16"]

@@ -534,7 +534,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     kept = len(list(outcomes.glob("*.json")))
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than the runs.
-    monkeypatch.setattr("beamdae.studies.pictures.draw", lambda results: [])
+    monkeypatch.setattr("beamdae.studies.pictures.plots", lambda results: {})
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0, again.stderr
     assert f"{kept} kept from before" in again.stderr

@@ -21,7 +21,7 @@ const PANELS = [
   { key: "drift", title: "Drift of the joints" },
 ];
 
-const page = JSON.parse(byId("data").textContent, unpacked);
+const page = unpackedPage(JSON.parse(byId("data").textContent));
 const families = distinct(page.cases.map((one) => one.family));
 const columns = tableColumns();
 const state = { group: null, slots: [], order: null, names: {} };
@@ -29,14 +29,35 @@ const motion = { frames: null, draw: null, time: 0, playing: false, last: 0 };
 
 // Stored curves.
 
-function unpacked(_, value) {
-  if (value === null || typeof value !== "object" || !("u16" in value)) return value;
+// Where they are is known by their place: names of users may be any.
+function unpackedPage(data) {
+  for (const { frames } of data.groups.filter((group) => group.frames)) {
+    unpackIn(frames, ["t"]);
+    for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
+  }
+  for (const { curves } of data.cases.filter((one) => one.curves)) {
+    unpackIn(curves, ["t"]);
+    for (const { key } of PANELS) unpackIn(curves[key], Object.keys(curves[key]));
+  }
+  return data;
+}
+
+function unpackIn(object, names) {
+  for (const name of names) object[name] = unpacked(object[name]);
+}
+
+function unpacked(value) {
   const bytes = Uint8Array.from(atob(value.u16), (letter) => letter.charCodeAt(0));
   const codes = new DataView(bytes.buffer);
   const values = Array.from({ length: bytes.length / 2 }, (_, i) =>
     decoded(codes.getUint16(2 * i, true), value),
   );
   return Object.assign(values, { log: value.log });
+}
+
+// What an object has itself: a name may be that of something all objects have.
+function own(object, name) {
+  return object && Object.hasOwn(object, name) ? object[name] : undefined;
 }
 
 function decoded(code, { low, step, log }) {
@@ -277,7 +298,8 @@ function facts(one) {
     ["error", errorText(one)],
     ["wall time", one.cost === null ? "–" : `${shown(one.cost)} s`],
   ];
-  if ("steps" in one.values) rows.push(["steps", shown(one.values.steps)]);
+  const steps = own(one.values, "steps");
+  if (steps !== undefined) rows.push(["steps", shown(steps)]);
   return rows;
 }
 
@@ -461,7 +483,7 @@ function tableColumns() {
   return [
     { ...given, kind: "label", value: (one) => one.label },
     { ...sentence, kind: "status", value: (one) => one.status },
-    ...others.map((column) => ({ ...column, value: (one) => one.values[column.key] })),
+    ...others.map((column) => ({ ...column, value: (one) => own(one.values, column.key) })),
   ];
 }
 
@@ -659,7 +681,7 @@ function panelElement({ key, title, names }) {
 
 function curvePlot(key, name, title) {
   const lines = selected()
-    .map(({ one, style }) => ({ one, style, t: one.curves?.t, values: one.curves?.[key]?.[name] }))
+    .map(({ one, style }) => ({ one, style, t: one.curves?.t, values: own(one.curves?.[key], name) }))
     .filter(({ values }) => values && known(values).length);
   if (!lines.length) return empty("None of the selected cases has this curve.");
   const box = plotBox(640, 270);

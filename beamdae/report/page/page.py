@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.report.letters import plain
 from beamdae.results.files import write_text
 
 # Curves are stored in 16 bits a value: a 65534th of their range, far less than a line is wide.
@@ -95,7 +96,7 @@ def _rendered(page: Mapping[str, Any]) -> str:
     folder = files("beamdae.report.page")
     data = json.dumps(page, allow_nan=False, separators=(",", ":"))
     parts = {
-        "title": html.escape(page["title"]),
+        "title": html.escape(plain(page["title"])),
         "style": folder.joinpath("page.css").read_text(encoding="utf-8"),
         "script": folder.joinpath("page.js").read_text(encoding="utf-8"),
         # No tag can begin within the data.

@@ -1,0 +1,254 @@
+"""`beamdae run`: simulate one model."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli import interrupts
+from beamdae.cli.options import (
+    EndTime,
+    ModelFile,
+    ModelName,
+    Out,
+    OutputStep,
+    Settings,
+    TimeLimit,
+    assignments,
+    require_writable,
+)
+from beamdae.cli.progress import run_progress
+from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
+from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
+
+# Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
+    from beamdae.results.solution import Solution
+
+
+def run_command(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    integrator: Annotated[
+        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
+    ] = "auto",
+    rtol: Annotated[
+        float | None,
+        typer.Option(help="Relative tolerance (generalized-alpha: adaptive steps)."),
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
+    rho_inf: Annotated[
+        float | None, typer.Option(help="Spectral radius at infinity (generalized-alpha).")
+    ] = None,
+    formulation: Annotated[
+        str | None, typer.Option(help="Form of the equations, such as ggl or index3.")
+    ] = None,
+    error_control: Annotated[
+        str | None, typer.Option(help="What the error test sees (ida): positions, ...")
+    ] = None,
+    max_order: Annotated[str | None, typer.Option(help="1 to 5, or auto (ida).")] = None,
+    time_limit: TimeLimit = None,
+    t_end: EndTime = None,
+    output_step: OutputStep = None,
+    out: Out = Path("results"),
+    estimate: Annotated[
+        bool, typer.Option(metavar="", help="Estimate the error of every column by a second run.")
+    ] = True,
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify", metavar="", help="Compare with another method at a tighter tolerance."
+        ),
+    ] = False,
+) -> None:
+    """Simulate one model and write its CSV, JSON and PNG.
+
+    Ends with 0 where the run reached its end, with 1 where it did not (what it reached is written),
+    with 2 after a mistake, and with 130 after Ctrl-C.
+    """
+    model = configured(path, model_name, settings)
+    method = _integrator(
+        integrator,
+        {
+            "rtol": rtol,
+            "step": step,
+            "rho_inf": rho_inf,
+            "formulation": formulation,
+            "error_control": error_control,
+            "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
+            "time_limit": time_limit,
+        },
+    )
+    files = _Files(out, model.name)
+    require_writable(out, (files.table.name, files.beside.name, files.picture.name))
+    # Files come first: nothing is told before they are there.
+    told = _Told([])
+    with _to_the_end(told), interrupts.held(through=1):
+        solution = _integrated(model, method, t_end, output_step)
+        with interrupts.held():
+            told.written += [solution.to_csv(files.table), files.beside]
+        told.cut_short = interrupts.heard()
+    if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
+        with _to_the_end(told):
+            _estimate(solution, verify, files, told)
+    with _to_the_end(told):
+        _draw(solution, f"{model.name}, {method.label}", files, told)
+    _say(solution, model.name, told)
+    if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
+        reason = "interrupted after the run"
+        if solution.status.kind == "interrupted":
+            reason = solution.status.sentence
+        complain(f"{reason}; what was computed is in {files.table}")
+        raise typer.Exit(interrupts.code())
+    if not solution.status.success:
+        complain(f"failed: {solution.status.sentence}")
+    if not (solution.status.success and told.complete):
+        raise typer.Exit(1)
+
+
+def configured(path: Path, name: str | None, settings: list[str] | None) -> Model:
+    """The model of a file with the values of --set as its defaults."""
+    from beamdae.cli.model_file import load_model
+
+    model = load_model(path, name)
+    return replace(model, parameters=model.complete(assignments(settings)))
+
+
+@dataclass(frozen=True)
+class _Files:
+    """What a run writes."""
+
+    folder: Path
+    name: str
+
+    @property
+    def table(self) -> Path:
+        return self.folder / f"{self.name}.csv"
+
+    @property
+    def beside(self) -> Path:
+        return self.folder / f"{self.name}.json"
+
+    @property
+    def picture(self) -> Path:
+        return self.folder / f"{self.name}.png"
+
+
+@dataclass
+class _Told:
+    """What there is to tell of a run besides its solution, as far as it got."""
+
+    written: list[Path]
+    errors: Any = None
+    beyond: str = ""
+    complete: bool = False
+    cut_short: bool = False
+
+
+def _integrated(model: Model, method: Any, t_end: float | None, output_step: float | None) -> Any:
+    """The solution, also one that an interrupt ended."""
+    from beamdae.simulation import simulate
+
+    with run_progress(t_end or model.t_end) as progress, warnings.catch_warnings():
+        # They are told with the result.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+
+        def reached(label: str, t: float) -> None:
+            progress(label, t)
+            # One that was lost, as in a callback of other code, is made up for.
+            if interrupts.heard():
+                raise KeyboardInterrupt
+
+        try:
+            return simulate(model, method, t_end, output_step, partial(reached, method.label))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("before the run had begun; nothing was written") from None
+
+
+@contextmanager
+def _to_the_end(told: _Told) -> Iterator[None]:
+    """Go on after this, also where an interrupt ends it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not told.written:
+            raise
+        told.cut_short = True
+
+
+def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> None:
+    """Find how far the observed columns are off, and write that beside the table."""
+    from beamdae import verification
+
+    if not len(solution.observed.columns):
+        return
+    errors = (verification.verify if verify else verification.error_estimate)(solution)
+    # The second run takes an interrupt for its own.
+    if interrupts.heard():
+        return
+    told.errors, told.beyond = errors, verification.exceeded(solution, errors)
+    known = errors.astype(object).where(errors.notna(), None)
+    with interrupts.held():
+        solution.to_csv(files.table, errors=known.to_dict("index"))
+
+
+def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:
+    """Draw the run; the title says if it ended early."""
+    from beamdae.report.pictures import picture_of_run
+
+    early = "" if solution.status.success else f", ended early ({solution.status.kind})"
+    picture = drawn(
+        files.picture.name,
+        lambda: [picture_of_run(files.picture, solution.table(), title + early)],
+    )
+    told.written += picture or []
+    told.complete = picture is not None
+
+
+def _say(solution: Solution, name: str, told: _Told) -> None:
+    """Tables and sentences of a run on the screen."""
+    from beamdae.report import terminal
+
+    screen = console()
+    rows = terminal.run_facts(solution.summary(), solution.integrator)
+    screen.print(terminal.facts(name, rows))
+    if len(solution.observed.columns):
+        screen.print(terminal.ranges(solution.observed, told.errors))
+    if solution.validity:
+        screen.print(terminal.validity(solution.validity))
+    say_warnings(screen, [*filter(None, [told.beyond]), *solution.warnings])
+    say_written(screen, told.written)
+
+
+def _integrator(name: str, options: dict[str, Any]) -> Any:
+    from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
+
+    kinds: dict[str, Any] = {
+        "auto": Auto,
+        "ida": Ida,
+        "radau": Radau,
+        "generalized-alpha": GeneralizedAlpha,
+    }
+    kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in _settings(kind):
+            flag = option.replace("_", "-")
+            have = [other for other, kind in kinds.items() if option in _settings(kind)]
+            raise BeamdaeError(
+                f"run: --{flag} is no option of --integrator {name}, but of {' and '.join(have)}."
+            )
+    return kind(**given)
+
+
+def _settings(kind: Any) -> set[str]:
+    return {field.name for field in fields(kind)}

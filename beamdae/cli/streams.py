@@ -1,0 +1,62 @@
+"""Standard streams that are there, take every letter, and end quietly where nobody reads them."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+# What cannot be written in the encoding of a stream is told by its code.
+_UNKNOWN_LETTERS = "backslashreplace"
+
+
+class _Sink(io.FileIO):
+    """The file of a stream: what cannot be written is dropped, and why is kept."""
+
+    problem: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        if self.problem is None:
+            try:
+                return super().write(data)
+            except OSError as problem:
+                self.problem = problem
+        return len(data)
+
+
+def secure() -> None:
+    """Make standard output and error such that writing to them never fails.
+
+    A stream that is closed goes nowhere: else the next file that is opened would take its number,
+    and get what is meant for it.
+    """
+    while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(free, True)
+    os.close(free)
+    sys.stdout, sys.stderr = _secured(sys.stdout, 1), _secured(sys.stderr, 2)
+
+
+def _secured(stream: TextIO | None, number: int) -> TextIO:
+    if isinstance(stream, io.TextIOWrapper) and stream.isatty():
+        stream.reconfigure(errors=_UNKNOWN_LETTERS)
+        return stream
+    encoding = "utf-8" if stream is None else stream.encoding
+    file = io.BufferedWriter(_Sink(number, "w", closefd=False))
+    return io.TextIOWrapper(file, encoding, _UNKNOWN_LETTERS, line_buffering=number == 2)
+
+
+def ended(code: int) -> int:
+    """The exit code of a command that ends with `code`, with all it said written.
+
+    A reader that has gone away, as `head` does, changes nothing. Output that cannot be written for
+    another reason, such as a full disk, is told, and is a mistake (2).
+    """
+    sys.stdout.flush()
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    problem = raw.problem if isinstance(raw, _Sink) else None
+    if problem is None or problem.errno == errno.EPIPE:
+        return code
+    sys.stderr.write(f"error: standard output cannot be written, {problem.strerror}.\n")
+    return code or 2

@@ -1,0 +1,416 @@
+"""What ends a command early: closed streams, interrupts, models that exit, odd options."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from terminals import process, shell
+from typer.testing import CliRunner
+
+from beamdae.cli import interrupts
+from beamdae.cli.commands import app
+from beamdae.studies.pool import SerialPool
+
+MODEL = '''
+import os
+import signal
+import sys
+
+import beamdae as bd
+
+
+def strike(number=signal.SIGINT):
+    os.kill(os.getpid(), number)
+
+
+@bd.model(t_end=0.02)
+def arm(mass=2.0, note=""):
+    """A bob swings."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("tip", bob.at(1.0, 0.0))
+    # building
+    return mech
+
+
+# importing
+'''
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder with MODEL as model.py."""
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(MODEL, encoding="utf-8")
+    return tmp_path
+
+
+def clean(errors):
+    return "Traceback" not in errors and "ignored" not in errors
+
+
+# Standard streams that nobody reads, or that are not there.
+
+CLOSED = {
+    "reader gone": ("| true", 0, 0),
+    "no output": (">&-", 0, 0),
+    "full disk": (">/dev/full", 2, 1),
+    "no errors": ("2>&- >/dev/null", 0, 0),
+    "neither": (">&- 2>&-", 0, 0),
+    "nothing at all": ("<&- >&- 2>&-", 0, 0),
+    "full disk for errors": (">/dev/full 2>/dev/full", 2, 0),
+}
+
+
+@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.parametrize(("streams", "code", "lines"), CLOSED.values(), ids=CLOSED)
+def test_files_are_written_wherever_the_words_go(here, streams, code, lines):
+    got, _, errors = shell("{beamdae} run model.py " + streams)
+    assert (got, len(errors.splitlines())) == (code, lines), errors
+    assert clean(errors)
+    assert {p.name for p in Path("results").iterdir()} == {"arm.csv", "arm.json", "arm.png"}
+
+
+@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.parametrize("command", ["check model.py", "list .", "--help", "--version", "run gone"])
+def test_every_command_ends_quietly_without_a_reader(here, command):
+    code = 2 if "gone" in command else 0
+    for streams in ("| true", ">&-", ">&- 2>&-"):
+        got, _, errors = shell(f"{{beamdae}} {command} {streams}")
+        assert got == code, errors
+        assert clean(errors)
+    got, _, errors = shell(f"{{beamdae}} {command} >/dev/full")
+    assert got == 2
+    assert len(errors.splitlines()) == 1
+
+
+@pytest.mark.slow(reason="a study in processes")
+def test_page_and_pictures_of_a_study_without_a_reader(here):
+    code, _, errors = shell("{beamdae} compare model.py | true")
+    assert (code, clean(errors)) == (0, True), errors
+    names = {path.name for path in Path("results/arm_compare").iterdir()}
+    assert {"report.html", "comparison.png", "work_precision.svg", "cases.csv"} <= names
+
+
+# Interrupts, each sent by the process to itself at the moment in question.
+
+AT_STEP = """
+from beamdae.integrators import ida
+taken, step = [], ida.Bdf.step
+def striking(self):
+    taken.append(None)
+    if len(taken) in {at}:
+        strike()
+    return step(self)
+ida.Bdf.step = striking
+"""
+WHILE_WRITING = """
+import pandas as pd
+write = pd.DataFrame.to_csv
+def striking(self, *arguments, **settings):
+    strike()
+    return write(self, *arguments, **settings)
+pd.DataFrame.to_csv = striking
+"""
+WHILE_DRAWING = """
+from matplotlib.figure import Figure
+def striking(self, *arguments, **settings):
+    strike()
+Figure.savefig = striking
+"""
+ALL = {"arm.csv", "arm.json", "arm.png"}
+# What strikes, the files there are, and words of the sentence.
+MOMENTS = {
+    "importing": ("strike()", set(), "interrupted"),
+    "scouting": (AT_STEP.format(at="{5}"), ALL, "of the scout"),
+    "integrating": (AT_STEP.format(at="{400}"), ALL, "interrupted at t = 0"),
+    "integrating, twice": (AT_STEP.format(at="{400, 401}"), ALL, "interrupted at t = 0"),
+    "integrating, then writing": (
+        AT_STEP.format(at="{400}") + WHILE_WRITING.replace("striking", "writing"),
+        ALL,
+        "interrupted at t = 0",
+    ),
+    "writing": (WHILE_WRITING, ALL, "interrupted after the run"),
+    "drawing": (WHILE_DRAWING, ALL - {"arm.png"}, "interrupted after the run"),
+    "integrating, then drawing": (
+        AT_STEP.format(at="{400}") + WHILE_DRAWING.replace("striking", "drawing"),
+        ALL - {"arm.png"},
+        "interrupted at t = 0",
+    ),
+}
+
+
+@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("lines", "files", "words"), MOMENTS.values(), ids=MOMENTS)
+def test_interrupted_run_keeps_what_it_has(here, lines, files, words, number):
+    lines = lines.replace("strike()", f"strike({int(number)})")
+    Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
+    command = process("run", "model.py", "--rtol", "1e-9", "--integrator", "ida", "--t-end", "0.5")
+    _, errors = command.communicate(timeout=120)
+    assert command.returncode == 128 + number, errors
+    (line,) = errors.splitlines()
+    assert words in line
+    assert {path.name for path in Path().glob("results/*") if path.stat().st_size} == files
+    if files:
+        assert line.endswith("; what was computed is in results/arm.csv")
+        assert len(pd.read_csv("results/arm.csv")) >= 1
+
+
+@pytest.mark.slow(reason="processes of the command")
+def test_interrupt_while_building_ends_the_run(here):
+    Path("model.py").write_text(MODEL.replace("# building", "strike()"), encoding="utf-8")
+    for name in ("run", "check"):
+        command = process(name, "model.py")
+        _, errors = command.communicate(timeout=60)
+        assert (command.returncode, clean(errors)) == (130, True)
+        assert errors.startswith("interrupted")
+    assert not Path("results").exists()
+
+
+@pytest.mark.slow(reason="processes of the command")
+def test_interrupt_in_the_second_run_keeps_the_first(here):
+    lines = """
+import beamdae.verification as verification
+again = verification._again
+def struck(*arguments):
+    strike()
+    return again(*arguments)
+verification._again = struck
+"""
+    Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
+    command = process("run", "model.py")
+    output, errors = command.communicate(timeout=60)
+    assert command.returncode == 130, errors
+    assert "interrupted after the run; what was computed is in results/arm.csv" in errors
+    assert "error" not in output.split("observed")[1].splitlines()[0]
+    assert Path("results/arm.png").exists()
+
+
+@pytest.mark.slow(reason="a study in processes")
+@pytest.mark.skipif(os.name != "posix", reason="groups of processes are POSIX")
+def test_interrupt_of_a_whole_group_of_processes_leaves_a_study_that_goes_on(here):
+    command = process("compare", "model.py", "--t-end", "2", start_new_session=True)
+    first = command.stderr.readline()
+    # Its processes are about to start.
+    time.sleep(0.3)
+    os.killpg(command.pid, signal.SIGINT)
+    _, errors = command.communicate(timeout=60)
+    assert first.startswith("0 of 8 runs")
+    assert (command.returncode, clean(errors)) == (130, True), errors
+    assert " of 8 done: start the same command again" in errors
+    assert Path("results/arm_compare/report.html").exists()
+
+
+def struck(times, held, done):
+    """Hear so many signals in a block that is to be finished."""
+    with held:
+        for _ in range(times):
+            interrupts._hear(signal.SIGTERM, None)
+        done.append(times)
+
+
+def test_interrupts_are_held_while_something_is_finished(monkeypatch):
+    done = []
+    monkeypatch.setattr(interrupts, "_heard", [])
+    with pytest.raises(KeyboardInterrupt):
+        struck(1, interrupts.held(), done)
+    assert done == [1]
+    assert interrupts.code() == 143
+    with interrupts.held(through=1), interrupts.held():
+        done.append("what was heard before is told no more")
+    # The fourth comes through: whoever sends it means it.
+    with pytest.raises(KeyboardInterrupt):
+        struck(3, interrupts.held(), done)
+    assert len(done) == 2
+    monkeypatch.setattr(interrupts, "_heard", [])
+    with pytest.raises(KeyboardInterrupt):
+        struck(1, interrupts.held(through=1), done)
+    assert len(done) == 2
+
+
+# Models that end the process.
+
+ENDS = {
+    "exit on import": ("# importing", "sys.exit()", "sys.exit(None)", "line 24"),
+    "exit while building": ("# building", "sys.exit(3)", "arm: ", "sys.exit(3)", "line 20"),
+    "generator exit": ("# building", "raise GeneratorExit('x')", "GeneratorExit at line 20: x"),
+    "own base exception": (
+        "# building",
+        "raise type('Own', (BaseException,), {})('[/b]')",
+        "Own at line 20: [/b]",
+    ),
+    "endless recursion": ("# building", "return arm()", "RecursionError at line"),
+    "exit in a law": (
+        "# building",
+        "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: sys.exit(0)))",
+        "SystemExit",
+        "sys.exit(0)",
+    ),
+    "syntax": ("# importing", "def f(:", "model.py", "SyntaxError at line 24"),
+}
+
+
+@pytest.mark.parametrize(("place", "line", "words"), [
+    pytest.param(place, line, words, id=name) for name, (place, line, *words) in ENDS.items()
+])  # fmt: skip
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_model_that_ends_the_process_is_a_mistake(here, command, place, line, words):
+    Path("model.py").write_text(MODEL.replace(place, line), encoding="utf-8")
+    result = CliRunner().invoke(app, [command, "model.py"])
+    assert result.exit_code == 2
+    (said,) = result.stderr.splitlines()
+    assert said.startswith("error: ")
+    for word in words:
+        assert word in said
+    assert not Path("results").exists()
+
+
+# Options.
+
+
+def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
+    titles = []
+    monkeypatch.setattr(
+        "beamdae.report.pictures.picture_of_run",
+        lambda path, table, title: titles.append(title) or path,
+    )
+    result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])
+    assert result.exit_code == 1, result.output
+    assert "failed: time limit of 1e-09 s" in result.stderr
+    assert Path("results/arm.csv").exists()
+    assert titles[0].endswith(", ended early (limited)")
+    result = CliRunner().invoke(app, ["run", "model.py", "--time-limit", "0"])
+    assert (result.exit_code, "time_limit must be positive" in result.stderr) == (2, True)
+
+
+def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
+    seen = []
+
+    def never(study, *_):
+        seen.append(study.limits.time)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("beamdae.studies.engine.run", never)
+    result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "3.5"])
+    assert (seen, result.exit_code) == ([3.5], 130)
+    result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "nan"])
+    assert (result.exit_code, "--time-limit must be finite" in result.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--out", "model.py"], "is not a folder"),
+        (["--out", "model.py/below"], "is not a folder"),
+        (["--out", "x" * 300], "File name too long"),
+        (["--set", "mass=[/b]"], "[/b]"),
+        (["--set", "mass=\ud800"], r"\ud800"),
+        (["--set", "mass=1e400"], "must be finite"),
+        (["--output-step", "1e-300"], "output_step"),
+    ],
+)
+def test_odd_options_are_a_sentence(here, arguments, words):
+    result = CliRunner().invoke(app, ["run", "model.py", *arguments])
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert words in line
+
+
+def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(here, monkeypatch):
+    Path("results/arm.json").mkdir(parents=True)
+    monkeypatch.setattr("beamdae.simulation.simulate", None)
+    result = CliRunner().invoke(app, ["run", "model.py"])
+    assert (result.exit_code, "arm.json is a folder" in result.stderr) == (2, True)
+
+
+def test_workers_beyond_all_use_are_refused(here):
+    result = CliRunner().invoke(app, ["compare", "model.py", "--workers", str(10**9)])
+    assert (result.exit_code, "--workers must be at most" in result.stderr) == (2, True)
+
+
+# Studies.
+
+
+@pytest.fixture
+def serial(monkeypatch):
+    monkeypatch.setattr("beamdae.studies.pool.LocalPool", lambda workers: SerialPool())
+
+
+DEAD = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
+
+
+@pytest.mark.slow(reason="studies")
+@pytest.mark.usefixtures("serial")
+@pytest.mark.parametrize("over", [None, "elements"])
+def test_a_study_whose_cases_all_fail_has_its_rows_and_its_page(here, over):
+    study = f"""
+@bd.study(over={over!r})
+def dead():
+    return [bd.Case(arm, {{"elements": n}}, bd.Ida(1e-3)) for n in (1, 2)]
+"""
+    source = MODEL.replace("# building", DEAD).replace("mass=2.0", "mass=2.0, elements=1")
+    Path("model.py").write_text(source + study, encoding="utf-8")
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["compare", "model.py"])
+        assert result.exit_code == 1, result.output
+        assert result.stderr.count("failed: arm") >= 2
+        assert Path("results/dead/report.html").exists()
+        assert set(pd.read_csv("results/dead/cases.csv")["status"]) == {"failed"}
+        assert not list(Path("results/dead").glob("*.png"))
+
+
+@pytest.mark.slow(reason="two starts of a study")
+@pytest.mark.usefixtures("serial")
+def test_an_interrupted_study_says_how_far_it_is_and_has_a_page(here, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("beamdae.integrators.radau.Radau.integrate", interrupted)
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["compare", "model.py"])
+        assert result.exit_code == 130, result.output
+        assert "stopped, 0 of 8 done: start the same command again" in result.stderr
+        assert Path("results/arm_compare/report.html").exists()
+
+
+@pytest.mark.slow(reason="a study")
+@pytest.mark.usefixtures("serial")
+def test_a_picture_that_fails_costs_no_other(here, monkeypatch):
+    def broken(*_):
+        raise ValueError("[/b] odd data")
+
+    monkeypatch.setattr("beamdae.studies.pictures._of_one_group", broken)
+    result = CliRunner().invoke(app, ["compare", "model.py"])
+    assert result.exit_code == 1
+    assert "failed: comparison: it cannot be drawn, ValueError: [/b] odd data" in result.stderr
+    written = [line for line in result.stdout.splitlines() if line.startswith("written")]
+    names = [Path(line).name for line in written]
+    assert names[2:] == ["report.html", "work_precision.png", "work_precision.svg"]
+
+
+# Encodings.
+
+LOCALES = {
+    "C": {"LC_ALL": "C"},
+    "C without UTF-8": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    "ascii": {"PYTHONIOENCODING": "ascii"},
+    "latin-1": {"PYTHONIOENCODING": "latin-1"},
+}
+
+
+@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.parametrize("locale", LOCALES.values(), ids=LOCALES)
+def test_every_encoding_has_letters_enough(here, locale):
+    source = MODEL.replace("A bob swings", "Ein Bogen µ 梁")
+    Path("model.py").write_text(source, encoding="utf-8")
+    for arguments in (["list", "model.py"], ["run", "model.py", "--t-end", "0.01"], ["--help"]):
+        command = process(*arguments, environment=locale, text=False)
+        output, errors = command.communicate(timeout=60)
+        assert (command.returncode, errors) == (0, b"")
+        # Lines of boxes are drawn in letters there are.
+        assert b"\\u25" not in output

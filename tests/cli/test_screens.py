@@ -1,0 +1,192 @@
+"""What is seen in terminals of several widths, in a pipe, and of folders of models."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from terminals import in_terminal, process
+from typer.testing import CliRunner
+
+from beamdae.cli import progress, saying
+from beamdae.cli.commands import app
+
+WIDTHS = (60, 80, 120)
+MODEL = '''
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def arm(mass=2.0, note="[/b] :smile:"):
+    """A bob [/b] swings."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge [/b]", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("tip [bold]", bob.at(1.0, 0.0))
+    return mech
+'''
+STUDY = """
+
+@bd.study(references=(bd.Ida(1e-8), bd.GeneralizedAlpha(2e-3)))
+def both():
+    integrators = [bd.Ida(1e-4), bd.GeneralizedAlpha(5e-3)]
+    return [bd.Case(arm, {"note": "[/b] :smile:"}, integrator) for integrator in integrators]
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder with a model and a study in it."""
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(MODEL + STUDY, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.slow(reason="processes in terminals")
+@pytest.mark.parametrize("width", WIDTHS)
+def test_run_in_a_terminal(here, width):
+    code, lines, _ = in_terminal(width, "run", "model.py", "--verify")
+    assert code == 0, lines
+    (bar, *_) = [line for line in lines if "t = " in line and " of 1 s" in line]
+    assert re.search(r"0:00:\d\d", bar)
+    table = [line for line in lines if line.strip().startswith("tip [bold]")]
+    assert len(table) == 6
+    for line in table:
+        assert line.split()[-1] in ("agrees", "%") or "known" in line
+    assert all(len(line) <= width for line in lines if not line.startswith("written"))
+    assert not any("…" in line for line in table)
+
+
+@pytest.mark.slow(reason="studies in terminals")
+@pytest.mark.parametrize("width", WIDTHS)
+def test_study_in_a_terminal(here, width):
+    code, lines, _ = in_terminal(width, "compare", "model.py")
+    assert code == 0, lines
+    bars = [line for line in lines if re.search(r"\b[0-5]/5\b", line)]
+    assert any(re.search(r"\d:\d\d:\d\d left", line) for line in bars)
+    assert all(len(line) <= width for line in bars)
+    for label in ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.005)"):
+        (row,) = [line for line in lines if line.startswith(f" {label}") and " ok " in line]
+        assert "…" not in row
+    assert "a wider terminal or cases.csv shows them" in " ".join(" ".join(lines).split())
+
+
+@pytest.mark.slow(reason="processes in terminals")
+@pytest.mark.parametrize("width", [40, *WIDTHS])
+def test_lists_in_a_terminal(here, width):
+    for command in (["list", "."], ["check", "model.py"]):
+        code, lines, _ = in_terminal(width, *command)
+        assert code == 0
+        assert max(map(len, lines)) <= width
+        text = "\n".join(lines)
+        assert "arm" in text
+        assert ("both" in text) == (command[0] == "list")
+
+
+@pytest.mark.slow(reason="processes in terminals")
+def test_no_color_is_heeded(here):
+    _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")
+    _, _, plain = in_terminal(
+        80, "run", "model.py", "--t-end", "0.01", environment={"NO_COLOR": "1"}
+    )
+    color = r"\x1b\[[0-9;]*3[0-9]"
+    assert re.search(color, colored)
+    assert not re.search(color, plain)
+
+
+@pytest.mark.slow(reason="processes of the command")
+def test_a_pipe_is_as_wide_as_need_be_unless_columns_say_how_wide(here):
+    rows = {}
+    for columns in ("", "50"):
+        environment = {"COLUMNS": columns} if columns else {}
+        output, _ = process("run", "model.py", environment=environment).communicate(timeout=60)
+        rows[columns] = output.splitlines()
+        assert ("not shown" in output) == bool(columns)
+    assert max(map(len, rows[""])) > 120
+    assert max(map(len, rows["50"])) <= 50
+
+
+# The bar of a study says what the study does.
+
+
+def test_time_left_is_what_the_study_says():
+    standing = SimpleNamespace(total=10, done=4, kept=2, failed=0, running=2, left=3725.4, last="x")
+    assert progress._clock(progress._seconds_left(standing, 0.0)) == "1:02:05 left"
+    standing.left = None
+    assert progress._seconds_left(standing, 0.0) > 0.0
+    standing.done = standing.total
+    assert progress._seconds_left(standing, 0.0) == 0.0
+    standing.done = standing.kept
+    assert progress._clock(progress._seconds_left(standing, 0.0)) == "-:--:--"
+
+
+def test_lines_of_a_study_tell_the_time_left(capsys):
+    lines = progress._Lines()
+    for done in range(3):
+        lines(SimpleNamespace(total=2, done=done, kept=0, failed=0, running=1, left=7.2, last=""))
+    said = capsys.readouterr().err.splitlines()
+    assert [line.endswith("about 7 s left") for line in said] == [True, True, False]
+
+
+@pytest.mark.parametrize(("columns", "width"), [("7", 20), ("33", 33), ("x", 10_000)])
+def test_columns_that_are_no_width_are_not_taken(monkeypatch, columns, width):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert saying.console().width == width
+
+
+# Lists.
+
+RUN = "import pathlib\npathlib.Path('ran').touch()\n"
+# Files that are not to be run, though they have to do with beamdae or would fail.
+OTHERS = {
+    "script.py": RUN + "import beamdae as bd\nbd.simulate\n",
+    "foreign.py": RUN + "import torch as bd\n@bd.model\ndef f(): pass\n",
+    "broken.py": "1 / 0\n",
+    "odd.py": "def (:\n",
+}
+
+
+def test_list_runs_no_script_and_names_files_models_and_studies(here):
+    for name, source in OTHERS.items():
+        Path(name).write_text(source)
+    Path("bad.py").write_text("from beamdae import study\n1 / 0\n")
+    Path("syntax.py").write_text("import beamdae as bd\n@bd.model(\n")
+    Path("named.py").write_text(
+        "from beamdae import model as m\n\nlone = m(t_end=2.5)(lambda: 0)\n"
+    )
+    result = CliRunner().invoke(app, ["list", "."], env={"COLUMNS": ""})
+    assert result.exit_code == 1
+    assert not Path("ran").exists()
+    tables = {}
+    for line in result.stdout.splitlines():
+        if re.match(r" (model|study|file) ", line):
+            rows = tables[line.split()[0]] = []
+        elif line.strip() and "──" not in line and "t_end" not in line:
+            rows.append(line.split())
+    assert [row[:3] for row in tables["model"]] == [
+        ["arm", "1", "model.py"],
+        ["<lambda>", "2.5", "named.py"],
+    ]
+    assert tables["study"] == [["both", "2", "model.py", "arm"]]
+    assert [row[0] for row in tables["file"]] == ["bad.py", "syntax.py"]
+    assert "ZeroDivisionError at line 2" in result.stdout
+    assert "A bob [/b] swings." in result.stdout
+
+
+def test_list_of_a_study_leaves_out_the_models_of_others(here):
+    Path("study.py").write_text(
+        "import beamdae as bd\narm = bd.load_model('model.py')\n"
+        "@bd.study()\ndef third():\n    return [bd.Case(arm)]\n"
+    )
+    result = CliRunner().invoke(app, ["list", "study.py"])
+    assert result.exit_code == 0
+    assert "third" in result.stdout
+    assert "swings" not in result.stdout
+
+
+def test_help_says_of_no_flag_that_it_is_true_or_false():
+    for command in ([], ["run"], ["compare"]):
+        result = CliRunner().invoke(app, [*command, "--help"])
+        assert result.exit_code == 0
+        assert "bool" not in result.stdout.lower()
+    assert "--time-limit" in result.stdout
