@@ -28,7 +28,8 @@ def explained(problem: BaseException, path: Path) -> str:
     ]
     message = reason(problem).replace(".__init__()", "()")
     if isinstance(problem, SystemExit):
-        message = f"it called sys.exit({shown(problem.code)})"
+        code = "" if problem.code is None else shown(problem.code)
+        message = f"it called sys.exit({code})"
     if isinstance(problem, SyntaxError):
         # Its own message repeats the place, and the place may be another file.
         elsewhere = problem.filename is not None and Path(problem.filename) not in own

@@ -152,7 +152,7 @@ def test_list_runs_no_script_and_names_files_models_and_studies(here):
     Path("bad.py").write_text("from beamdae import study\n1 / 0\n")
     Path("syntax.py").write_text("import beamdae as bd\n@bd.model(\n")
     Path("named.py").write_text(
-        "from beamdae import model as m\n\nlone = m(t_end=2.5)(lambda: 0)\n"
+        "from beamdae import model as m\n\ndef lone(): pass\n\nlone = m(t_end=2.5)(lone)\n"
     )
     result = CliRunner().invoke(app, ["list", "."], env={"COLUMNS": ""})
     assert result.exit_code == 1
@@ -165,7 +165,7 @@ def test_list_runs_no_script_and_names_files_models_and_studies(here):
             rows.append(line.split())
     assert [row[:3] for row in tables["model"]] == [
         ["arm", "1", "model.py"],
-        ["<lambda>", "2.5", "named.py"],
+        ["lone", "2.5", "named.py"],
     ]
     assert tables["study"] == [["both", "2", "model.py", "arm"]]
     assert [row[0] for row in tables["file"]] == ["bad.py", "syntax.py"]
