@@ -1,0 +1,55 @@
+"""All faults, and what is seen of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robustness import faults_cache, faults_output, faults_runs, faults_stale, faults_studies
+from robustness.bench import Bench, NotRight, Skipped
+from robustness.workers import Scratch
+
+THEMES = {
+    "cache": faults_cache,
+    "output": faults_output,
+    "runs": faults_runs,
+    "stale": faults_stale,
+    "studies": faults_studies,
+}
+# A fault may take so long [s].
+LIMIT = 600.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """What became of a fault."""
+
+    fault: str
+    right: str
+    ended: str
+    complaint: str = ""
+
+
+def all_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
+    """Every fault by theme and name; the docstring of each says what is right."""
+    return {
+        f"{theme}: {fault.__name__.replace('_', ' ')}": fault
+        for theme, module in THEMES.items()
+        for fault in (*module.FAULTS, *(module.SLOW if slow else ()))
+    }
+
+
+def see_fault(name: str) -> Line:
+    """Set a fault up and tell whether what comes of it is right."""
+    fault = all_faults()[name]
+    right = " ".join((fault.__doc__ or "").split())
+    with Scratch() as scratch:
+        try:
+            fault(Bench(scratch.folder))
+        except Skipped as reason:
+            return Line(name, right, f"skipped: {reason}")
+        except NotRight as problem:
+            return Line(name, right, "not right", str(problem))
+        except Exception as problem:  # Something else is missing than was looked for.
+            return Line(name, right, "not right", f"{type(problem).__name__}: {problem}")
+    return Line(name, right, "right")
