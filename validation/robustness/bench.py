@@ -41,18 +41,18 @@ def arm(length=LENGTH, elements=1, label="tip"):
 LONG = MODEL.replace("t_end=0.02", "t_end=2000.0")
 
 
-class NotRight(Exception):
+class NotRightError(Exception):
     """What was seen and is not right."""
 
 
-class Skipped(Exception):
+class NotPossibleError(Exception):
     """Why a fault cannot be set up on this machine."""
 
 
 def expect(right: bool, otherwise: str) -> None:
     """Go on if that is right."""
     if not right:
-        raise NotRight(otherwise)
+        raise NotRightError(otherwise)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Bench:
         try:
             out, err = process.communicate(timeout=limit)
         except subprocess.TimeoutExpired:
-            raise NotRight(f"no end within {limit:g} s") from None
+            raise NotRightError(f"no end within {limit:g} s") from None
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -165,7 +165,7 @@ def unprivileged(bench: Bench, command: list[str]) -> list[str]:
     if os.geteuid() != 0:
         return command
     if shutil.which("setpriv") is None:
-        raise Skipped("root, and no setpriv to give up what root may do")
+        raise NotPossibleError("root, and no setpriv to give up what root may do")
     return ["setpriv", "--bounding-set=-all", "--inh-caps=-all", *command]
 
 
@@ -177,7 +177,7 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
     try:
         subprocess.run(mount, check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
-        raise Skipped("no right to mount a small file system") from None
+        raise NotPossibleError("no right to mount a small file system") from None
     try:
         yield
     finally:

@@ -180,7 +180,7 @@ def invoked(arguments: list[str]) -> Seen:
     from beamdae.cli.commands import app
     from beamdae.studies.pool import SerialPool
 
-    with mock.patch("beamdae.studies.pool.LocalPool", lambda workers: SerialPool()):
+    with mock.patch("beamdae.studies.pool.LocalPool", return_value=SerialPool()):
         done = CliRunner().invoke(app, arguments, prog_name="beamdae")
     problem = done.exception
     if problem is not None and not isinstance(problem, SystemExit):

@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robustness import faults_cache, faults_output, faults_runs, faults_stale, faults_studies
-from robustness.bench import Bench, NotRight, Skipped
+from robustness import (
+    faults_cache,
+    faults_dying,
+    faults_output,
+    faults_runs,
+    faults_stale,
+    faults_studies,
+)
+from robustness.bench import Bench, NotPossibleError, NotRightError
 from robustness.workers import Scratch
 
 THEMES = {
     "cache": faults_cache,
+    "dying": faults_dying,
     "output": faults_output,
     "runs": faults_runs,
     "stale": faults_stale,
@@ -46,9 +54,9 @@ def see_fault(name: str) -> Line:
     with Scratch() as scratch:
         try:
             fault(Bench(scratch.folder))
-        except Skipped as reason:
+        except NotPossibleError as reason:
             return Line(name, right, f"skipped: {reason}")
-        except NotRight as problem:
+        except NotRightError as problem:
             return Line(name, right, "not right", str(problem))
         except Exception as problem:  # Something else is missing than was looked for.
             return Line(name, right, "not right", f"{type(problem).__name__}: {problem}")

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from robustness.bench import Bench, Skipped, expect, small_disk, told, unprivileged
+from robustness.bench import Bench, NotPossibleError, expect, small_disk, told, unprivileged
 
 
 def _libraries(bench: Bench) -> list[Path]:
@@ -18,7 +18,7 @@ def _libraries(bench: Bench) -> list[Path]:
 def _filled(bench: Bench) -> str:
     """The table by the virtual machine, and a cache with the libraries for it."""
     if shutil.which("cc") is None:
-        raise Skipped("no C compiler")
+        raise NotPossibleError("no C compiler")
     bench.env |= {"XDG_CACHE_HOME": str(bench.folder / "cache"), "BEAMDAE_NATIVE": "off"}
     bench.env.pop("CC", None)
     bench.simulated()
@@ -111,7 +111,7 @@ def cache_others_may_write(bench: Bench) -> None:
 def cache_of_another_user(bench: Bench) -> None:
     """Libraries in another user's folder are not trusted."""
     if os.geteuid() != 0:
-        raise Skipped("only root may give a folder away")
+        raise NotPossibleError("only root may give a folder away")
     right = _falsified(bench)
     for path in [bench.folder / "cache" / "beamdae", *_libraries(bench)]:
         os.chown(path, 65534, 65534)

@@ -14,7 +14,7 @@ from robustness.bench import (
     told,
     unprivileged,
 )
-from robustness.faults_studies import _study
+from robustness.faults_studies import write_study
 
 
 def _streams(bench: Bench, line: str) -> Ran:
@@ -79,7 +79,7 @@ def nobody_reads_a_list(bench: Bench) -> None:
 
 def nobody_reads_a_study(bench: Bench) -> None:
     """A study whose output nobody reads is finished."""
-    _study(bench)
+    write_study(bench)
     no_traceback(bench.shell("BEAMDAE compare study.py --workers 2 2>&1 | true", limit=100.0))
     expect((bench.folder / "results/few/report.html").is_file(), "no page was written")
 
@@ -108,7 +108,7 @@ def picture_is_a_folder(bench: Bench) -> None:
 
 def page_is_a_folder(bench: Bench) -> None:
     """A folder by the name of a study's page is told in a sentence, and the tables are kept."""
-    _study(bench)
+    write_study(bench)
     (bench.folder / "results/few/report.html").mkdir(parents=True)
     told(bench.run("compare", "study.py", limit=100.0), 1, 2)
     expect((bench.folder / "results/few/cases.csv").is_file(), "no table was written")
@@ -125,7 +125,7 @@ def full_disk(bench: Bench) -> None:
 
 def full_disk_of_a_study(bench: Bench) -> None:
     """A study on a full disk ends with a sentence."""
-    _study(bench)
+    write_study(bench)
     with small_disk(bench.folder / "results", 64):
         told(bench.run("compare", "study.py", "--workers", "2", limit=100.0), 1, 2)
 
@@ -140,7 +140,7 @@ def relative_names(bench: Bench) -> None:
 
 def study_named_by_a_path(bench: Bench) -> None:
     """A study whose name has separators is refused, or stays in its folder."""
-    _study(bench)
+    write_study(bench)
     path = bench.folder / "study.py"
     path.write_text(path.read_text() + "\nfew = bd.Study('../../escaped', few.cases)\n")
     told(bench.run("compare", "study.py", limit=100.0), 0, 2)

@@ -1,4 +1,4 @@
-"""Bad model files: what they hold, how they are read, and that none ends in anything but a sentence."""
+"""Bad model files: what they hold, and how they are read."""
 
 from __future__ import annotations
 

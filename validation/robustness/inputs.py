@@ -10,6 +10,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from robustness.values import VALUES
 from robustness.workers import Scratch, Silence
 from robustness.world import World
 
+# Inputs that are models, files and commands as a whole.
+SITUATIONS = ("law", "start", "joint", "curve", "scale", "study of", "file", "command")
 # The call without a bad value: it has to run.
 WORKING = "nothing bad"
 # No input may take longer [s].
@@ -55,12 +58,14 @@ class Input:
 
     @property
     def name(self) -> str:
+        """Place and value."""
         return f"{self.place}: {self.value}"
 
     @property
     def group(self) -> str:
         """The public name it is about, or the kind of input."""
-        return re.split(r"[ .\[]", self.place)[0]
+        begin = re.split(r"[ .\[]", self.place)[0]
+        return self.place if self.place in SITUATIONS else begin
 
 
 def public_name(base: str) -> str:
@@ -118,11 +123,8 @@ def _attempt(
                 entries[index] = bad
                 bad = type(arguments[argument])(entries)
             arguments[argument] = bad
-        if base.call is None:
-            made = getattr(bd, key)(**arguments)
-        else:
-            made = base.call(world, **arguments)
-        return base.use(world, made)
+        call = partial(base.call, world) if base.call else getattr(bd, key)
+        return base.use(world, call(**arguments))
 
     return attempt
 
@@ -161,7 +163,7 @@ def see(one: Input) -> tuple[Seen, str]:
     ended, text = seen.ended, seen.text
     if ended == "ran" and told_right:
         ended, text = "warned", "\n".join(dict.fromkeys(told_right))
-    output = "\n".join(filter(None, [seen.output, hush.said, *other]))
+    output = "\n".join(filter(None, [seen.output, hush.said.strip(), *other]))
     seen = Seen(ended, text, output, scratch.left)
     if one.value == WORKING and ended not in ("ran", "warned"):
         return seen, "the call without a bad value does not run"

@@ -108,9 +108,9 @@ def names(text: str, word: str) -> bool:
 def command_seen(code: int, out: str, err: str) -> Seen:
     """What a command came to: its exit code tells how it ended, standard error why.
 
-    0: it ran, perhaps with warnings; 1 and, after an interrupt, 130: it tells a reason and keeps what
-    was computed; 2: a mistake, one line that begins with "error:", or the option parser's usage with
-    one line. Anything else is an end that nobody foresaw.
+    0: it ran, perhaps with warnings; 1 and, after an interrupt, 130: it tells a reason and keeps
+    what was computed; 2: a mistake, one line that begins with "error:", or the option parser's
+    usage with one line. Anything else is an end that nobody foresaw.
     """
     everything = f"{out}\n{err}"
     if "Traceback (most recent call last)" in everything:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from tolerances.random_cases import STILL, RandomCase, random_case
+from tolerances.tolerance_case import deviations
 
 import beamdae as bd
 from beamdae.verification import exceeded
-from tolerances.random_cases import COLUMNS, STILL, RandomCase, random_case
-from tolerances.tolerance_case import deviations
 
 RTOL, TIME_LIMIT = 1e-4, 20.0
 # A mechanism takes three runs, and an estimate of those that disagree without a word.

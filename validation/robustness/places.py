@@ -1,4 +1,4 @@
-"""Every public name in a small working call: parts, curves, laws and what mechanisms are made of."""
+"""Public names in small working calls: parts, curves, laws, mechanisms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from robustness.world import (
     made_of,
     observed,
 )
-
 
 _PROPERTIES = ("coordinates", "initial_position", "initial_velocity", "outline", "laws")
 _METHODS = ("forces", "constraints", "ranges", "draw")

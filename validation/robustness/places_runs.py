@@ -1,4 +1,4 @@
-"""Every public name in a small working call: models, integrators, runs, studies and results."""
+"""Public names in small working calls: models, integrators, studies, results."""
 
 from __future__ import annotations
 

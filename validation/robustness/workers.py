@@ -39,7 +39,10 @@ def tried(
     names: Iterable[str],
     limit: float,
 ) -> Iterator[tuple[str, Any]]:
-    """(name, what `function` makes of it), in order; None: its process died, ...: it did not end."""
+    """(name, what `function` makes of it), in order; None: its process died, ...: it did not end.
+
+    A process that leaves as if all were well, with exit code 0, is waited for until the limit.
+    """
     futures = [(name, processes.schedule(function, (name,), timeout=limit)) for name in names]
     for name, future in futures:
         try:
@@ -63,20 +66,24 @@ def _leave_with(parent: int) -> None:
 
 
 class Silence:
-    """What is said on standard output and standard error, by whatever language, is caught."""
+    """What is said on standard output and standard error, by whatever language, is caught.
+
+    `said` has it afterwards.
+    """
 
     def __enter__(self) -> Silence:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        self._file = tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
+        self._streams = sys.stdout, sys.stderr
+        for stream in self._streams:
+            stream.flush()
         self._kept = [os.dup(1), os.dup(2)]
+        self._file = tempfile.TemporaryFile()
         for number in (1, 2):
             os.dup2(self._file.fileno(), number)
+        sys.stdout = sys.stderr = open(1, "w", errors="replace", closefd=False, buffering=1)
         return self
 
     def __exit__(self, *problem: object) -> None:
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
+        sys.stdout, sys.stderr = self._streams
         for number, kept in zip((1, 2), self._kept, strict=True):
             os.dup2(kept, number)
             os.close(kept)

@@ -1,4 +1,4 @@
-"""A small working mechanism for a bad value to be put into, and what is done with what comes of it."""
+"""A small working mechanism for a bad value to be put into, and what is done with it."""
 
 from __future__ import annotations
 
@@ -51,14 +51,17 @@ class World:
 
     @cached_property
     def material(self) -> bd.Material:
+        """Steel."""
         return bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
     @cached_property
     def section(self) -> bd.Section:
+        """A thin strip."""
         return bd.Section.rectangle(self.material, width=0.02, height=0.004)
 
     @cached_property
     def beam(self) -> bd.Beam:
+        """A beam that nothing holds."""
         return self.falling()
 
     def falling(self, curve: Any = None, section: Any = None) -> bd.Beam:
@@ -100,6 +103,7 @@ class World:
 
     @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Time, coordinates and velocities of a constrained system."""
         return ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
 
     def write_model(self) -> None:
