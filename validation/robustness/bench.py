@@ -7,10 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +144,18 @@ class Bench:
     def left(self, pattern: str) -> list[str]:
         """Names of the files there are."""
         return sorted(path.name for path in self.folder.glob(pattern))
+
+
+@cache
+def _made(prepare: Callable[[Bench], None]) -> tempfile.TemporaryDirectory[str]:
+    folder = tempfile.TemporaryDirectory(prefix="robustness-prepared-")
+    prepare(Bench(Path(folder.name)))
+    return folder
+
+
+def prepared(bench: Bench, prepare: Callable[[Bench], None]) -> None:
+    """What `prepare` makes in a folder, made once a process, in the folder of the bench."""
+    shutil.copytree(_made(prepare).name, bench.folder, dirs_exist_ok=True)
 
 
 def told(ran: Ran, *codes: int) -> Ran:

@@ -9,7 +9,7 @@ from unittest import mock
 
 from robustness.files import GOOD, written
 from robustness.inputs import Input
-from robustness.judge import Seen, command_seen
+from robustness.judge import Seen, command_seen, raised
 
 # In place of FILE is a good model file; further words are files and folders of `_folder`.
 FILE = "out/model.py"
@@ -184,7 +184,7 @@ def invoked(arguments: list[str]) -> Seen:
         done = CliRunner().invoke(app, arguments, prog_name="beamdae")
     problem = done.exception
     if problem is not None and not isinstance(problem, SystemExit):
-        return Seen("raised", f"{type(problem).__name__}: {problem}"[:500])
+        return raised(problem)
     # No command, or one without what it needs, shows its help: that is an answer.
     helped = not arguments or done.stdout.lstrip().startswith("Usage:")
     tables = "" if done.exit_code != 2 or helped else done.stdout

@@ -6,7 +6,15 @@ import os
 import shutil
 from pathlib import Path
 
-from robustness.bench import Bench, NotPossibleError, expect, small_disk, told, unprivileged
+from robustness.bench import (
+    Bench,
+    NotPossibleError,
+    expect,
+    prepared,
+    small_disk,
+    told,
+    unprivileged,
+)
 
 
 def _libraries(bench: Bench) -> list[Path]:
@@ -15,18 +23,24 @@ def _libraries(bench: Bench) -> list[Path]:
     return found
 
 
+def _fill(bench: Bench) -> None:
+    bench.env |= {"XDG_CACHE_HOME": str(bench.folder / "cache"), "BEAMDAE_NATIVE": "off"}
+    bench.env.pop("CC", None)
+    bench.simulated()
+    right = bench.rows
+    bench.env.pop("BEAMDAE_NATIVE")
+    bench.simulated()
+    expect(bench.rows == right, "compiled kernels give other results")
+
+
 def _filled(bench: Bench) -> str:
     """The table by the virtual machine, and a cache with the libraries for it."""
     if shutil.which("cc") is None:
         raise NotPossibleError("no C compiler")
-    bench.env |= {"XDG_CACHE_HOME": str(bench.folder / "cache"), "BEAMDAE_NATIVE": "off"}
+    prepared(bench, _fill)
+    bench.env["XDG_CACHE_HOME"] = str(bench.folder / "cache")
     bench.env.pop("CC", None)
-    bench.simulated()
-    bench.env.pop("BEAMDAE_NATIVE")
-    right = bench.rows
-    bench.simulated()
-    expect(bench.rows == right, "compiled kernels give other results")
-    return right
+    return bench.rows
 
 
 def _same_after(bench: Bench, right: str, limit: float = 60.0) -> None:

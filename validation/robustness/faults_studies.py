@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from robustness.bench import Bench, Ran, expect, told
+from robustness.bench import Bench, Ran, expect, prepared, told
 
 MODEL = """import os, sys, time
 from pathlib import Path
@@ -60,10 +60,14 @@ def trajectories(bench: Bench) -> dict[str, str]:
     return {p.name: p.read_text() for p in (results(bench) / "trajectories").glob("*.csv")}
 
 
-def _mended(bench: Bench, kind: str, damage) -> None:
-    """A second start does a damaged run again, says so, and ends as the first one did."""
+def _finished(bench: Bench) -> None:
     write_study(bench)
     done(bench, 0)
+
+
+def _mended(bench: Bench, kind: str, damage) -> None:
+    """A second start does a damaged run again, says so, and ends as the first one did."""
+    prepared(bench, _finished)
     right, table = trajectories(bench), cases(bench)
     path = sorted((results(bench) / kind).iterdir())[0]
     damage(path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import random
 import re
-import traceback
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
@@ -18,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from robustness.judge import Seen, complaint
+from robustness.judge import Seen, complaint, raised
 from robustness.places_runs import BASES, NOT_CALLED, NOT_GIVEN
 from robustness.values import VALUES
 from robustness.workers import Scratch, Silence
@@ -121,8 +120,10 @@ def _attempt(
             if index is not None:
                 entries = list(arguments[argument])
                 entries[index] = bad
-                bad = type(arguments[argument])(entries)
+                kind = type(arguments[argument])
+                bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
+            words |= {str(bad)} if isinstance(bad, (str, Path)) else set()
         call = partial(base.call, world) if base.call else getattr(bd, key)
         return base.use(world, call(**arguments))
 
@@ -176,18 +177,7 @@ def _tried(one: Input, words: set[str]) -> Seen:
     except bd.BeamdaeError as problem:
         return Seen("refused", str(problem) if type(problem) is bd.BeamdaeError else repr(problem))
     except BaseException as problem:  # Whatever else comes is what is looked for.
-        return Seen("raised", f"{_where(problem)}: {_described(problem)}"[:500])
-
-
-def _where(problem: BaseException) -> str:
-    """The function of beamdae an exception came out of last."""
-    frames = traceback.extract_tb(problem.__traceback__)
-    own = [f for f in frames if "/beamdae/" in f.filename]
-    return f"{Path(own[-1].filename).stem}.{own[-1].name}" if own else "elsewhere"
-
-
-def _described(problem: BaseException) -> str:
-    return f"{type(problem).__name__}: {problem}"
+        return raised(problem)
 
 
 def _result(made: Any) -> Seen:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
+import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 # How an input may end: refused by a sentence, a result that tells why it is none, one that is
-# told with warnings, or one with finite columns.
-RIGHT = ("refused", "failed", "warned", "ran")
+# told with warnings, or one with finite columns; and a command whose file was an interrupt.
+RIGHT = ("refused", "failed", "warned", "ran", "interrupted")
 # And how it must not: another exception, the end of the interpreter, no end within its limit.
 WRONG = ("raised", "crashed", "hung")
 
 LONGEST = 600
+# Their reasons have no period: "failed: time limit of 5 s".
+_UNFINISHED = ("failed", "interrupted")
 _ADDRESS = re.compile(r"\bat 0x[0-9a-f]+|\b0x[0-9a-f]{6,}", re.IGNORECASE)
 # What other libraries say when they are given what is none of their business.
 _FOREIGN = re.compile(
@@ -59,15 +63,16 @@ def complaint(seen: Seen, words: Iterable[str] = (), exempt: bool = False) -> st
     code of the user's own, which may print and whose exceptions may be repeated.
     """
     if seen.ended not in RIGHT:
-        return f"it {seen.ended}"
+        # What was raised, and where, comes before what it says.
+        return f"it {seen.ended} {seen.text.partition(': ')[0]}".strip()
     lines = seen.text.splitlines()
     if seen.ended == "refused" and len(lines) != 1:
         return f"{len(lines)} lines in place of one sentence"
-    found = (not_a_sentence(line, exempt, seen.ended != "failed") for line in lines)
+    found = (not_a_sentence(line, exempt, seen.ended not in _UNFINISHED) for line in lines)
     first = next(filter(None, found), "")
     if first:
         return first
-    if seen.ended != "ran" and not lines:
+    if seen.ended not in ("ran", "interrupted") and not lines:
         return "no reason is told"
     if seen.ended == "refused" and words and not any(names(seen.text, word) for word in words):
         return "it names neither the part nor the argument"
@@ -105,6 +110,18 @@ def names(text: str, word: str) -> bool:
     return re.search(rf"(?<!\w){re.escape(word)}(?!\w)", text) is not None
 
 
+def raised(problem: BaseException) -> Seen:
+    """An exception nobody should have seen, with the function of beamdae it came out of."""
+    frames = traceback.extract_tb(problem.__traceback__)
+    own = [f for f in frames if "/beamdae/" in f.filename]
+    where = f"{Path(own[-1].filename).stem}.{own[-1].name}" if own else "code beside beamdae"
+    try:
+        message = str(problem)
+    except Exception as another:  # One whose text is an error as well.
+        message = f"{type(another).__name__} of its text"
+    return Seen("raised", f"{type(problem).__name__} in {where}: {message}"[:500])
+
+
 def command_seen(code: int, out: str, err: str) -> Seen:
     """What a command came to: its exit code tells how it ended, standard error why.
 
@@ -121,7 +138,7 @@ def command_seen(code: int, out: str, err: str) -> Seen:
     if code == 2:
         return Seen("refused", "\n".join(told), other + out)
     if code in (1, 130):
-        return Seen("failed", "\n".join(told), other)
+        return Seen("failed" if code == 1 else "interrupted", "\n".join(told), other)
     found = Seen("ran", "", other)
     return replace(found, ended="warned", text="\n".join(told)) if told else found
 

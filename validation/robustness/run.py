@@ -10,8 +10,10 @@ Tables of everything go to results/; the exit code is 1 if something was not rig
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -92,10 +94,10 @@ def by_place(lines: pd.DataFrame) -> pd.DataFrame:
         counts = {kind: int((ended == kind).sum()) for kind in (*judge.RIGHT, "hopeless")}
         wrong = group[group["complaint"] != ""]
         rows.append({"place": place, "inputs": len(group), **counts, "not right": len(wrong)})
-        rows += [
-            {"place": place, "value": w.value, "complaint": w.complaint, "seen": w.seen}
-            for w in wrong.itertuples()
-        ]
+        for complaint, alike in wrong.groupby("complaint", sort=False):
+            values = ", ".join(alike["value"])[:200]
+            example = {"value": values, "complaint": complaint, "seen": alike["seen"].iloc[0]}
+            rows.append({"place": place, "not right": len(alike), **example})
     columns = ["place", "inputs", *judge.RIGHT, "hopeless", "not right"]
     table = pd.DataFrame(rows, columns=[*columns, "value", "complaint", "seen"])
     return table.astype(dict.fromkeys(columns[1:], "Int64"))
@@ -106,12 +108,19 @@ def not_right(table: pd.DataFrame) -> pd.DataFrame:
     return table[table["complaint"].fillna("") != ""]
 
 
+def counted(table: pd.DataFrame) -> tuple[int, int]:
+    """How many were tried, and how many of them were not right."""
+    if "inputs" not in table:
+        return len(table), len(not_right(table))
+    places = table[table["inputs"].notna()]
+    return int(places["inputs"].sum()), int(places["not right"].sum())
+
+
 def said(what: str, table: pd.DataFrame, seconds: float) -> None:
     """What there is to say of a table."""
-    wrong = not_right(table)
-    tried = int(table["inputs"].sum()) if "inputs" in table else len(table)
-    print(f"{what}: {tried} tried in {seconds:.0f} s, {len(wrong)} not right")
-    for line in wrong.itertuples(index=False):
+    tried, wrong = counted(table)
+    print(f"{what}: {tried} tried in {seconds:.0f} s, {wrong} not right")
+    for line in not_right(table).itertuples(index=False):
         told = {k: v for k, v in line._asdict().items() if isinstance(v, str) and v}
         print("  " + " | ".join(" ".join(v.split())[:160] for v in told.values()))
 
@@ -132,7 +141,7 @@ def main() -> None:
         begin = time.perf_counter()
         table = trial(options)
         said(what, table, time.perf_counter() - begin)
-        wrong += len(not_right(table))
+        wrong += counted(table)[1]
         if not (options.thinned or options.match):
             RESULTS.mkdir(exist_ok=True)
             table.to_csv(RESULTS / f"{what}.csv", index=False, float_format="%.3g")
@@ -140,4 +149,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    # Whatever a process that was killed left behind goes with this folder.
+    with tempfile.TemporaryDirectory(prefix="robustness-") as scratch:
+        os.environ["TMPDIR"] = scratch
+        main()
