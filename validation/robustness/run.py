@@ -82,7 +82,8 @@ def try_faults(options: argparse.Namespace) -> pd.DataFrame:
     with workers.pool(options.workers) as pool:
         for name, found in workers.tried(pool, faults.see_fault, names, faults.LIMIT):
             lost = faults.Line(name, known[name].__doc__ or "", "not right", "it did not end")
-            lines.append(lost if found is None or found is ... else found)
+            lines.append(lost if found in (None, ...) else found)
+            print(f"{lines[-1].ended:10s}", name, lines[-1].complaint, flush=True)
     return pd.DataFrame([asdict(line) for line in lines])
 
 
