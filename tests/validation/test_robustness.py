@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 from robustness import faults, inputs, mechanisms
-from robustness.workers import pool, tried
+from robustness.workers import Processes
 
 SEED = 1
 GROUPS = (*sorted({inputs.public_name(base) for base in inputs.BASES}), *inputs.SITUATIONS)
@@ -21,9 +21,8 @@ pytestmark = pytest.mark.slow(reason="thousands of short runs, and real commands
 
 @pytest.fixture(scope="module")
 def processes():
-    with pool(1) as running:
+    with Processes(1) as running:
         yield running
-        running.stop()
 
 
 def test_no_group_of_inputs_is_left_out():
@@ -35,7 +34,7 @@ def test_bad_inputs_end_in_a_sentence(processes, group):
     names = [one.name for one in chosen() if one.group == group and not one.hopeless]
     assert names
     wrong = {}
-    for name, found in tried(processes, inputs.see_by_name, names, inputs.LIMIT):
+    for name, found in processes.tried(inputs.see_by_name, names, inputs.LIMIT):
         if found is None or found is ...:
             wrong[name] = "it crashed" if found is None else "it hung"
         elif found[1]:

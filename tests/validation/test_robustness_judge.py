@@ -10,8 +10,8 @@ from robustness import inputs, mechanisms
 from robustness.bench import NotRightError, Ran, told
 from robustness.inputs import Input, see
 from robustness.judge import LONGEST, Seen, command_seen, complaint, not_a_sentence
-from robustness.workers import pool, tried
-from robustness_trials import tried as trial
+from robustness.workers import Processes
+from robustness_trials import trial
 
 import beamdae as bd
 
@@ -86,8 +86,8 @@ def test_a_command_is_judged_by_its_exit_code_and_standard_error():
 
 def test_a_process_that_dies_or_hangs_is_named_and_others_go_on():
     names = ["first", "dies", "hangs", "leaves", "last"]
-    with pool(1) as processes:
-        found = dict(tried(processes, trial, names, 0.5))
+    with Processes(1) as processes:
+        found = dict(processes.tried(trial, names, 0.5))
     assert found == {"first": "first", "dies": None, "hangs": ..., "leaves": None, "last": "last"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -49,6 +50,8 @@ def all_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
 
 def see_fault(name: str) -> Line:
     """Set a fault up and tell whether what comes of it is right."""
+    # Where this was started in the background interrupts are ignored, also by what it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     fault = all_faults()[name]
     right = " ".join((fault.__doc__ or "").split())
     with Scratch() as scratch:

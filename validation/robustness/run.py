@@ -34,15 +34,16 @@ def try_inputs(options: argparse.Namespace) -> pd.DataFrame:
     known = inputs.all_inputs()
     names = inputs.thinned(known, options.seed) if options.thinned else list(known)
     names = [name for name in names if options.match in name]
+    found = dict(seen_inputs(known, names, options.workers))
     lines = [
         {
             "place": known[name].place,
             "value": known[name].value,
-            "ended": seen.ended,
-            "complaint": why,
-            "seen": judge.printable(f"{seen.text} {seen.output}".strip()[:200]),
+            "ended": found[name][0].ended,
+            "complaint": found[name][1],
+            "seen": judge.printable(f"{found[name][0].text} {found[name][0].output}".strip()[:200]),
         }
-        for name, (seen, why) in seen_inputs(known, names, options.workers)
+        for name in names
     ]
     return by_place(pd.DataFrame(lines))
 
@@ -51,8 +52,8 @@ def seen_inputs(
     known: dict[str, inputs.Input], names: list[str], processes: int
 ) -> Iterator[tuple[str, tuple[judge.Seen, str]]]:
     """What was seen of each input, and why it is not right."""
-    with workers.pool(processes) as pool:
-        for name, found in workers.tried(pool, inputs.see_by_name, names, inputs.LIMIT):
+    with workers.Processes(processes) as pool:
+        for name, found in pool.tried(inputs.see_by_name, names, inputs.LIMIT):
             if found is None or found is ...:
                 seen = judge.Seen("crashed" if found is None else "hung")
                 found = seen, judge.complaint(seen)
@@ -68,10 +69,10 @@ def try_mechanisms(options: argparse.Namespace) -> pd.DataFrame:
     if options.thinned:
         names = random.Random(options.seed).sample(names, mechanisms.THINNED)
     lines: list[mechanisms.Line] = []
-    with workers.pool(options.workers) as pool:
-        for name, found in workers.tried(pool, mechanisms.see_seed, names, mechanisms.LIMIT):
+    with workers.Processes(options.workers) as pool:
+        for name, found in pool.tried(mechanisms.see_seed, names, mechanisms.LIMIT):
             lines += [mechanisms.lost(name, found is None)] if found in (None, ...) else found
-    return pd.DataFrame([asdict(line) for line in lines])
+    return pd.DataFrame([asdict(line) for line in sorted(lines, key=lambda line: line.seed)])
 
 
 def try_faults(options: argparse.Namespace) -> pd.DataFrame:
@@ -79,12 +80,12 @@ def try_faults(options: argparse.Namespace) -> pd.DataFrame:
     known = faults.all_faults(slow=not options.thinned)
     names = [name for name in known if options.match in name]
     lines = []
-    with workers.pool(options.workers) as pool:
-        for name, found in workers.tried(pool, faults.see_fault, names, faults.LIMIT):
+    with workers.Processes(options.workers) as pool:
+        for name, found in pool.tried(faults.see_fault, names, faults.LIMIT):
             lost = faults.Line(name, known[name].__doc__ or "", "not right", "it did not end")
             lines.append(lost if found in (None, ...) else found)
             print(f"{lines[-1].ended:10s}", name, lines[-1].complaint, flush=True)
-    return pd.DataFrame([asdict(line) for line in lines])
+    return pd.DataFrame([asdict(line) for line in sorted(lines, key=lambda line: line.fault)])
 
 
 def by_place(lines: pd.DataFrame) -> pd.DataFrame:

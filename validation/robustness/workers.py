@@ -9,13 +9,12 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import TimeoutError
 from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
-
-from pebble import ProcessExpired, ProcessPool
 
 # A process may take so much memory [bytes].
 MEMORY = 6_000_000_000
@@ -26,31 +25,91 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def pool(workers: int) -> ProcessPool:
-    """Processes that share nothing with this one."""
-    # Several threads of a BLAS in each process would wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return ProcessPool(workers, context=get_context("spawn"), initializer=_limit)
+class Processes:
+    """So many processes apart from this one; one that dies or is killed is replaced."""
+
+    def __init__(self, count: int) -> None:
+        # Several threads of a BLAS in each process would wait for each other.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        self._workers = [_Worker() for _ in range(count)]
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        for worker in self._workers:
+            worker.kill()
+
+    def tried(
+        self, function: Callable[[str], Any], names: Iterable[str], limit: float
+    ) -> Iterator[tuple[str, Any]]:
+        """(name, what `function` makes of it) as they end.
+
+        None: its process died; ...: it did not end within `limit` [s].
+        """
+        waiting = deque(names)
+        while waiting or any(worker.name for worker in self._workers):
+            for worker in self._workers:
+                if waiting and not worker.name:
+                    worker.begin(function, waiting.popleft())
+            busy = [worker for worker in self._workers if worker.name]
+            ready = wait([worker.connection for worker in busy], timeout=0.1)
+            for worker in busy:
+                if worker.connection in ready or worker.lasts > limit:
+                    yield worker.end(worker.connection in ready)
 
 
-def tried(
-    processes: ProcessPool,
-    function: Callable[[str], Any],
-    names: Iterable[str],
-    limit: float,
-) -> Iterator[tuple[str, Any]]:
-    """(name, what `function` makes of it), in order; None: its process died, ...: it did not end.
+class _Worker:
+    """One process, what it is at, and since when."""
 
-    A process that leaves as if all were well, with exit code 0, is waited for until the limit.
-    """
-    futures = [(name, processes.schedule(function, (name,), timeout=limit)) for name in names]
-    for name, future in futures:
+    def __init__(self) -> None:
+        self.name = ""
+        self._start()
+
+    def _start(self) -> None:
+        context = get_context("spawn")
+        self.connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other,))
+        self._process.start()
+        # The other end is the process's alone: its death is the end of what can be received.
+        other.close()
+        self.connection.recv()
+
+    @property
+    def lasts(self) -> float:
+        """For how long it has been at that [s]."""
+        return time.monotonic() - self._since
+
+    def begin(self, function: Callable[[str], Any], name: str) -> None:
+        """Give it something to do."""
+        self.name, self._since = name, time.monotonic()
+        self.connection.send((function, name))
+
+    def end(self, answered: bool) -> tuple[str, Any]:
+        """The name and the answer; without one the process is replaced."""
+        name, self.name, found = self.name, "", ...
         try:
-            yield name, future.result()
-        except ProcessExpired:
-            yield name, None
-        except TimeoutError:
-            yield name, ...
+            if answered:
+                return name, self.connection.recv()
+        except EOFError:
+            found = None
+        self.kill()
+        self._start()
+        return name, found
+
+    def kill(self) -> None:
+        """End it, whatever it is at."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _serve(connection: Connection) -> None:
+    _limit()
+    connection.send("ready")
+    while True:
+        function, name = connection.recv()
+        connection.send(function(name))
 
 
 def _limit() -> None:
