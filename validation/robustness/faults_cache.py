@@ -85,6 +85,7 @@ def another_functions_library(bench: Bench) -> None:
 
 _FALSE = """
 import sys
+import subprocess
 import casadi as ca
 from pathlib import Path
 for library in map(Path, sys.argv[1:]):
