@@ -92,7 +92,8 @@ MODELS: dict[str, Base] = {
         lambda w, **given: w.swing(**given),
     ),
     "model": Base(
-        lambda w: {"t_end": T_END}, lambda w, decorate: bd.simulate(decorate(w.swing.build))
+        lambda w: {"t_end": T_END},
+        lambda w, decorate: bd.simulate(decorate(w.swing.build), w.integrator),
     ),
     "model defaults": Base(
         lambda w: {"mass": 1.0, "copies": 1, "name": "bob", "at": (1.0, 0.0)},
@@ -198,8 +199,9 @@ RESULTS: dict[str, Base] = {
 
 def _written(world: World, path: Any) -> None:
     solution = world.solution
-    world.folder.mkdir(exist_ok=True)
-    with chdir(world.folder):
+    # Relative paths may lead up.
+    (world.folder / "deep").mkdir(parents=True)
+    with chdir(world.folder / "deep"):
         solution.to_csv(path)
 
 
