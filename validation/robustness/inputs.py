@@ -123,7 +123,7 @@ def _attempt(
                 kind = type(arguments[argument])
                 bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
-            words |= {str(bad)} if isinstance(bad, (str, Path)) else set()
+            words |= {str(bad), repr(bad).strip("'")} if isinstance(bad, (str, Path)) else set()
         call = partial(base.call, world) if base.call else getattr(bd, key)
         return base.use(world, call(**arguments))
 

@@ -21,15 +21,20 @@ _ADDRESS = re.compile(r"\bat 0x[0-9a-f]+|\b0x[0-9a-f]{6,}", re.IGNORECASE)
 # What other libraries say when they are given what is none of their business.
 _FOREIGN = re.compile(
     r"traceback \(most|casadi[/:.]|\.[ch]pp:\d|\bassert(ion)?\b.*failed|wrong number or type of arg"
-    r"|possible prototypes|no matching function|\bufunc\b|broadcast together"
+    r"|possible prototypes|no matching function|\bufunc\b|broadcast together|__array__"
     r"|array element with a sequence|inhomogeneous shape|truth value of an? (array|empty)"
-    r"|unsupported operand|not supported between|object is not (callable|iterable|subscriptable)"
-    r"|has no attribute|unhashable type|unexpected keyword|positional argument"
-    r"|cannot convert|invalid literal|must be real number|too large to convert|int too large"
-    r"|not enough values|too many values|__array__|codec can't|surrogates not allowed"
-    r"|recursion depth|overflow encountered|invalid value encountered|divide by zero",
+    r"|overflow encountered|invalid value encountered|divide by zero",
     re.IGNORECASE,
 )
+# What Python says: of a function of the user's own it may be told, after the type of the error.
+_PYTHON = re.compile(
+    r"unsupported operand|not supported between|object is not (callable|iterable|subscriptable)"
+    r"|has no attribute|unhashable type|unexpected keyword|positional argument|invalid literal"
+    r"|cannot convert|must be real number|too large to convert|not enough values|too many values"
+    r"|codec can't|surrogates not allowed|recursion depth",
+    re.IGNORECASE,
+)
+_TYPE = re.compile(r"\b[A-Z]\w*(Error|Exception)\b[^:]*: ")
 _QUOTED = re.compile(r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\"|\((?:[^()]|\([^()]*\))*\)")
 _NEXT_SENTENCE = re.compile(r"(?<![.\d])[.!?]\s+[A-Z]")
 
@@ -89,7 +94,8 @@ def not_a_sentence(text: str, exempt: bool = False, whole: bool = True) -> str:
         return "control characters in the sentence"
     if _ADDRESS.search(text):
         return "a memory address in the sentence"
-    if not exempt and _FOREIGN.search(text):
+    own = exempt or _TYPE.search(text) is not None
+    if not exempt and (_FOREIGN.search(text) or (not own and _PYTHON.search(text))):
         return "another library's words in the sentence"
     if len(text) > LONGEST:
         return f"a sentence of {len(text)} characters"

@@ -103,6 +103,11 @@ def _section(world: World) -> dict[str, Any]:
     }
 
 
+def _pinned(world: World, place: Any) -> bd.Solution:
+    post = world.mech.add(bd.RigidBody("post", 1.0, 0.1, (4.0, 0.0)))
+    return added(world, bd.Revolute("pin", place, post.at(3.0, 0.0)))
+
+
 def _falling(world: World, mech: bd.Mechanism) -> bd.Solution:
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1))
     mech.observe("place", bob.at(0.0, 0.0))
@@ -232,7 +237,9 @@ MECHANISMS: dict[str, Base] = {
         lambda w, name, what: _watched(w, name, what),
     ),
     "Mechanism.part": Base(lambda w: {"name": "bar"}, itself, lambda w, name: w.mech.part(name)),
-    "ground.at": Base(lambda w: {"x": 1.0, "y": 0.0}, held, lambda w, x, y: w.mech.ground.at(x, y)),
+    "ground.at": Base(
+        lambda w: {"x": 3.0, "y": 0.0}, _pinned, lambda w, x, y: w.mech.ground.at(x, y)
+    ),
     "RigidBody.at": Base(lambda w: {"x": 1.0, "y": 0.0}, held, lambda w, x, y: w.bar.at(x, y)),
     "Beam.at": Base(lambda w: {"s": 0.5}, held, lambda w, s: w.beam.at(s)),
     "Beam.strain": Base(

@@ -87,7 +87,7 @@ MODELS: dict[str, Base] = {
         lambda w: {"build": w.swing.build, "t_end": T_END, "parameters": w.swing.parameters}, _ran
     ),
     "Model of": Base(
-        lambda w: {"mass": 1.0, "copies": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
+        lambda w: {"mass": 1.0, "spin": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
         _ran,
         lambda w, **given: w.swing(**given),
     ),
@@ -96,7 +96,7 @@ MODELS: dict[str, Base] = {
         lambda w, decorate: bd.simulate(decorate(w.swing.build), w.integrator),
     ),
     "model defaults": Base(
-        lambda w: {"mass": 1.0, "copies": 1, "name": "bob", "at": (1.0, 0.0)},
+        lambda w: {"mass": 1.0, "spin": 1, "name": "bob", "at": (1.0, 0.0)},
         _ran,
         lambda w, **defaults: bd.Model(w.swing.build, T_END, {"stiff": True, **defaults}),
     ),
@@ -167,7 +167,7 @@ RESULTS: dict[str, Base] = {
         lambda w, case: case.solve(T_END, OUTPUT_STEP),
     ),
     "Case parameters": Base(
-        lambda w: {"mass": 2.0, "copies": 1, "at": (1.0, 0.0)},
+        lambda w: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
         lambda w, case: done(w, bd.Study("few", (case,), output_step=OUTPUT_STEP)),
         lambda w, **values: w.case(**values),
     ),

@@ -152,9 +152,9 @@ STUDIES: dict[str, Situation] = {
     "references of one kind": lambda w: _studied(
         w, [w.case()], references=(bd.Radau(), bd.Radau(1e-3))
     ),
-    "over a parameter no case gives": lambda w: _studied(w, [w.case()], over="copies"),
+    "over a parameter no case gives": lambda w: _studied(w, [w.case()], over="spin"),
     "over a text": lambda w: _studied(w, [w.case(name="a")], over="name"),
-    "one mesh": lambda w: _studied(w, [w.case(copies=1)], over="copies"),
+    "one mesh": lambda w: _studied(w, [w.case(spin=1)], over="spin"),
     "grid of numbers": lambda w: bd.grid(mass=1.0),
     "grid of nothing": lambda w: _studied(w, [w.case(**row) for row in bd.grid(mass=[])]),
     "grid that does not end": lambda w: [bd.grid(mass=iter(lambda: 1.0, 2.0))],
@@ -170,7 +170,7 @@ STUDIES: dict[str, Situation] = {
 _WORDS = (
     *("Curve", "Line", "Arc", "Parabola", "Segment", "ConstrainedSystem", "Mechanism", "ground"),
     *("q0", "q1", "system", "constraint", "law", "torque", "beam", "rotor", "top", "shot", "dust"),
-    *("again", "own", "far", "pin", "swing", "bob0", "few", "grid", "compare", "simulate"),
+    *("again", "own", "far", "pin", "swing", "bob", "few", "grid", "compare", "simulate"),
 )
 _HOPELESS = {"grid that does not end": "a listing without an end cannot be told from a long one"}
 

@@ -24,7 +24,7 @@ INTEGRATORS: tuple[Callable[[], bd.Integrator], ...] = (
 KNEE = (1.0, 0.0)
 # Parts, models and studies that are made of what an input gives.
 _MADE = (
-    *("torque", "mass", "watched", "end", "swing", "bob", "bob0", "pin0", "few", "place", "ground"),
+    *("torque", "mass", "watched", "end", "swing", "bob", "pin", "few", "place", "ground"),
     *("beam", "odd", "system", "constraint", "x", "y", "compare", "simulate", "Law", "Study"),
 )
 
@@ -77,13 +77,13 @@ class World:
     def swing(self) -> bd.Model:
         """A model with parameters of each type."""
 
+        # Whatever is given goes to beamdae as it is.
         @bd.model(t_end=T_END)
-        def swing(mass=1.0, copies=1, stiff=True, name="bob", at=(1.0, 0.0), extra=None):
+        def swing(mass=1.0, spin=0, stiff=True, name="bob", at=(1.0, 0.0), extra=None):
             mech = bd.Mechanism(gravity=(0.0, -9.81))
-            for k in range(min(copies, 2)):
-                bob = mech.add(bd.RigidBody(f"{name}{k}", mass, 0.1, at))
-                mech.add(bd.Revolute(f"pin{k}", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-            mech.observe("bob", bob.at(*at))
+            bob = mech.add(bd.RigidBody(name, mass, 0.1, at, (0.0, 0.0), spin))
+            mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+            mech.observe("bob", bob.at(0.5, 0.5))
             return mech
 
         return swing
