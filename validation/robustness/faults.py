@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ class Line:
     right: str
     ended: str
     complaint: str = ""
+    wall: float = 0.0
 
 
 def all_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
@@ -52,15 +54,16 @@ def see_fault(name: str) -> Line:
     """Set a fault up and tell whether what comes of it is right."""
     # Where this was started in the background interrupts are ignored, also by what it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    fault = all_faults()[name]
-    right = " ".join((fault.__doc__ or "").split())
+    fault, begin = all_faults()[name], time.perf_counter()
+    ended, complaint = "right", ""
     with Scratch() as scratch:
         try:
             fault(Bench(scratch.folder))
         except NotPossibleError as reason:
-            return Line(name, right, f"skipped: {reason}")
+            ended = f"skipped: {reason}"
         except NotRightError as problem:
-            return Line(name, right, "not right", str(problem))
+            ended, complaint = "not right", str(problem)
         except Exception as problem:  # Something else is missing than was looked for.
-            return Line(name, right, "not right", f"{type(problem).__name__}: {problem}")
-    return Line(name, right, "right")
+            ended, complaint = "not right", f"{type(problem).__name__}: {problem}"
+    right = " ".join((fault.__doc__ or "").split())
+    return Line(name, right, ended, complaint, round(time.perf_counter() - begin, 1))

@@ -84,7 +84,9 @@ def try_faults(options: argparse.Namespace) -> pd.DataFrame:
         for name, found in pool.tried(faults.see_fault, names, faults.LIMIT):
             lost = faults.Line(name, known[name].__doc__ or "", "not right", "it did not end")
             lines.append(lost if found in (None, ...) else found)
-            print(f"{lines[-1].ended:10s}", name, lines[-1].complaint, flush=True)
+            print(
+                f"{lines[-1].wall:6.1f} s", lines[-1].ended, name, lines[-1].complaint, flush=True
+            )
     return pd.DataFrame([asdict(line) for line in sorted(lines, key=lambda line: line.fault)])
 
 
