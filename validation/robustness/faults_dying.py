@@ -156,9 +156,12 @@ FAULTS = (
     case_without_memory,
     memory_limit,
     interrupt_at_the_start,
-    interrupt_before_the_first_case,
     interrupt_in_the_middle,
     interrupt_twice,
     study_killed,
 )
-SLOW = (case_that_hangs,)
+# Slow, or much like one of those.
+SLOW = (
+    case_that_hangs,
+    interrupt_before_the_first_case,
+)

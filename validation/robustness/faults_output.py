@@ -209,13 +209,15 @@ FAULTS = (
     picture_is_a_folder,
     page_is_a_folder,
     full_disk,
-    full_disk_of_a_study,
     relative_names,
     study_named_by_a_path,
     formulas_in_tables,
-    formulas_in_cases,
     control_characters,
     markup_on_the_page,
     markup_on_the_screen,
 )
-SLOW = ()
+# Slow, or much like one of those.
+SLOW = (
+    formulas_in_cases,
+    full_disk_of_a_study,
+)
