@@ -82,7 +82,7 @@ def _interrupted(bench: Bench, ready, times: int = 1) -> None:
     """Ctrl-C ends a study with 130 and a sentence; a second start ends it."""
     write_study(bench, _SLOW_CASES)
     process = bench.start(bench.command(*RUN))
-    time.sleep(0.5)
+    time.sleep(2.0)
     wait_for(lambda: process.poll() is not None or ready(results(bench)))
     for _ in range(times):
         # As a terminal does: to the whole group.
@@ -91,7 +91,7 @@ def _interrupted(bench: Bench, ready, times: int = 1) -> None:
             time.sleep(0.4)
     ran = no_traceback(bench.finish(process, 30.0))
     expect(ran.code == 130, f"exit code {ran.code}, {ran.last}")
-    if times == 1:
+    if times == 1 and any(results(bench).glob("outcomes/*.json")):
         expect("interrupted" in ran.err, f"not a word of the interrupt: {ran.last}")
     again = done(bench, 0)
     expect((cases(bench)["status"] == "ok").all(), f"not all cases ended: {again.last}")
