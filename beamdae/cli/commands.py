@@ -15,7 +15,8 @@ from beamdae.cli.compare import compare_command
 from beamdae.cli.listing import list_command
 from beamdae.cli.run import run_command
 from beamdae.cli.saying import complain
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
+from beamdae.report.letters import plain
 
 # What a model or a command was wrong about; a run that failed ends with 1.
 _MISTAKE = 2
@@ -77,6 +78,7 @@ def main() -> None:
     streams.secure()
     # What is not finite is told by a sentence.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
+    warnings.formatwarning = _in_a_line
     code = 0
     try:
         app(prog_name="beamdae")
@@ -86,6 +88,16 @@ def main() -> None:
         code = interrupts.code()
     interrupts.deaf()
     sys.exit(streams.ended(interrupts.code() if interrupts.heard() else code))
+
+
+_formatted = warnings.formatwarning
+
+
+def _in_a_line(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
+    """Warnings of beamdae's own are sentences; of others it matters where they come from."""
+    if issubclass(category, (BeamdaeWarning, KernelWarning)):
+        return f"warning: {plain(str(message))}\n"
+    return _formatted(message, category, *place, **more)
 
 
 def _say_version(wanted: bool) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, keep, positive, shown, told
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import REACHED_END, Solution, Status
@@ -155,7 +155,9 @@ def mistake(problem: BaseException, whose: str = "the model") -> str:
 def _performed(task: Task, reads: Reads) -> Outcome:
     begin = clock.perf_counter()
     forget_peak()
-    with bounded(task.limits.memory):
+    with bounded(task.limits.memory), warnings.catch_warnings(record=True) as seen:
+        # They are a column of the table.
+        warnings.simplefilter("ignore", BeamdaeWarning)
         # Neighboring cases differ in the integrator alone: their equations are built once.
         built = _built(task)
         reads |= built.reads
@@ -163,12 +165,9 @@ def _performed(task: Task, reads: Reads) -> Outcome:
         solutions = []
         for _ in range(task.repetitions):
             watch = _Watchman(task.limits, task.t_end)
-            with warnings.catch_warnings():
-                # They are a column of the table.
-                warnings.simplefilter("ignore", BeamdaeWarning)
-                solutions.append(
-                    simulate(built.equations, integrator, task.t_end, task.output_step, watch)
-                )
+            solutions.append(
+                simulate(built.equations, integrator, task.t_end, task.output_step, watch)
+            )
             if not solutions[-1].status.success:
                 break
         solution = solutions[-1]
@@ -179,6 +178,8 @@ def _performed(task: Task, reads: Reads) -> Outcome:
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
+    kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
+    found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
     return Outcome(solution.status, found, table, frames)
 
 

@@ -10,8 +10,9 @@ import pytest
 from terminals import process, shell
 from typer.testing import CliRunner
 
-from beamdae.cli import interrupts
+from beamdae.cli import commands, interrupts
 from beamdae.cli.commands import app
+from beamdae.errors import KernelWarning
 from beamdae.studies.pool import SerialPool
 
 MODEL = '''
@@ -414,3 +415,9 @@ def test_every_encoding_has_letters_enough(here, locale):
         assert (command.returncode, errors) == (0, b"")
         # Lines of boxes are drawn in letters there are.
         assert b"\\u25" not in output
+
+
+def test_warnings_of_beamdae_are_sentences_and_those_of_others_keep_their_place():
+    said = commands._in_a_line("kernels are slow.", KernelWarning, "native.py", 57)
+    assert said == "warning: kernels are slow.\n"
+    assert "model.py:5" in commands._in_a_line("odd", UserWarning, "model.py", 5)
