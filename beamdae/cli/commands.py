@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import sys
 import warnings
 from typing import Annotated, Any
@@ -76,9 +78,7 @@ app.command("list", cls=_Command)(list_command)
 def main() -> None:
     """Run the command line, to its exit code whatever becomes of its signals and streams."""
     streams.secure()
-    # What is not finite is told by a sentence.
-    warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
-    warnings.formatwarning = _in_a_line
+    _quiet()
     code = 0
     try:
         app(prog_name="beamdae")
@@ -88,6 +88,19 @@ def main() -> None:
         code = interrupts.code()
     interrupts.deaf()
     sys.exit(streams.ended(interrupts.code() if interrupts.heard() else code))
+
+
+def _quiet() -> None:
+    """Nothing but sentences on standard error, whatever libraries have to say there."""
+    # What is not finite is told by a sentence.
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
+    warnings.formatwarning = _in_a_line
+    # It goes on without a cache of fonts, and says so on many lines.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        # As their specification has it; matplotlib would make it a folder of the working folder.
+        if not os.path.isabs(os.environ.get(name, "/")):
+            del os.environ[name]
 
 
 _formatted = warnings.formatwarning

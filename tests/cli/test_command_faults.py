@@ -237,7 +237,7 @@ def test_interrupts_are_held_while_something_is_finished(monkeypatch):
 # Models that end the process.
 
 ENDS = {
-    "exit on import": ("# importing", "sys.exit()", "sys.exit(None)", "line 24"),
+    "exit on import": ("# importing", "sys.exit()", "it called sys.exit()", "line 24"),
     "exit while building": ("# building", "sys.exit(3)", "arm: ", "sys.exit(3)", "line 20"),
     "generator exit": ("# building", "raise GeneratorExit('x')", "GeneratorExit at line 20: x"),
     "own base exception": (
