@@ -22,6 +22,13 @@ class BeamdaeWarning(UserWarning):
     """
 
 
+class KernelWarning(UserWarning):
+    """Kernels that cannot be compiled or kept: runs are slower, their numbers are the same.
+
+    No `BeamdaeWarning`: it says nothing of a result, and is told where those are part of one.
+    """
+
+
 def finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or say that it is not a finite number."""
     if isinstance(value, (bool, str)):

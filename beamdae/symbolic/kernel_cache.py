@@ -1,0 +1,159 @@
+"""Where compiled kernels are kept: a folder of the user's alone, files that prove what they are.
+
+Libraries are executed when they are loaded, so nothing is loaded that anybody else could have put
+there, nor anything that is not what was built. A file's name ends with the checksum of its content
+and of what it was built from: the two appear by one renaming, and neither goes without the other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_SCRATCH = "build-"
+# A build takes seconds; a scratch folder older than this [s] is that of one which was killed.
+_LEFT_OVER = 3600.0
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
+
+
+class CacheError(Exception):
+    """A cache that cannot be used; the message names it and says why."""
+
+
+def cache_folder() -> Path:
+    """Where compiled kernels are kept, without links: beamdae/ in the user's cache folder.
+
+    That is XDG_CACHE_HOME, or ~/.cache if that is no absolute path; both are made if need be.
+
+    Raises
+    ------
+    CacheError
+        If there is none, or others could change what is in it.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    try:
+        root = given if given.is_absolute() else Path.home() / ".cache"
+    except RuntimeError:
+        raise CacheError("the kernel cache: the user has no home folder, set HOME") from None
+    with _usable(root / "beamdae"):
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (root / "beamdae").mkdir(mode=0o700, exist_ok=True)
+        # What is checked is what is used: links on the way may lead elsewhere the next time.
+        folder = (root / "beamdae").resolve()
+        if hasattr(os, "geteuid"):
+            _require_private(folder)
+        return folder
+
+
+def find(folder: Path, recipe: str, name: str) -> Path | None:
+    """The library built from this recipe, if there is one that is what was built."""
+    with _usable(folder):
+        for library in sorted(folder.glob(f"{_stem(recipe, name)}-*.so")):
+            with suppress(OSError):
+                if _only_ours_to_write(library) and library.name == _named(recipe, name, library):
+                    return library
+    return None
+
+
+@contextmanager
+def scratch_folder(folder: Path) -> Iterator[Path]:
+    """A folder to build in, which is removed; with it go those of builds that were killed."""
+    with (
+        _usable(folder),
+        tempfile.TemporaryDirectory(
+            prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True
+        ) as scratch,
+    ):
+        # By the clock of the disk, which may not be this machine's.
+        now = os.stat(scratch).st_mtime
+        for other in folder.glob(f"{_SCRATCH}*"):
+            with suppress(OSError):
+                if now - other.stat().st_mtime > _LEFT_OVER:
+                    shutil.rmtree(other)
+        yield Path(scratch)
+
+
+def keep(folder: Path, recipe: str, name: str, built: Path) -> None:
+    """Move a library that was built in a scratch folder to its place.
+
+    What has its name is replaced, never changed: another process may have it mapped.
+    """
+    with _usable(folder):
+        built.chmod(0o700)
+        # A name may reach the disk before what it names.
+        with built.open("rb+") as file:
+            os.fsync(file.fileno())
+        library = folder / _named(recipe, name, built)
+        if library.is_dir() and not library.is_symlink():
+            shutil.rmtree(library)
+        os.replace(built, library)
+
+
+def _stem(recipe: str, name: str) -> str:
+    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:24]}"
+
+
+def _named(recipe: str, name: str, library: Path) -> str:
+    with library.open("rb") as file:
+        digest = hashlib.file_digest(file, lambda: hashlib.sha256(recipe.encode()))
+    return f"{_stem(recipe, name)}-{digest.hexdigest()[:32]}.so"
+
+
+@contextmanager
+def _usable(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as problem:
+        raise CacheError(f"{folder}: kernels cannot be kept there, {problem.strerror}") from problem
+
+
+def _only_ours_to_write(library: Path) -> bool:
+    known = library.lstat()
+    if not stat.S_ISREG(known.st_mode):
+        return False
+    return not hasattr(os, "geteuid") or (
+        known.st_uid == os.geteuid() and not known.st_mode & _OTHERS_WRITE
+    )
+
+
+def _require_private(folder: Path) -> None:
+    """Refuse a folder that others own or write to, and a way to it that they could change.
+
+    Raises
+    ------
+    CacheError
+        If that is so.
+    """
+    us = os.geteuid()
+    if folder.stat().st_uid != us:
+        raise _untrusted(folder, "it belongs to another user")
+    if stat.S_IMODE(folder.stat().st_mode) != 0o700:
+        # A cache from before, or of a generous umask; its files are checked one by one.
+        with suppress(OSError):
+            folder.chmod(0o700)
+    if folder.stat().st_mode & _OTHERS_WRITE:
+        raise _untrusted(folder, "others can write to it")
+    for place in reversed(folder.parents):
+        known = place.stat()
+        # In containers root may have another number than 0.
+        if known.st_uid not in (us, os.stat("/").st_uid):
+            raise _untrusted(folder, f"{place} belongs to another user")
+        # In a sticky folder, such as /tmp, others can move nothing but what is theirs.
+        if known.st_mode & _OTHERS_WRITE and not known.st_mode & stat.S_ISVTX:
+            raise _untrusted(folder, f"others can write to {place}")
+        if known.st_uid == us and not known.st_mode & _OTHERS_ENTER:
+            return  # Nobody else gets further than here.
+
+
+def _untrusted(folder: Path, why: str) -> CacheError:
+    return CacheError(
+        f"{folder}: kernels are neither kept nor loaded there, {why}; set XDG_CACHE_HOME to a "
+        "folder that is yours alone"
+    )
