@@ -25,7 +25,7 @@ class BeamdaeWarning(UserWarning):
 class KernelWarning(UserWarning):
     """Kernels that cannot be compiled or kept: runs are slower, their numbers are the same.
 
-    No `BeamdaeWarning`: it says nothing of a result, and is told where those are part of one.
+    No `BeamdaeWarning`, which commands leave to the tables: it says nothing of a result.
     """
 
 

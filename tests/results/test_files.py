@@ -129,12 +129,24 @@ def test_what_json_cannot_say_costs_no_earlier_table(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_disk_that_is_full_is_told_and_a_device_is_no_file_to_replace():
+def test_a_full_disk_is_told_and_a_device_is_no_file_to_replace(monkeypatch):
+    # Devices of this machine are not to be at risk.
+    fail(monkeypatch, "replace", AssertionError("a device would be replaced"))
+    monkeypatch.setattr(Path, "touch", os.replace)
     with pytest.raises(BeamdaeError, match=r"^/dev/full: it cannot be written, No space left"):
         write_text(Path("/dev/full"), "text")
-    assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
-    write_text(Path(os.devnull), "text")
-    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
+@posix
+def test_a_pipe_is_written_as_it_is(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_text(tmp_path / "pipe", "text")
+        assert os.read(reader, 10) == b"text"
+    finally:
+        os.close(reader)
+    assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
 
 
 SMALL_DISK = """
