@@ -32,9 +32,9 @@ class BeamdaeWarning(UserWarning):
 
 
 class KernelWarning(UserWarning):
-    """Kernels that run slower than they could; results are the same.
+    """Kernels that cannot be compiled or kept: runs are slower, their numbers are the same.
 
-    The message is one sentence that names the compiler or the cache, and what helps.
+    No `BeamdaeWarning`, which commands leave to the tables: it says nothing of a result.
     """
 
 

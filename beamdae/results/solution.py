@@ -203,12 +203,14 @@ class Solution:
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
 
-        `further` entries go to the JSON as well. Returns the path of the CSV file.
+        `further` entries go to the JSON as well. Both files appear whole or not at all. Headers a
+        spreadsheet would take for formulas have an apostrophe in front. Returns the path of the CSV
+        file.
 
         Raises
         ------
         BeamdaeError
-            If the folder cannot be written.
+            If a file cannot be written.
         """
         beside = {
             "model": self.model,

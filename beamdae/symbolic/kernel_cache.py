@@ -1,7 +1,8 @@
-"""Where compiled kernels are kept: a folder nobody else can write to, files that prove whole.
+"""Where compiled kernels are kept: a folder of the user's alone, files that prove what they are.
 
-A library is executed, so nothing is loaded that another user could have put there, and nothing
-that is not what was written.
+Libraries are executed when they are loaded, so nothing is loaded that anybody else could have put
+there, nor anything that is not what was built. A file's name ends with the checksum of its content
+and of what it was built from: the two appear by one renaming, and neither goes without the other.
 """
 
 from __future__ import annotations
@@ -11,38 +12,98 @@ import os
 import shutil
 import stat
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-_SUFFIX = ".so"
 _SCRATCH = "build-"
-# Scratch folders older than this [s] are left over from a process that was killed.
+# A build takes seconds; a scratch folder older than this [s] is that of one which was killed.
 _LEFT_OVER = 3600.0
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
 
 
 class CacheError(Exception):
-    """A cache that cannot be used; the message says why."""
+    """A cache that cannot be used; the message names it and says why."""
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept: beamdae/ in the user's cache folder.
+    """Where compiled kernels are kept, without links: beamdae/ in the user's cache folder.
 
-    That is XDG_CACHE_HOME where it is absolute, which its specification demands, else ~/.cache.
+    That is XDG_CACHE_HOME, or ~/.cache if that is no absolute path; both are made if need be.
 
     Raises
     ------
     CacheError
-        If there is no home folder.
+        If there is none, or others could change what is in it.
     """
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         root = given if given.is_absolute() else Path.home() / ".cache"
     except RuntimeError:
-        raise CacheError("no home folder is known to keep kernels in, set HOME") from None
-    return root / "beamdae"
+        raise CacheError("the kernel cache: the user has no home folder, set HOME") from None
+    with _usable(root / "beamdae"):
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (root / "beamdae").mkdir(mode=0o700, exist_ok=True)
+        # What is checked is what is used: links on the way may lead elsewhere the next time.
+        folder = (root / "beamdae").resolve()
+        if hasattr(os, "geteuid"):
+            _require_private(folder)
+        return folder
+
+
+def find(folder: Path, recipe: str, name: str) -> Path | None:
+    """The library built from this recipe, if there is one that is what was built."""
+    with _usable(folder):
+        for library in sorted(folder.glob(f"{_stem(recipe, name)}-*.so")):
+            with suppress(OSError):
+                if _only_ours_to_write(library) and library.name == _named(recipe, name, library):
+                    return library
+    return None
+
+
+@contextmanager
+def scratch_folder(folder: Path) -> Iterator[Path]:
+    """A folder to build in, which is removed; with it go those of builds that were killed."""
+    with (
+        _usable(folder),
+        tempfile.TemporaryDirectory(
+            prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True
+        ) as scratch,
+    ):
+        # By the clock of the disk, which may not be this machine's.
+        now = os.stat(scratch).st_mtime
+        for other in folder.glob(f"{_SCRATCH}*"):
+            with suppress(OSError):
+                if now - other.stat().st_mtime > _LEFT_OVER:
+                    shutil.rmtree(other)
+        yield Path(scratch)
+
+
+def keep(folder: Path, recipe: str, name: str, built: Path) -> None:
+    """Move a library that was built in a scratch folder to its place.
+
+    What has its name is replaced, never changed: another process may have it mapped.
+    """
+    with _usable(folder):
+        built.chmod(0o700)
+        # A name may reach the disk before what it names.
+        with built.open("rb+") as file:
+            os.fsync(file.fileno())
+        library = folder / _named(recipe, name, built)
+        if library.is_dir() and not library.is_symlink():
+            shutil.rmtree(library)
+        os.replace(built, library)
+
+
+def _stem(recipe: str, name: str) -> str:
+    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:24]}"
+
+
+def _named(recipe: str, name: str, library: Path) -> str:
+    with library.open("rb") as file:
+        digest = hashlib.file_digest(file, lambda: hashlib.sha256(recipe.encode()))
+    return f"{_stem(recipe, name)}-{digest.hexdigest()[:32]}.so"
 
 
 @contextmanager
@@ -50,106 +111,49 @@ def _usable(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        why = problem.strerror or problem
-        raise CacheError(f"{folder}: kernels cannot be kept there, {why}") from problem
+        raise CacheError(f"{folder}: kernels cannot be kept there, {problem.strerror}") from problem
 
 
-def require_private(folder: Path) -> None:
-    """Make the folder if need be, and see that no other user can put anything there.
-
-    Raises
-    ------
-    CacheError
-        If others own it or may write to it, or to a folder it is in; or if it cannot be made.
-    """
-    with _usable(folder):
-        for place in reversed((folder, *folder.parents)):
-            if not place.exists():
-                place.mkdir(mode=0o700, exist_ok=True)
-        if not hasattr(os, "getuid"):
-            return  # Of a system where a user's folders are private.
-        real = folder.resolve()
-        for place in (real, *real.parents):
-            found = place.stat()
-            if found.st_uid not in ((os.getuid(),) if place == real else (os.getuid(), 0)):
-                raise CacheError(
-                    f"{folder}: kernels are not kept there, {place} belongs to another user; set "
-                    "XDG_CACHE_HOME to a folder of your own"
-                )
-            # Of a sticky folder such as /tmp users can move but what is theirs.
-            sticky = place != real and found.st_mode & stat.S_ISVTX
-            if found.st_mode & _OTHERS_WRITE and not sticky:
-                raise CacheError(
-                    f"{folder}: kernels are not kept there, others may write to {place}; "
-                    f"chmod go-w {place}"
-                )
+def _only_ours_to_write(library: Path) -> bool:
+    known = library.lstat()
+    if not stat.S_ISREG(known.st_mode):
+        return False
+    return not hasattr(os, "geteuid") or (
+        known.st_uid == os.geteuid() and not known.st_mode & _OTHERS_WRITE
+    )
 
 
-def kept(folder: Path, name: str) -> Path | None:
-    """The library of this name, if there is one that is whole; what is damaged is removed.
+def _require_private(folder: Path) -> None:
+    """Refuse a folder that others own or write to, and a way to it that they could change.
 
     Raises
     ------
     CacheError
-        If the folder cannot be read.
+        If that is so.
     """
-    with _usable(folder):
-        for library in sorted(folder.glob(f"{name}-*{_SUFFIX}")):
-            # Another process may remove it as well.
-            with suppress(FileNotFoundError):
-                if _is_ours(library) and library.name == _named(name, library.read_bytes()):
-                    return library
-            discard(library)
-    return None
+    us = os.geteuid()
+    if folder.stat().st_uid != us:
+        raise _untrusted(folder, "it belongs to another user")
+    if stat.S_IMODE(folder.stat().st_mode) != 0o700:
+        # A cache from before, or of a generous umask; its files are checked one by one.
+        with suppress(OSError):
+            folder.chmod(0o700)
+    if folder.stat().st_mode & _OTHERS_WRITE:
+        raise _untrusted(folder, "others can write to it")
+    for place in reversed(folder.parents):
+        known = place.stat()
+        # In containers root may have another number than 0.
+        if known.st_uid not in (us, os.stat("/").st_uid):
+            raise _untrusted(folder, f"{place} belongs to another user")
+        # In a sticky folder, such as /tmp, others can move nothing but what is theirs.
+        if known.st_mode & _OTHERS_WRITE and not known.st_mode & stat.S_ISVTX:
+            raise _untrusted(folder, f"others can write to {place}")
+        if known.st_uid == us and not known.st_mode & _OTHERS_ENTER:
+            return  # Nobody else gets further than here.
 
 
-def keep(folder: Path, name: str, build: Callable[[Path], None]) -> Path:
-    """Build a library in a scratch folder and keep it by this name; returns its path.
-
-    It appears whole or not at all, whoever else builds the same. Its name tells the checksum of
-    what is in it, so that neither can be there without the other.
-
-    Raises
-    ------
-    CacheError
-        If it cannot be written.
-    """
-    with _usable(folder):
-        for leftover in folder.glob(f"{_SCRATCH}*"):
-            with suppress(FileNotFoundError):
-                if time.time() - leftover.stat().st_mtime > _LEFT_OVER:
-                    discard(leftover)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=_SCRATCH) as scratch:
-            built = Path(scratch) / f"kernel{_SUFFIX}"
-            build(built)
-            built.chmod(0o700)
-            content = built.read_bytes()
-            library = folder / _named(name, content)
-            # A name may reach the disk before what it names.
-            with built.open("rb+") as file:
-                os.fsync(file.fileno())
-            os.replace(built, library)
-            return library
-
-
-def discard(path: Path) -> None:
-    """Remove a file or folder of the cache; one that is mapped elsewhere stays whole there."""
-    with suppress(OSError):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-
-
-def _named(name: str, content: bytes) -> str:
-    checksum = hashlib.sha256(name.encode() + content).hexdigest()
-    return f"{name}-{checksum[:32]}{_SUFFIX}"
-
-
-def _is_ours(library: Path) -> bool:
-    """Whether it is a file that only we could have written."""
-    found = library.lstat()
-    ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-    readable = bool(found.st_mode & stat.S_IRUSR)
-    private = not hasattr(os, "getuid") or not found.st_mode & _OTHERS_WRITE
-    return stat.S_ISREG(found.st_mode) and ours and readable and private
+def _untrusted(folder: Path, why: str) -> CacheError:
+    return CacheError(
+        f"{folder}: kernels are neither kept nor loaded there, {why}; set XDG_CACHE_HOME to a "
+        "folder that is yours alone"
+    )

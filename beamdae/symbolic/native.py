@@ -1,20 +1,18 @@
 """Machine code for kernels: compiled once where there is a C compiler, cached for later runs.
 
 The code performs the same operations in the same order as CasADi's virtual machine, without
-contraction, so results are the same to the last bit; the kernels alone are about six times as
-fast. They depend on the element type alone, so a handful of files serve all models. Without a
-compiler or a cache of the user's own, or with BEAMDAE_NATIVE=off in the environment, the virtual
-machine is used.
+contraction, so results are the same to the last bit, which is tried whenever one is built; the
+kernels alone are about six times as fast. They depend on the element type alone, so a handful of
+files serve all models. Without a compiler or a cache of the user's own, or with BEAMDAE_NATIVE=off
+in the environment, the virtual machine is used.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import platform
 import sys
+import sysconfig
 import warnings
-from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -22,22 +20,11 @@ import numpy as np
 
 from beamdae.errors import KernelWarning
 from beamdae.symbolic.compiler import FLAGS, Compiler, CompilerError, compiler
-from beamdae.symbolic.kernel_cache import (
-    CacheError,
-    cache_folder,
-    discard,
-    keep,
-    kept,
-    require_private,
-)
+from beamdae.symbolic.kernel_cache import CacheError, cache_folder, find, keep, scratch_folder
 
-# What a kernel may differ from the virtual machine by, over its largest value, at points of unit
-# size: some thousand operations, each of which rounds.
-_ROUNDING = 1e-10
-_POINTS = 3
-
-# What went wrong once in this process is told once, and not waited for again.
-_given_up: set[str] = set()
+# Compilers that failed once in this process, and what was said of compilers and caches.
+_failed: set[Compiler] = set()
+_said: set[str] = set()
 
 
 def native(function: ca.Function) -> ca.Function:
@@ -52,66 +39,70 @@ def native(function: ca.Function) -> ca.Function:
         return function
     try:
         found = compiler()
-        return function if found is None else _compiled(function, found, cache_folder())
+        return function if found is None else _from_cache(function, found)
     except (CacheError, CompilerError) as problem:
-        _give_up(str(problem))
+        _say(str(problem))
         return function
 
 
-def _compiled(function: ca.Function, compiler: Compiler, folder: Path) -> ca.Function:
-    generator = ca.CodeGenerator(f"{function.name()}.c")
+def _from_cache(function: ca.Function, compiler: Compiler) -> ca.Function:
+    folder, name = cache_folder(), function.name()
+    generator = ca.CodeGenerator(f"{name}.c")
     generator.add(function)
     source = generator.dump()
-    recipe = "\n".join([source, *compiler.command, *FLAGS, sys.platform, platform.machine()])
-    name = f"{function.name()}-{hashlib.sha256(recipe.encode()).hexdigest()[:24]}"
-    require_private(folder)
-    library = kept(folder, name)
+    # Home folders are shared by machines of several kinds.
+    machine = (sys.platform, sysconfig.get_platform(), sysconfig.get_config_var("SOABI") or "")
+    recipe = "\n".join([source, *compiler.command, *FLAGS, *machine])
+    library = find(folder, recipe, name)
     if library is not None:
-        return ca.external(function.name(), str(library))
-    if str(compiler) in _given_up:
+        return _loaded(function, library, f"{library}: it cannot be loaded")
+    if compiler in _failed:
         return function
     try:
-        return _loaded(function, keep(folder, name, partial(compiler.build, source)), compiler)
+        with scratch_folder(folder) as scratch:
+            built = _built(function, compiler, source, scratch / "kernel.so")
+            keep(folder, recipe, name, scratch / "kernel.so")
+            return built
     except CompilerError:
-        _given_up.add(str(compiler))
+        _failed.add(compiler)
         raise
 
 
-def _loaded(function: ca.Function, library: Path, compiler: Compiler) -> ca.Function:
-    """The function of a library just built, which has to give what the virtual machine does."""
+def _built(function: ca.Function, compiler: Compiler, source: str, library: Path) -> ca.Function:
+    code = library.with_suffix(".c")
+    code.write_text(source, encoding="utf-8")
+    compiler.build(code, library)
+    built = _loaded(function, library, f"{compiler}: what it builds cannot be loaded")
+    if not _same(function, built):
+        raise CompilerError(f"{compiler}: its kernels do not give the same numbers to the last bit")
+    return built
+
+
+def _loaded(function: ca.Function, library: Path, otherwise: str) -> ca.Function:
     try:
-        built = ca.external(function.name(), str(library))
-        if _alike(function, built):
-            return built
-        what = "kernels that compute something else"
-    except RuntimeError:
-        what = "libraries that cannot be loaded"
-    discard(library)
-    raise CompilerError(f"{compiler}: it gives {what}")
+        return ca.external(function.name(), str(library))
+    except RuntimeError as problem:
+        raise CompilerError(otherwise) from problem
 
 
-def _give_up(reason: str) -> None:
-    if reason not in _given_up:
-        _given_up.add(reason)
-        warnings.warn(
-            f"{reason}; kernels run without machine code, several times as slow with the same "
-            "results.",
-            KernelWarning,
-            stacklevel=2,
-        )
-
-
-def _alike(function: ca.Function, other: ca.Function) -> bool:
-    """Whether two functions give the same values at some points."""
+def _same(function: ca.Function, other: ca.Function) -> bool:
+    """Whether two functions give the same bits at some points."""
     random = np.random.default_rng(0)
-    for _ in range(_POINTS):
-        point = [
-            ca.DM(function.sparsity_in(i), random.uniform(0.5, 1.5, function.nnz_in(i)))
-            for i in range(function.n_in())
-        ]
-        for value, told in zip(function.call(point), other.call(point), strict=True):
-            expected, found = np.array(value.nonzeros()), np.array(told.nonzeros())
-            size = np.max(np.abs(expected), initial=0.0)
-            if not np.allclose(found, expected, rtol=0.0, atol=_ROUNDING * size, equal_nan=True):
+    for _ in range(3):
+        shapes = [function.sparsity_in(i) for i in range(function.n_in())]
+        point = [ca.DM(shape, random.uniform(0.5, 1.5, shape.nnz())) for shape in shapes]
+        for expected, found in zip(function.call(point), other.call(point), strict=True):
+            if not np.array_equal(expected.nonzeros(), found.nonzeros(), equal_nan=True):
                 return False
     return True
+
+
+def _say(problem: str) -> None:
+    if problem not in _said:
+        _said.add(problem)
+        warnings.warn(
+            f"{problem}; runs take about 1.5 times as long, with the same numbers "
+            "(BEAMDAE_NATIVE=off does without compiled kernels).",
+            KernelWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,292 @@
+"""Files of results: whole or not there at all, and read back as they were written."""
+
+import errno
+import json
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from pandas.testing import assert_frame_equal
+
+from beamdae.errors import BeamdaeError
+from beamdae.report import pictures
+from beamdae.report.page.page import write_page
+from beamdae.results import files
+from beamdae.results.files import guarded, plain_cell, replacing, safe_cell, write, write_text
+
+posix = pytest.mark.skipif(os.name != "posix", reason="other systems have no such files")
+TABLE = pd.DataFrame({"t [s]": [0.0, 0.5], "tip.x [m]": [-0.1, 1e-300]})
+
+
+def figure():
+    from matplotlib.figure import Figure
+
+    drawn = Figure()
+    drawn.add_subplot().plot([0, 1], [0, 1])
+    return drawn
+
+
+WRITERS = {
+    "text": lambda folder: write_text(folder / "file.txt", "new"),
+    "table": lambda folder: write(folder / "file.csv", TABLE, {"model": "new"}),
+    "picture": lambda folder: pictures.saved(figure(), folder / "file.png"),
+    "drawing": lambda folder: pictures.saved(figure(), folder / "file.svg"),
+    "page": lambda folder: write_page(folder / "file.html", {"title": "new"}),
+}
+
+
+@pytest.fixture(params=WRITERS)
+def writer(request):
+    return WRITERS[request.param]
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def fail(monkeypatch, where, problem):
+    def failing(*_, **__):
+        raise problem
+
+    monkeypatch.setattr(os, where, failing)
+
+
+def test_every_writer_makes_its_folder_and_leaves_no_scratch_file(tmp_path, writer):
+    path = writer(tmp_path / "deep" / "er")
+    beside = {".json"} if path.suffix == ".csv" else set()
+    assert {p.suffix for p in path.parent.iterdir()} == {path.suffix} | beside
+    assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize(("where", "number"), [("fsync", errno.ENOSPC), ("replace", errno.EACCES)])
+def test_what_was_there_stays_where_the_new_cannot_be_written(
+    tmp_path, monkeypatch, writer, where, number
+):
+    path = writer(tmp_path)
+    for file in tmp_path.iterdir():
+        file.write_text("old")
+    before = contents(tmp_path)
+    fail(monkeypatch, where, OSError(number, os.strerror(number)))
+    name = path.with_suffix(".json").name if path.suffix == ".csv" else path.name
+    words = rf"({path.name}|{name}): it cannot be written, {os.strerror(number)}\.$"
+    with pytest.raises(BeamdaeError, match=words):
+        writer(tmp_path)
+    assert contents(tmp_path) == before
+
+
+def test_an_interrupt_leaves_what_was_there_and_is_not_swallowed(tmp_path, monkeypatch, writer):
+    fail(monkeypatch, "replace", KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        writer(tmp_path)
+    assert contents(tmp_path) == {}
+
+
+def test_a_block_that_fails_halfway_leaves_what_was_there(tmp_path):
+    path = write_text(tmp_path / "file.txt", "old")
+
+    def written(problem):
+        with replacing(path) as scratch:
+            scratch.write_text("half of the n")
+            raise problem
+
+    with pytest.raises(ZeroDivisionError):
+        written(ZeroDivisionError())
+    with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, of its own\.$"):
+        written(OSError("of its own"))
+    assert contents(tmp_path) == {"file.txt": b"old"}
+
+
+def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path, monkeypatch):
+    write(tmp_path / "run.csv", TABLE, {"model": "old"})
+    before = contents(tmp_path)
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    with pytest.raises(BeamdaeError, match=r"run\.csv: it cannot be written, No space left"):
+        write(tmp_path / "run.csv", TABLE, {"model": "new"})
+    assert contents(tmp_path) == before
+
+
+def test_a_table_stays_though_the_json_has_no_place(tmp_path):
+    (tmp_path / "run.json").mkdir()
+    with pytest.raises(BeamdaeError, match=r"run\.json: it cannot be written, "):
+        write(tmp_path / "run.csv", TABLE, {})
+    assert_frame_equal(pd.read_csv(tmp_path / "run.csv"), TABLE)
+
+
+def test_what_json_cannot_say_costs_no_earlier_table(tmp_path):
+    write(tmp_path / "run.csv", TABLE, {"model": "old"})
+    before = contents(tmp_path)
+    with pytest.raises(TypeError):
+        write(tmp_path / "run.csv", TABLE, {"model": object()})
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_is_told_and_a_device_is_no_file_to_replace(monkeypatch):
+    # Devices of this machine are not to be at risk.
+    fail(monkeypatch, "replace", AssertionError("a device would be replaced"))
+    monkeypatch.setattr(Path, "touch", os.replace)
+    with pytest.raises(BeamdaeError, match=r"^/dev/full: it cannot be written, No space left"):
+        write_text(Path("/dev/full"), "text")
+
+
+@posix
+def test_a_pipe_is_written_as_it_is(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_text(tmp_path / "pipe", "text")
+        assert os.read(reader, 10) == b"text"
+    finally:
+        os.close(reader)
+    assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
+
+
+SMALL_DISK = """
+import sys
+from pathlib import Path
+import pandas as pd
+from beamdae.errors import BeamdaeError
+from beamdae.results.files import write
+folder = Path(sys.argv[1])
+write(folder / "run.csv", pd.DataFrame({"t [s]": [0.0]}), {})
+before = {p.name: p.read_bytes() for p in folder.iterdir()}
+try:
+    write(folder / "run.csv", pd.DataFrame({"t [s]": range(100_000)}), {})
+except BeamdaeError as problem:
+    print(problem)
+assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+"""
+
+
+@pytest.mark.slow(reason="mounts a file system, starts a process")
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="root alone mounts disks")
+def test_a_small_disk_that_fills_keeps_the_earlier_result(tmp_path):
+    mount = f"mount -t tmpfs -o size=64k none '{tmp_path}'"
+    can = subprocess.run(["unshare", "-m", "sh", "-c", mount], capture_output=True, text=True)
+    if can.returncode:
+        pytest.skip(f"nothing can be mounted: {can.stderr.strip()}")
+    command = f'{mount} && exec "$0" -c "$1" "{tmp_path}"'
+    run = subprocess.run(
+        ["unshare", "-m", "sh", "-c", command, sys.executable, SMALL_DISK],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.endswith("run.csv: it cannot be written, No space left on device.\n")
+
+
+@posix
+def test_permissions_of_a_file_stay_and_those_of_a_new_one_follow_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        path = write_text(tmp_path / "file.txt", "old")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    path.chmod(0o604)
+    write_text(path, "new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o604
+
+
+@posix
+def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file.txt").symlink_to(tmp_path / "there" / "real.txt")
+    for text in ("first", "second"):
+        write_text(tmp_path / "file.txt", text)
+    assert (tmp_path / "file.txt").is_symlink()
+    assert contents(tmp_path / "there") == {"real.txt": text.encode()}
+
+
+@posix
+def test_a_write_protected_file_is_not_replaced(tmp_path, monkeypatch):
+    path = write_text(tmp_path / "file.txt", "mine")
+    # Root may write to all files.
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, Permission denied"):
+        write_text(path, "new")
+    assert contents(tmp_path) == {"file.txt": b"mine"}
+
+
+def test_a_picture_without_a_suffix_is_a_png_of_that_name(tmp_path):
+    path = pictures.saved(figure(), tmp_path / "picture")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert [p.name for p in tmp_path.iterdir()] == ["picture"]
+
+
+NAMES = ["Träger.x [m]", "梁.phi [rad]", "a, b", 'the "tip"', "x;y", "emoji 🦾"]
+
+
+@pytest.mark.slow(reason="starts a process in another locale")
+def test_texts_are_utf_8_whatever_the_locale(tmp_path):
+    script = (
+        "import sys, pandas as pd\nfrom pathlib import Path\n"
+        "from beamdae.results.files import write, write_text\n"
+        f"names = {NAMES!a}\n"
+        "write(Path('run.csv'), pd.DataFrame([range(len(names))], columns=names), {'m': names})\n"
+        "write_text(Path('page.html'), ''.join(names) + chr(13) + chr(10) + chr(0xDCFF))\n"
+    )
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True)
+    assert list(pd.read_csv(tmp_path / "run.csv", encoding="utf-8")) == NAMES
+    assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["m"] == NAMES
+    # As it is: line ends are not translated, and what UTF-8 cannot say is an escape.
+    assert (tmp_path / "page.html").read_bytes() == "".join(NAMES).encode() + b"\r\n\\udcff"
+
+
+FORMULAS = ["=1+1", "+45 gauge", "-x", "@SUM(A1)", "\t=1", "\r=1", "'=1", "''@x", "＝1"]  # noqa: RUF001
+PLAIN = ["tip", "a=b", "1-2", "'quoted'", "", " =1", "-5", "+1e-3", "-.5", "-inf", "x+y"]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_no_text_is_a_formula_to_a_spreadsheet(text):
+    assert safe_cell(text) == f"'{text}"
+    assert plain_cell(safe_cell(text)) == text
+
+
+@pytest.mark.parametrize("value", [*PLAIN, -5, -0.5, None, True, float("-inf")])
+def test_other_cells_are_as_they_were(value):
+    assert safe_cell(value) is value
+    assert plain_cell(value) is value
+
+
+def test_a_guarded_table_comes_back_through_pandas(tmp_path):
+    texts = [text for text in FORMULAS if "\r" not in text]
+    table = pd.DataFrame(
+        {
+            "=cmd.x [m]": [-1.5 * k for k in range(len(texts))],
+            "-y.count": pd.array([-1] * len(texts), dtype="Int64"),
+            "label": texts,
+            "settings": ["-5", *["tip"] * (len(texts) - 1)],
+        }
+    )
+    path = write(tmp_path / "run.csv", table, {})
+    found = pd.read_csv(path)
+    assert list(found) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
+    # Numbers are numbers, and nothing but texts that look like formulas differs.
+    assert found["'=cmd.x [m]"].dtype == float
+    assert (found["'-y.count"] == -1).all()
+    assert found["settings"].tolist() == table["settings"].tolist()
+    back = found.rename(columns=plain_cell).map(plain_cell)
+    assert_frame_equal(back, table, check_dtype=False)
+
+
+def test_a_table_with_headers_twice_and_one_without_rows_are_guarded():
+    twice = pd.DataFrame([["=1", "=2"]], columns=["=a", "=a"])
+    assert guarded(twice).to_numpy().tolist() == [["'=1", "'=2"]]
+    assert list(guarded(twice)) == ["'=a", "'=a"]
+    assert twice.to_numpy().tolist() == [["=1", "=2"]]
+    assert guarded(twice.iloc[:0]).shape == (0, 2)
+
+
+def test_versions_are_those_of_the_packages():
+    assert set(files.versions()) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
