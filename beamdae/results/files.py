@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import platform
 import re
 import secrets
 from collections.abc import Iterator, Mapping
@@ -17,6 +18,8 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError
 
+# Scratch files tell whose they are.
+_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
 # What spreadsheets take for the beginning of a formula, in the widths they know.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
@@ -54,14 +57,19 @@ def write_text(path: Path, text: str) -> Path:
     BeamdaeError
         If the file cannot be written.
     """
+    return write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
+
+
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write bytes so that the file appears whole or not at all; see `write_text`."""
     with replacing(path) as scratch:
-        scratch.write_bytes(text.encode("utf-8", errors="backslashreplace"))
+        scratch.write_bytes(content)
     return path
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A scratch file beside `path`, of the same suffix, that takes its place when the block ends.
+    """A scratch file beside `path` that takes its place when the block ends.
 
     The folder is made if need be. A block that ends by an exception, an interrupt included, leaves
     `path` as it was and no scratch file. A file that was there keeps its permissions, a link the
@@ -73,7 +81,8 @@ def replacing(path: Path) -> Iterator[Path]:
         Where the block or what follows it raises an OSError: "<path>: it cannot be written, why."
     """
     target = Path(os.path.realpath(path))
-    scratch = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    whose = f"{os.getpid()}@{platform.node()}"
+    scratch = target.with_name(f".{whose}@{secrets.token_hex(8)}.scratch")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists() and not (target.is_file() or target.is_dir()):
@@ -90,6 +99,28 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as problem:
         why = problem.strerror or problem
         raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
+
+
+def sweep(folder: Path) -> None:
+    """Remove what processes of this machine that have ended left unfinished in a folder."""
+    for path in folder.glob(".*.scratch"):
+        made = _SCRATCH.fullmatch(path.name)
+        if made and made["node"] == platform.node() and not _lives(int(made["process"])):
+            with suppress(OSError):
+                path.unlink()
+
+
+def _lives(process: int) -> bool:
+    if os.name == "nt":
+        # No signal asks there; what is this process's own is not left over.
+        return process == os.getpid()
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def _on_the_disk(file: Path) -> None:
@@ -122,16 +153,10 @@ def safe_cell(value: Any) -> Any:
     """The value as a cell of a CSV file which no spreadsheet takes for a formula.
 
     A text that begins with = + - or @ and is no number gets an apostrophe in front; any other
-    value is as it was. `plain_cell` takes it away again.
+    value is as it was.
     """
     formula = isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
     return f"'{value}" if formula else value
-
-
-def plain_cell(value: Any) -> Any:
-    """What `safe_cell` was given, such as headers that `pandas.read_csv` read."""
-    is_guarded = isinstance(value, str) and value.startswith("'") and _FORMULA.match(value)
-    return value[1:] if is_guarded else value
 
 
 @cache

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.results.files import guarded, write_bytes, write_text
 from beamdae.results.headers import observed_columns
 from beamdae.results.solution import Status
 from beamdae.studies.case import Case
@@ -23,7 +24,7 @@ from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed, group_key
 from beamdae.studies.standing import Count, Standing
-from beamdae.studies.store import Store, safe_cell, write_whole
+from beamdae.studies.store import Store
 from beamdae.studies.tables import case_table, mesh_summary, row, summary
 from beamdae.studies.work import NOT_RUN, Outcome, Task
 
@@ -98,7 +99,7 @@ class Results:
                 continue
             path = (self.folder / "trajectories" / outcome.file).with_suffix(".parquet")
             content = outcome.table.reset_index().to_parquet(index=False)
-            write_whole(path, content)
+            write_bytes(path, content)
             paths.append(path)
         return paths
 
@@ -243,6 +244,5 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
 
 def _write(results: Results) -> None:
     for name, table in (("cases", results.table), ("summary", results.summary)):
-        safe = table.rename(columns=safe_cell).map(safe_cell)
-        text = safe.to_csv(index=False, lineterminator="\n")
-        write_whole(results.folder / f"{name}.csv", text.encode(errors="backslashreplace"))
+        text = guarded(table).to_csv(index=False, lineterminator="\n")
+        write_text(results.folder / f"{name}.csv", text)

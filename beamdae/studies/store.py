@@ -5,10 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import platform
 import re
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from operator import methodcaller
 from pathlib import Path
@@ -17,6 +14,7 @@ from typing import Any, get_args
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
+from beamdae.results.files import guarded, sweep, write_bytes
 from beamdae.results.solution import Kind, Status
 from beamdae.studies.reads import changed
 from beamdae.studies.work import Outcome, Task
@@ -25,7 +23,6 @@ _FORMAT = 2
 # Longer records are none of ours [bytes].
 _LARGEST = 1_000_000_000
 _LONGEST_NAME = 80
-_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@.*\.scratch", re.DOTALL)
 
 
 class _DamagedError(Exception):
@@ -62,9 +59,8 @@ class Store:
             path = self.trajectory(task)
             outcome = replace(outcome, file=path.name)
             # The record has the headers as they are.
-            safe = table.rename(columns=safe_cell)
-            text = safe.to_csv(lineterminator="\n").encode(errors="replace")
-            write_whole(path, text)
+            text = guarded(table).to_csv(lineterminator="\n").encode(errors="replace")
+            write_bytes(path, text)
             rows = {
                 "file": path.name,
                 "sha256": hashlib.sha256(text).hexdigest(),
@@ -82,7 +78,7 @@ class Store:
         # Numbers of numpy are told as their own.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _sum(content), "outcome": content}
-        write_whole(self.record(task), f"{json.dumps(record, indent=1)}\n".encode())
+        write_bytes(self.record(task), f"{json.dumps(record, indent=1)}\n".encode())
         return outcome
 
     def outcome(self, task: Task) -> tuple[Outcome | None, str]:
@@ -149,11 +145,8 @@ class Store:
 
     def clean(self) -> None:
         """Remove what processes that have ended left unfinished."""
-        for path in [*self.folder.glob(".*.scratch"), *self.folder.glob("*/.*.scratch")]:
-            made = _SCRATCH.fullmatch(path.name)
-            if made and made["node"] == platform.node() and not _lives(int(made["process"])):
-                with suppress(OSError):
-                    path.unlink()
+        for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
+            sweep(folder)
 
 
 def _serves(task: Task, content: dict[str, Any]) -> bool:
@@ -201,49 +194,3 @@ def _readable(task: Task) -> str:
     """Name of a case that any file may have, and no other case has."""
     text = re.sub(r"[^A-Za-z0-9=.,_+]+", "-", f"{task.case.group}-{task.case.label}")
     return f"{text[:_LONGEST_NAME].strip('-.,')}-{task.key[:10]}"
-
-
-def safe_cell(value: Any) -> Any:
-    """The value as a cell no spreadsheet takes for a formula; numbers are as they are."""
-    if not isinstance(value, str) or not value.lstrip("'").startswith(tuple("=+-@\t\r")):
-        return value
-    try:
-        float(value)
-    except ValueError:
-        return f"'{value}"
-    return value
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, which appears whole or not at all.
-
-    Raises
-    ------
-    BeamdaeError
-        If it cannot be written.
-    """
-    name = f".{os.getpid()}@{platform.node()}@{path.name[:_LONGEST_NAME]}.scratch"
-    scratch = path.with_name(name)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            scratch.write_bytes(content)
-            scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
-    except OSError as problem:
-        why = problem.strerror or problem
-        raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
-
-
-def _lives(process: int) -> bool:
-    if os.name == "nt":
-        # No signal asks there; what is this process's own is not left over.
-        return process == os.getpid()
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
