@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,7 +83,8 @@ class Model:
 
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""
-        built = self.build(**self.complete(values))
+        with beside(self.home):
+            built = self.build(**self.complete(values))
         if built is None or isinstance(built, Model):
             what = "None" if built is None else f"the model {built.name}"
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
@@ -213,3 +216,28 @@ def model(*, t_end: float, data: Iterable[str] = ()) -> Callable[[Callable[..., 
         return made
 
     return decorate
+
+
+@contextmanager
+def beside(folder: Path) -> Iterator[None]:
+    """Modules in a folder can be imported, as if a file there were run; none of them stays loaded.
+
+    Another file may have others of the same names beside it, and another process that is sent what
+    they define gets it whole.
+    """
+    if str(folder) in sys.path:
+        yield
+        return
+    before = {name.partition(".")[0] for name in sys.modules}
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        with suppress(ValueError):
+            sys.path.remove(str(folder))
+        for name in list(sys.modules):
+            top = name.partition(".")[0]
+            file = getattr(sys.modules[name], "__file__", None)
+            own = (folder / f"{top}.py", folder / top)
+            if top not in before and file and any(Path(file).is_relative_to(x) for x in own):
+                del sys.modules[name]

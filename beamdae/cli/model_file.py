@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.mistakes import explained
 from beamdae.errors import BeamdaeError, nearest, shown
-from beamdae.model_functions import Model
+from beamdae.model_functions import Model, beside
 
 if TYPE_CHECKING:
     from beamdae.studies import Study
@@ -98,7 +98,7 @@ def _imported(path: Path) -> ModuleType:
     # Decorators such as dataclass look their module up while it is being imported.
     sys.modules[name] = module
     try:
-        with _beside(path), _told(f"{path}: it does not import", path):
+        with beside(path.absolute().parent), _told(f"{path}: it does not import", path):
             exec(code, vars(module))
     finally:
         sys.modules.pop(name, None)
@@ -142,7 +142,7 @@ def _located(model: Model, path: Path) -> Callable[..., Any]:
 
     @wraps(model.build)
     def build(**values: Any) -> Any:
-        with _beside(path), _told(f"{model.name}: {path} cannot build it", path):
+        with _told(f"{model.name}: {path} cannot build it", path):
             return model.build(**values)
 
     return build
@@ -157,25 +157,3 @@ def _told(what: str, path: Path) -> Iterator[None]:
         raise
     except BaseException as problem:
         raise BeamdaeError(f"{what}, {explained(problem, path)}.") from problem
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[None]:
-    """Modules beside a file can be imported, as if it were run; none of them stays loaded.
-
-    Another file may have others of the same names beside it, and another process that is sent what
-    they define gets it whole.
-    """
-    folder = path.absolute().parent
-    before = {name.partition(".")[0] for name in sys.modules}
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder))
-        for name in list(sys.modules):
-            top = name.partition(".")[0]
-            file = getattr(sys.modules[name], "__file__", None)
-            own = (folder / f"{top}.py", folder / top)
-            if top not in before and file and any(Path(file).is_relative_to(x) for x in own):
-                del sys.modules[name]
