@@ -31,7 +31,9 @@ INTEGRATORS: dict[str, Callable[[], bd.Integrator]] = {
 class Line:
     """What became of a mechanism by one integrator.
 
-    `apart` is over rtol, of the worst column; `warnings` are those of errors, not of strains.
+    `apart` is how far it is from the nearest of the methods that tell nothing of their errors, over
+    rtol and of the worst column: of three the one that is off is told, and not the two that agree.
+    `warnings` are those of errors, not of strains.
     """
 
     seed: int
@@ -56,35 +58,45 @@ def see_seed(name: str) -> list[Line]:
                 solutions[method] = case.run(integrator())
         except Exception as problem:  # Whatever it is, it is not right.
             solutions[method] = f"{type(problem).__name__}: {problem}"[:200]
-    apart = _apart(case, {m: s for m, s in solutions.items() if isinstance(s, bd.Solution)})
-    return [_line(seed, method, s, apart.get(method, np.nan)) for method, s in solutions.items()]
+    ended = {m: s for m, s in solutions.items() if isinstance(s, bd.Solution) and s.status.success}
+    apart = _apart(case, ended)
+    told = {m: _told(s, min(apart[m].values(), default=0.0)) for m, s in ended.items()}
+    lines = []
+    for method, solution in solutions.items():
+        # Of two that disagree one has to say so.
+        silent = [x for other, x in apart.get(method, {}).items() if not told[other]]
+        far = min(silent, default=np.nan)
+        lines.append(_line(seed, method, solution, far, told.get(method, "")))
+    return lines
 
 
-def _apart(case: RandomCase, solutions: dict[str, bd.Solution]) -> dict[str, float]:
-    """How far each method is from the nearest other one, over rtol.
-
-    The nearest: of three the one that is off is told, and not the two that agree.
-    """
-    ended = {m: case.observed(s) for m, s in solutions.items() if s.status.success}
-    apart = dict.fromkeys(ended, np.inf if len(ended) > 1 else np.nan)
+def _apart(case: RandomCase, ended: dict[str, bd.Solution]) -> dict[str, dict[str, float]]:
+    """How far each method is from each other one, over rtol, the worst column."""
+    rows = {method: case.observed(solution) for method, solution in ended.items()}
+    apart: dict[str, dict[str, float]] = {method: {} for method in ended}
     for first, second in combinations(ended, 2):
-        moving = np.ptp(ended[first], axis=0) > STILL
-        rows, others = ended[first][:, moving], ended[second][:, moving]
-        found = float(np.max(deviations(rows, others), initial=0.0)) / RTOL
-        for method in (first, second):
-            apart[method] = min(apart[method], found)
+        moving = np.ptp(rows[first], axis=0) > STILL
+        errors = deviations(rows[first][:, moving], rows[second][:, moving])
+        apart[first][second] = apart[second][first] = float(np.max(errors, initial=0.0)) / RTOL
     return apart
 
 
-def _line(seed: int, method: str, solution: bd.Solution | str, apart: float) -> Line:
+def _told(solution: bd.Solution, apart: float) -> str:
+    """What is told of its errors; where it is this far from all others, by its estimate too.
+
+    That a beam bends too far for its strains says nothing of the integrator.
+    """
+    bending = {beam.warning for beam in solution.validity}
+    told = " ".join(sentence for sentence in solution.warnings if sentence not in bending)
+    if apart > AGREED and not told:
+        return exceeded(solution, bd.error_estimate(solution))
+    return told
+
+
+def _line(seed: int, method: str, solution: bd.Solution | str, apart: float, told: str) -> Line:
     if isinstance(solution, str):
         return Line(seed, method, "raised", solution, np.nan, apart, "", np.nan, "it raised")
-    # That a beam bends too far for its strains says nothing of the integrator.
-    bending = {beam.warning for beam in solution.validity}
-    told = " ".join(w for w in solution.warnings if w not in bending)
     imbalance = solution.quality.energy_imbalance
-    if solution.status.success and apart > AGREED and not told:
-        told = exceeded(solution, bd.error_estimate(solution))
     status, wall = solution.status, solution.statistics.wall_time
     why = complaint(status.kind, status.sentence, imbalance, apart, told)
     return Line(seed, method, status.kind, status.sentence, imbalance, apart, told, wall, why)
