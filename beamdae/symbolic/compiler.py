@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import IO
 
 FLAGS = ("-shared", "-fPIC", "-O1", "-ffp-contract=off")
 # Kernels take a second or two; a compiler that takes so much longer [s] hangs.
@@ -96,7 +97,7 @@ def _is_harmless(before: str, word: str) -> bool:
     return before in _PLACES_APART or shutil.which(word) is not None
 
 
-def _run(command: list[str], messages: object) -> int | None:
+def _run(command: list[str], messages: IO[bytes]) -> int | None:
     """The exit code of a command, or None if it had to be stopped with all it started."""
     nothing = subprocess.DEVNULL
     try:
@@ -104,7 +105,7 @@ def _run(command: list[str], messages: object) -> int | None:
             command,
             stdin=nothing,
             stdout=nothing,
-            stderr=messages,  # type: ignore[call-overload]
+            stderr=messages,
             start_new_session=True,
         )
     except OSError as problem:
