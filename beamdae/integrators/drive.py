@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,10 +18,11 @@ from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
+from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import Rows
 from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
@@ -29,11 +30,12 @@ Array = np.ndarray
 STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 _PAST = "past the end of its interval; a method must stop there"
 _STAGES = "a method must give the stages inside a step in the order of time, in every step as many"
+_NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 # The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
 # is, and what is much less motion than it was tolerant of.
 SCOUTING_RTOL = 1e-2
-_SCOUTING = f"of the scout, which goes before the run with rtol = {SCOUTING_RTOL:g}"
+_OF_SCOUT = f" of the scout, which goes before the run with rtol = {SCOUTING_RTOL:g}"
 _MOST_SCOUTS = 4
 _MOST_SCOUTING_STEPS = 20_000
 _SCOUTING_TIME = 0.25
@@ -91,71 +93,71 @@ def fitted(step: float, left: float) -> float:
     return left if step >= _NEARLY * left else min(step, 0.5 * left)
 
 
-@dataclass
-class _Limits:
-    """What ends a run before its end."""
-
-    progress: Progress | None
-    time_limit: float | None
-    max_steps: int | None
-    begin: float
-
-    def reason(self, t: float, steps: int, between_looks: int) -> str | None:
-        """Why the run has to stop at time `t` [s] after so many steps, or None."""
-        if self.max_steps is not None and steps >= self.max_steps:
-            return f"max_steps = {self.max_steps} taken"
-        if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
-            return f"time limit of {self.time_limit:g} s"
-        if self.progress is None or steps % between_looks:
-            return None
-        # Bars answer with whatever they please.
-        answer = self.progress(t)
-        return answer if isinstance(answer, str) else None
-
-
 class _Run:
-    """A run under way."""
+    """A run under way.
 
-    def __init__(self, route: Route, method: Method, limits: _Limits) -> None:
-        self._route, self._method, self._limits = route, method, limits
-        self._done: list[Interval] = []
+    Wherever it is interrupted, the rows of its legs, one an interval, are good.
+    """
+
+    def __init__(self, route: Route, method: Method, limits: Limits, whose: str = "") -> None:
+        """Prepare a run; `whose` it is goes into the sentence if it is interrupted."""
+        self.method, self._route, self._limits, self._whose = method, route, limits, whose
+        start, end = route.intervals[0]
+        self._legs = [(Rows(start, route.state), branch_of(start, end))]
         self.steps = 0
 
     def through(self) -> tuple[Trajectory, Status]:
         """Go through the intervals until one does not end."""
-        status = REACHED_END
+        try:
+            status = self._through()
+        except KeyboardInterrupt:
+            return self.interrupted()
+        return self._reached(status)
+
+    def interrupted(self) -> tuple[Trajectory, Status]:
+        """What was reached when the user would not wait."""
+        sentence = f"interrupted at t = {self._rows.end:.6g} s{self._whose}"
+        return self._reached(Status("interrupted", sentence))
+
+    @property
+    def _rows(self) -> Rows:
+        return self._legs[-1][0]
+
+    def _reached(self, status: Status) -> tuple[Trajectory, Status]:
+        if not self._rows.cut_to_finite():
+            status = self._failed(_NOT_FINITE)
+        return Trajectory(tuple(rows.interval(branch) for rows, branch in self._legs)), status
+
+    def _failed(self, reason: object) -> Status:
+        return Status("failed", f"stopped at t = {self._rows.end:.6g} s: {reason}")
+
+    def _through(self) -> Status:
         state = self._route.state
-        for start, end in self._route.intervals:
+        for k, (start, end) in enumerate(self._route.intervals):
             branch = branch_of(start, end)
-            if self._done:
+            if k > 0:
                 try:
                     state = self._restarted(start, branch, state)
                 except BeamdaeError as problem:
-                    reason = f"no consistent restart at t = {start:g} s: {problem}"
-                    status = Status("failed", reason)
-                    break
-                except KeyboardInterrupt:
-                    status = _interrupted(start)
-                    break
-            rows = Rows(start, state)
-            status = self._over(start, end, branch, rows)
-            if not rows.cut_to_finite():
-                status = Status("failed", f"stopped at t = {rows.end:.6g} s: {_NOT_FINITE}")
-            self._done.append(rows.interval(branch))
-            if not status.success:
-                break
-            state = rows.last
-        return Trajectory(tuple(self._done)), status
+                    return Status(
+                        "failed", f"no consistent restart at t = {start:g} s: {problem}"
+                    )
+                self._legs.append((Rows(start, state), branch))
+            status = self._over(start, end, branch)
+            if not (status.success and self._rows.is_finite):
+                return status
+            state = self._rows.last
+        return REACHED_END
 
     def _restarted(self, start: float, branch: float, state: State) -> State:
         """A state consistent with the laws that begin at `start`."""
         time, starter = np.array([start, branch]), self._route.starter
-        starter.require_continuous(self._done[-1].branch, time, state.q)
+        starter.require_continuous(self._legs[-1][1], time, state.q)
         return starter.state(time, state.q, state.v)
 
-    def _over(self, start: float, end: float, branch: float, rows: Rows) -> Status:
+    def _over(self, start: float, end: float, branch: float) -> Status:
         """Step over one interval."""
-        method, limits, t = self._method, self._limits, start
+        method, limits, rows, t = self.method, self._limits, self._rows, start
         between_looks = method.steps_between_looks
         try:
             method.begin(start, end, branch, rows.last)
@@ -172,21 +174,19 @@ class _Run:
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
         except StepError as problem:
-            return Status("failed", f"stopped at t = {t:.6g} s: {problem}")
+            return self._failed(problem)
+        except BeamdaeError as problem:
+            # Nothing is lost that was computed; before the first step a mistake is no run.
+            if self.steps == 0:
+                raise
+            return self._failed(problem)
         except MemoryError:
-            reason = "more memory is needed than there is; take larger steps"
-            return Status("failed", f"stopped at t = {t:.6g} s: {reason}")
-        except KeyboardInterrupt:
-            return _interrupted(t)
+            return Status("limited", f"{_NO_MEMORY}, stopped at t = {t:.6g} s")
         return REACHED_END
 
 
-def _interrupted(t: float) -> Status:
-    return Status("interrupted", f"interrupted at t = {t:.6g} s")
-
-
 def _scouted(
-    route: Route, scout_on: Callable[[Route], Method], of_run: _Limits
+    route: Route, scout_on: Callable[[Route], Method], of_run: Limits
 ) -> tuple[Route, _Run, Trajectory, Status]:
     """The route with the amplitudes that a scout sees, and its last run.
 
@@ -196,17 +196,25 @@ def _scouted(
     share = None if of_run.time_limit is None else _SCOUTING_TIME * of_run.time_limit
     start, progress = route.intervals[0][0], of_run.progress
     told = None if progress is None else lambda _: progress(start)
-    limits = _Limits(told, share, _MOST_SCOUTING_STEPS, of_run.begin)
-    for _ in range(_MOST_SCOUTS):
-        run = _Run(route, scout_on(route), limits)
-        trajectory, status = run.through()
-        if trajectory.end - start < _LEAST_WAY * route.duration:
-            break
-        seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
-        much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS
-        route = seen
-        if not (much_less and status.success):
-            break
+    run: _Run | None = None
+    try:
+        for _ in range(_MOST_SCOUTS):
+            pace = Pace(route.intervals[-1][1])
+            limits = Limits(told, share, _MOST_SCOUTING_STEPS, of_run.begin, pace)
+            run = _Run(route, scout_on(route), limits, _OF_SCOUT)
+            trajectory, status = run.through()
+            if trajectory.end - start < _LEAST_WAY * route.duration:
+                break
+            seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
+            much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS
+            route = seen
+            if not (much_less and status.success):
+                break
+    except KeyboardInterrupt:
+        if run is None:
+            raise
+        trajectory, status = run.interrupted()
+    assert run is not None
     return route, run, trajectory, status
 
 
@@ -238,18 +246,25 @@ def drive(
     setup_time = clock.perf_counter() - setup
 
     begin = clock.perf_counter()
-    limits = _Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
-    status = REACHED_END
-    if scout_on is not None and equations.scales is None:
-        route, run, trajectory, status = _scouted(route, scout_on, limits)
-    setup = clock.perf_counter()
-    method = method_on(route)
-    setup = clock.perf_counter() - setup
-    if status.kind == "interrupted":
-        status = replace(status, sentence=f"{status.sentence} {_SCOUTING}")
-    else:
-        run = _Run(route, method, limits)
-        trajectory, status = run.through()
+    limits = Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
+    if integrator.accuracy.name == "rtol" and limits.max_steps is None:
+        limits.pace = Pace(route.intervals[-1][1])
+    run: _Run | None = None
+    status, setup = REACHED_END, 0.0
+    try:
+        if scout_on is not None and equations.scales is None:
+            route, run, trajectory, status = _scouted(route, scout_on, limits)
+        if status.kind != "interrupted":
+            setup = clock.perf_counter()
+            method = method_on(route)
+            setup = clock.perf_counter() - setup
+            run = _Run(route, method, limits)
+            trajectory, status = run.through()
+    except KeyboardInterrupt:
+        if run is None:
+            raise
+        trajectory, status = run.interrupted()
+    assert run is not None
     wall_time = clock.perf_counter() - begin - setup
     seen = {} if route.amplitudes is None else {"amplitudes": route.amplitudes.by_part}
     return Solution(
@@ -257,7 +272,9 @@ def drive(
         trajectory,
         times[times <= trajectory.end * (1.0 + 1e-12)],
         status,
-        replace(method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time),
-        {"integrator": integrator.method, **settings, **method.resolved, **seen},
+        replace(
+            run.method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time
+        ),
+        {"integrator": integrator.method, **settings, **run.method.resolved, **seen},
         made_by=integrator,
     )

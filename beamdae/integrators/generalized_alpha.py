@@ -13,14 +13,14 @@ from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
-from beamdae.integrators.drive import SCOUTING_RTOL, StepError, drive
+from beamdae.integrators.drive import SCOUTING_RTOL, drive
 from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
+from beamdae.integrators.limits import require_few
 from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution, Statistics
 
 Array = np.ndarray
-_MOST_STEPS = 1e9
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,8 @@ class GeneralizedAlpha(Integrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        if self.rtol is None:
+            require_few("GeneralizedAlpha", "step", self.step, times[-1] - times[0])
         scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
         return drive(self, equations, times, self._method, progress, scout)
 
@@ -168,10 +170,9 @@ class GeneralizedAlpha(Integrator):
         stepper = Stepper(self._member, newton, route.starter, index3)
         if self.rtol is None:
             return FixedSteps(stepper, cured, self.step)
+        longest = route.longest_step("GeneralizedAlpha", None)
         tolerance = local_tolerance(self.rtol)
-        return AdaptiveSteps(
-            stepper, cured, self.step, route.longest_step, route.duration, tolerance
-        )
+        return AdaptiveSteps(stepper, cured, self.step, longest, route.duration, tolerance)
 
 
 class FixedSteps:
@@ -190,13 +191,8 @@ class FixedSteps:
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval."""
-        wanted = np.ceil((end - start) / self._step - 1e-6)
-        if wanted > _MOST_STEPS:
-            raise StepError(
-                f"{wanted:.3g} steps need more memory than there is; take a larger step"
-            )
         self._start, self._end = start, end
-        self._count = int(max(wanted, 1))
+        self._count = max(int(np.ceil((end - start) / self._step - 1e-6)), 1)
         self._h = (end - start) / self._count
         self._taken = 0
         self._time = np.array([start, branch])

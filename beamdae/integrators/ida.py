@@ -137,7 +137,7 @@ class Bdf:
             route.fastest_modes,
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
-        self._longest = settings.max_step or route.longest_step
+        self._longest = route.longest_step("Ida", settings.max_step)
         self._options = {
             "rtol": _NONE,
             "atol": self._control.absolute(self._tolerance, size, self._form),

@@ -101,7 +101,7 @@ class Collocating:
         )
         velocities = self._control.policy == "velocities"
         self._tolerance = Tolerance.honest(settings.rtol, size, velocities)
-        self._longest = settings.max_step or route.longest_step
+        self._longest = route.longest_step("Radau", settings.max_step)
         self._rejected = 0
 
     @property

@@ -13,6 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.spectrum import Mode, fastest_modes
 from beamdae.integrators.amplitudes import Amplitudes
+from beamdae.integrators.limits import require_few
 
 Array = np.ndarray
 
@@ -62,14 +63,25 @@ class Route:
         """Length of the run [s]."""
         return self.intervals[-1][1] - self.intervals[0][0]
 
-    @property
-    def longest_step(self) -> float:
-        """Longest step [s] unless another is set: no step passes over what the laws do.
+    def longest_step(self, part: str, max_step: float | None) -> float:
+        """Longest step [s], `max_step` if that is set: no step passes over what the laws do.
 
         A twentieth of the run, and a quarter of the time scale of the laws.
+
+        Raises
+        ------
+        BeamdaeError
+            Naming the integrator `part`, if a run of such steps would not end.
         """
+        if max_step is not None:
+            require_few(part, "max_step", max_step, self.duration)
+            return max_step
         scale, share = self.equations.time_scale, self.duration / 20.0
-        return share if scale is None else min(share, scale / 4.0)
+        if scale is None:
+            return share
+        why = "the longest step, a quarter of the time scale of the laws,"
+        require_few(part, why, scale / 4.0, self.duration)
+        return min(share, scale / 4.0)
 
 
 def plan(equations: EquationsOfMotion, times: Array) -> Route:

@@ -69,6 +69,11 @@ class Rows:
             block[: self._count - start] for block, start in zip(self._blocks, starts, strict=False)
         ]
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of them are numbers."""
+        return all(bool(np.isfinite(rows).all()) for rows in self._used)
+
     def cut_to_finite(self) -> bool:
         """Drop steps from the first one on that is not finite; whether there was none."""
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._used])

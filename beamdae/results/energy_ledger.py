@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,6 +37,29 @@ class Quality:
     max_position_drift: float
     max_velocity_drift: float
     energy_imbalance: float
+
+
+class Balance(NamedTuple):
+    """What adds up to nothing in a perfect run, over all steps.
+
+    Attributes
+    ----------
+    off
+        By how much it does not.
+    scale
+        What that is small against: the energy turned over, or the largest force.
+    largest
+        The largest of the terms.
+    """
+
+    off: float
+    scale: float
+    largest: float
+
+    @property
+    def share(self) -> float:
+        """How much it is off by, relative to its scale."""
+        return self.off / max(self.scale, _TINY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,22 +116,37 @@ class EnergyLedger:
         works = self.starts[k] + interval.integrals(values[:, 3:6], times)
         return np.hstack([interval.smooth(values[:, :3], times), works])
 
-    @property
-    def quality(self) -> Quality:
-        """Largest residual, drift and energy imbalance."""
+    @cached_property
+    def energy(self) -> Balance:
+        """Energy - work of loads - work of drivers + dissipated - start, at all steps [J]."""
         intervals = self.trajectory.intervals
-        norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
-        residual, reaction, force, position, velocity = np.max(np.concatenate(norms), axis=0)
         books = np.concatenate([self._books(k, i.t) for k, i in enumerate(intervals)])
         turnover = max(
             np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
         )
-        return Quality(
-            float(residual / max(reaction, force, _TINY)),
-            float(position),
-            float(velocity),
-            float(np.max(np.abs(_imbalance(books, books[0]))) / max(turnover, _TINY)),
-        )
+        off = np.max(np.abs(_imbalance(books, books[0])))
+        return Balance(float(off), float(turnover), float(np.max(np.abs(books))))
+
+    @cached_property
+    def _norms(self) -> Array:
+        """Largest norms over all steps, see `measures.balance`."""
+        intervals = self.trajectory.intervals
+        norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
+        found: Array = np.max(np.concatenate(norms), axis=0)
+        return found
+
+    @property
+    def force(self) -> Balance:
+        """F + G^T lam, beside the largest constraint, applied or elastic force, at all steps."""
+        residual, reaction, force, _, _ = map(float, self._norms)
+        scale = max(reaction, force)
+        return Balance(residual, scale, scale)
+
+    @property
+    def quality(self) -> Quality:
+        """Largest residual, drift and energy imbalance."""
+        position, velocity = map(float, self._norms[3:])
+        return Quality(self.force.share, position, velocity, self.energy.share)
 
 
 def _imbalance(books: Array, start: Array) -> Array:

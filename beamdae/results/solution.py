@@ -14,6 +14,7 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
+from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.trajectory import Trajectory
@@ -169,7 +170,8 @@ class Solution:
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
         beams = (beam.warning for beam in self.validity)
-        return (*filter(None, beams), *branch_warnings(self.singular_positions))
+        doubtful = doubts(self.equations, self._books, self.observed, self.t)
+        return (*filter(None, beams), *branch_warnings(self.singular_positions), *doubtful)
 
     def table(self) -> pd.DataFrame:
         """Time, observed quantities and the energy ledger; headers carry units."""

@@ -1,0 +1,58 @@
+"""What of a run is not to be trusted by its own books: energies, forces, columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.results.energy_ledger import EnergyLedger
+
+# From these shares of the energy turned over and of the largest force on a run is doubtful. IDA
+# with positions alone in its error test leaves some percent of the force to fast modes.
+_IMBALANCE, _RESIDUAL = 0.1, 0.5
+# What moves by less than this share of its size is at rest; energies are rounded to the other one.
+_AT_REST, _ROUNDING = 1e-9, 1e-12
+
+_REMEDY = (
+    "take a tenth of rtol or a smaller step, or another integrator, and look for loads and "
+    "positions near which something becomes infinite"
+)
+
+
+def doubts(
+    equations: EquationsOfMotion, books: EnergyLedger, observed: pd.DataFrame, times: np.ndarray
+) -> Iterator[str]:
+    """A sentence on each of the energy balance, the equations of motion and the columns.
+
+    Energies and forces that a mechanism at rest is full of by rounding alone are none.
+    """
+    energy, force = books.energy, books.force
+    imbalance, residual = books.quality.energy_imbalance, books.quality.max_residual
+    at_rest = _AT_REST * force.scale * equations.length + _ROUNDING * energy.largest
+    if not (imbalance <= _IMBALANCE or energy.off <= at_rest):
+        yield (
+            f"energy: its balance is off by {_percent(imbalance)} of the energy turned over, so "
+            f"the motion is not to be trusted; {_REMEDY}."
+        )
+    at_rest = _AT_REST * energy.largest / equations.length
+    if not (residual <= _RESIDUAL or force.off <= at_rest):
+        yield (
+            f"forces: the equations of motion are off by {_percent(residual)} of the largest "
+            "force, so accelerations, reactions and section forces are not to be trusted; "
+            f"{_REMEDY}."
+        )
+    for name in observed:
+        (bad,) = np.nonzero(~np.isfinite(observed[name].to_numpy()))
+        if len(bad):
+            yield (
+                f"{name}: it is not finite at {len(bad)} of {len(times)} times, first at "
+                f"t = {times[bad[0]]:.6g} s; check what is observed, and numbers of the model that "
+                "are very large or very small."
+            )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
