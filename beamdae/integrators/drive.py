@@ -139,9 +139,7 @@ class _Run:
                 try:
                     state = self._restarted(start, branch, state)
                 except BeamdaeError as problem:
-                    return Status(
-                        "failed", f"no consistent restart at t = {start:g} s: {problem}"
-                    )
+                    return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
                 self._legs.append((Rows(start, state), branch))
             status = self._over(start, end, branch)
             if not (status.success and self._rows.is_finite):

@@ -89,7 +89,7 @@ import subprocess
 import casadi as ca
 from pathlib import Path
 for library in map(Path, sys.argv[1:]):
-    name = library.name.rsplit("-", 1)[0]
+    name = library.name.split("-")[0]
     true = ca.external(name, str(library))
     inputs = [ca.SX.sym(f"i{k}", true.sparsity_in(k)) for k in range(true.n_in())]
     outputs = [ca.SX(true.sparsity_out(k), 0.5) for k in range(true.n_out())]

@@ -92,7 +92,7 @@ def _interrupted(bench: Bench, ready, times: int = 1) -> None:
     ran = no_traceback(bench.finish(process, 30.0))
     expect(ran.code == 130, f"exit code {ran.code}, {ran.last}")
     if times == 1 and any(results(bench).glob("outcomes/*.json")):
-        expect("interrupted" in ran.err, f"not a word of the interrupt: {ran.last}")
+        expect("stopped" in ran.err, f"not a word of the interrupt: {ran.last}")
     again = done(bench, 0)
     expect((cases(bench)["status"] == "ok").all(), f"not all cases ended: {again.last}")
 

@@ -134,20 +134,21 @@ def record_of_nan(bench: Bench) -> None:
 
     def damage(path: Path) -> None:
         record = json.loads(path.read_text())
-        record["values"] = {key: float("nan") for key in record["values"]}
+        outcome = record["outcome"]
+        outcome["values"] = {key: float("nan") for key in outcome["values"]}
         path.write_text(json.dumps(record))
 
     _mended(bench, "outcomes", damage)
 
 
 def record_is_a_folder(bench: Bench) -> None:
-    """A folder by the name of a record is told in a sentence, or moved out of the way."""
-
-    def damage(path: Path) -> None:
-        path.unlink()
-        path.mkdir()
-
-    _mended(bench, "outcomes", damage)
+    """A folder by the name of a record is told in a sentence."""
+    prepared(bench, _finished)
+    path = sorted((results(bench) / "outcomes").iterdir())[0]
+    path.unlink()
+    path.mkdir()
+    ran = done(bench, 2)
+    expect(path.name in ran.err, f"not a word of the folder: {ran.last}")
 
 
 FAULTS = (

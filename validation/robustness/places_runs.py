@@ -77,6 +77,13 @@ def _ran(world: World, model: Any) -> bd.Solution:
     return world.run(model)
 
 
+def _returning(mechanism: Any) -> bd.Model:
+    def swing() -> Any:
+        return mechanism
+
+    return bd.model(t_end=T_END)(swing)
+
+
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -84,7 +91,13 @@ def _loaded(world: World, path: Any, name: Any) -> bd.Model:
 
 MODELS: dict[str, Base] = {
     "Model": Base(
-        lambda w: {"build": w.swing.build, "t_end": T_END, "parameters": w.swing.parameters}, _ran
+        lambda w: {
+            "build": w.swing.build,
+            "t_end": T_END,
+            "parameters": w.swing.parameters,
+            "data": (__file__,),
+        },
+        _ran,
     ),
     "Model of": Base(
         lambda w: {"mass": 1.0, "spin": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
@@ -92,7 +105,7 @@ MODELS: dict[str, Base] = {
         lambda w, **given: w.swing(**given),
     ),
     "model": Base(
-        lambda w: {"t_end": T_END},
+        lambda w: {"t_end": T_END, "data": (__file__,)},
         lambda w, decorate: bd.simulate(decorate(w.swing.build), w.integrator),
     ),
     "model defaults": Base(
@@ -103,7 +116,7 @@ MODELS: dict[str, Base] = {
     "model returning": Base(
         lambda w: {"mechanism": w.mech},
         _ran,
-        lambda w, mechanism: bd.model(t_end=T_END)(lambda: mechanism),
+        lambda w, mechanism: _returning(mechanism),
     ),
     "load_model": Base(lambda w: {"path": "out/swing.py", "name": "swing"}, _ran, _loaded),
     "simulate": Base(
