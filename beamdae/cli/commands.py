@@ -22,6 +22,7 @@ from beamdae.report.letters import plain
 
 # What a model or a command was wrong about; a run that failed ends with 1.
 _MISTAKE = 2
+_NO_MEMORY = "more memory is needed than there is; take fewer elements, or a larger output step."
 
 
 class _PlainHelp:
@@ -52,6 +53,8 @@ class _Commands(_PlainHelp, TyperGroup):
             if interrupts.heard():
                 # Other code took the interrupt for a failure of its own.
                 _interrupted("")
+            if isinstance(problem, MemoryError):
+                problem = BeamdaeError(_NO_MEMORY)
             if not isinstance(problem, BeamdaeError):
                 raise
             complain(f"error: {problem}")
