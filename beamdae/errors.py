@@ -147,9 +147,18 @@ def entries(part: str, name: str, value: Any, what: str) -> list[Any]:
     Texts, and whatever can be gone through only once, are no lists.
     """
     listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
-    if not listed and getattr(value, "ndim", 0) < 1:
+    dimensions = getattr(value, "ndim", 0)
+    if not listed and not (isinstance(dimensions, int) and dimensions > 0):
         raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.")
     return list(value)
+
+
+def iterated(part: str, name: str, value: Any, what: str) -> list[Any]:
+    """Return what comes of going through `value` once, whatever it is."""
+    try:
+        return list(value)
+    except Exception:  # Such as symbols, which are iterable in name alone.
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.") from None
 
 
 def pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:

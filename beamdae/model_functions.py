@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beamdae.errors import BeamdaeError, entries, finite, nearest, number, positive, shown
+from beamdae.errors import BeamdaeError, entries, finite, keep, nearest, number, positive, shown
 
 _LONGEST_NAME = 120
 # What no file on some system may be called, whatever follows its first dot.
@@ -38,10 +38,25 @@ class Model:
     build: Callable[..., Any]
     t_end: float
     parameters: dict[str, Any]
-    data: tuple[str, ...] = ()
+    data: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        _require_function(self.build)
         file_name("model", self.name)
+        if not isinstance(self.parameters, dict) or not all(
+            isinstance(name, str) for name in self.parameters
+        ):
+            raise BeamdaeError(
+                f"{self.name}: parameters must be a dict of values by name, "
+                f"got {shown(self.parameters)}."
+            )
+        files = tuple(entries(self.name, "data", self.data, "a list of names of files"))
+        for name in files:
+            if not isinstance(name, str) or not name.isprintable() or not name:
+                raise BeamdaeError(
+                    f"{self.name}: data must be a list of names of files, got {shown(name)}."
+                )
+        keep(self, t_end=positive(self.name, "t_end", self.t_end), data=files)
 
     @property
     def name(self) -> str:
@@ -171,7 +186,12 @@ def file_name(part: str, value: Any) -> str:
     return value
 
 
-def model(*, t_end: float, data: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Model]:
+def _require_function(build: Any) -> None:
+    if not inspect.isfunction(build):
+        raise BeamdaeError(f"model: it must be made of a function, got {shown(build)}.")
+
+
+def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
     """Decorate a function that builds a mechanism.
 
     Parameters
@@ -194,15 +214,10 @@ def model(*, t_end: float, data: Iterable[str] = ()) -> Callable[[Callable[..., 
     >>> swing.parameters
     {'mass': 2.0}
     """
-    end = positive("model", "t_end", t_end)
-    files = tuple(entries("model", "data", data, "a list of names of files"))
-    for name in files:
-        if not isinstance(name, str) or not name.isprintable() or not name:
-            raise BeamdaeError(f"model: data must be a list of names of files, got {shown(name)}.")
+    positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:
-        if not inspect.isfunction(function):
-            raise BeamdaeError(f"model: it must decorate a function, got {shown(function)}.")
+        _require_function(function)
         parameters = {}
         for parameter in inspect.signature(function).parameters.values():
             if parameter.default is parameter.empty or parameter.kind is parameter.POSITIONAL_ONLY:
@@ -211,7 +226,7 @@ def model(*, t_end: float, data: Iterable[str] = ()) -> Callable[[Callable[..., 
                     "and must be given by name."
                 )
             parameters[parameter.name] = _plain(parameter.default)
-        made = Model(function, end, parameters, files)
+        made = Model(function, t_end, parameters, data)
         made.files()
         return made
 

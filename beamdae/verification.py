@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.headers import Header
@@ -59,7 +59,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     BeamdaeError
         If the solution does not know its integrator.
     """
-    integrator = _integrator_of(solution)
+    integrator = _integrator_of("error_estimate", solution)
     name, value = integrator.accuracy
     factor = _COARSER[name]
     fraction = min(_SAFETY / (factor**integrator.order - 1.0), _OF_FINER)
@@ -78,7 +78,7 @@ def _alike(steps: int, others: int) -> bool:
 
 def exceeded(solution: Solution, errors: pd.DataFrame) -> str:
     """A sentence on the position or angle whose error exceeds 100 rtol, if there is one."""
-    name, value = _integrator_of(solution).accuracy
+    name, value = _integrator_of("exceeded", solution).accuracy
     promised = errors[[Header.of(column).unit in ("m", "rad") for column in errors.index]]
     if name != "rtol" or not (promised[ERROR] > _PROMISED * value).any():
         return ""
@@ -121,7 +121,7 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     BeamdaeError
         If the solution does not know its integrator.
     """
-    name, value = _integrator_of(solution).accuracy
+    name, value = _integrator_of("verify", solution).accuracy
     allowed = _PROMISED * value if name == "rtol" else 1e-3
     if by is None:
         rtol = max(_TIGHTER * value, _TIGHTEST) if name == "rtol" else 1e-6
@@ -147,12 +147,15 @@ def _verdict(error: float, allowed: float) -> str:
     return "agrees" if error <= allowed else "differs"
 
 
-def _integrator_of(solution: Solution) -> Integrator:
+def _integrator_of(asked: str, solution: Any) -> Integrator:
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(f"{asked}: solution must be that of a run, got {shown(solution)}.")
     if not isinstance(solution.made_by, Integrator):
         raise BeamdaeError(
-            f"error_estimate: made_by must be the integrator of the run, got {solution.made_by!r}."
+            f"{asked}: made_by of the solution must be the integrator of its run, "
+            f"got {shown(solution.made_by)}."
         )
-    return require_integrator("error_estimate", solution.made_by)
+    return require_integrator(asked, solution.made_by)
 
 
 def _again(solution: Solution, integrator: Integrator) -> Solution | None:

@@ -44,6 +44,7 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
         raise BeamdaeError(
             f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {shown(curve)}."
         )
+    positive(part, "the length of its curve", curve.length)
     return curve
 
 

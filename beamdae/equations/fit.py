@@ -35,10 +35,14 @@ def require_body_fits(part: Part) -> None:
         "initial_velocity": part.initial_velocity,
     }
     for name, start in starts.items():
-        if np.shape(start) != (len(coordinates),):
+        try:
+            shape = np.asarray(start, dtype=float).shape
+        except Exception:  # Whatever is made of numbers in name alone.
+            shape = None
+        if shape != (len(coordinates),):
             raise BeamdaeError(
                 f"{part.name}: {name} must have shape {(len(coordinates),)}, one number a "
-                f"coordinate, got {np.shape(start)}."
+                f"coordinate, got {shown(start) if shape is None else shape}."
             )
     outline = np.asarray(part.outline)
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():

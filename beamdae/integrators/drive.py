@@ -238,7 +238,7 @@ def drive(
         move, unless the equations say so. None: the method needs no `Route.amplitudes`.
     """
     settings = asdict(integrator)  # type: ignore[call-overload]
-    require_limits(integrator.method, settings)
+    require_limits(integrator)
     setup = clock.perf_counter()
     route = plan(equations, times)
     setup_time = clock.perf_counter() - setup

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,11 +10,17 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import step_equations
-from beamdae.errors import BeamdaeError, finite, one_of, positive
+from beamdae.errors import BeamdaeError, finite, keep, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
 from beamdae.integrators.drive import SCOUTING_RTOL, drive
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
+from beamdae.integrators.integrator import (
+    Accuracy,
+    Integrator,
+    Progress,
+    require_limits,
+    require_tolerance,
+)
 from beamdae.integrators.limits import require_few
 from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.integrators.route import Route
@@ -79,10 +85,17 @@ class GeneralizedAlpha(Integrator):
     max_steps: int | None = None
 
     def __post_init__(self) -> None:
-        positive("GeneralizedAlpha", "step", self.step)
+        keep(
+            self,
+            step=positive("GeneralizedAlpha", "step", self.step),
+            rho_inf=finite("GeneralizedAlpha", "rho_inf", self.rho_inf),
+            newton_tolerance=positive(
+                "GeneralizedAlpha", "newton_tolerance", self.newton_tolerance
+            ),
+        )
         one_of("GeneralizedAlpha", "family", self.family, FAMILIES)
         least = 0.5 if self.family == "hht" else 0.0
-        if not least <= finite("GeneralizedAlpha", "rho_inf", self.rho_inf) <= 1.0:
+        if not least <= self.rho_inf <= 1.0:
             where = " for family 'hht'" if self.family == "hht" else ""
             raise BeamdaeError(
                 f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
@@ -90,9 +103,8 @@ class GeneralizedAlpha(Integrator):
             )
         one_of("GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2"))
         one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
-        positive("GeneralizedAlpha", "newton_tolerance", self.newton_tolerance)
         one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
-        require_limits("GeneralizedAlpha", asdict(self))
+        require_limits(self)
         self._check_adaptivity()
 
     def _check_adaptivity(self) -> None:
@@ -103,8 +115,7 @@ class GeneralizedAlpha(Integrator):
                     f"how many steps there are, got {self.max_steps}."
                 )
             return
-        if positive("GeneralizedAlpha", "rtol", self.rtol) > 0.1:
-            raise BeamdaeError(f"GeneralizedAlpha: rtol must be at most 0.1, got {self.rtol:g}.")
+        require_tolerance(self)
         if self.family == "newmark" and self.rho_inf < 1.0:
             raise BeamdaeError(
                 "GeneralizedAlpha: rtol needs a method of second order, family 'newmark' is one "

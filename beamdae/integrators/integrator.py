@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.errors import BeamdaeError, count, keep, positive, shown
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -84,23 +84,31 @@ class ByTolerance(Integrator):
         return 1
 
 
+# No error of double precision is as small, relative to what moves.
+_TIGHTEST, _LOOSEST = 1e-14, 0.1
+
+
 def require_tolerance(settings: Any) -> None:
     """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
     name = type(settings).__name__
-    positive(name, "rtol", settings.rtol)
-    if settings.rtol > 0.1:
-        raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {settings.rtol:g}.")
-    if settings.max_step is not None:
-        positive(name, "max_step", settings.max_step)
-    require_limits(name, asdict(settings))
+    rtol = positive(name, "rtol", settings.rtol)
+    if not _TIGHTEST <= rtol <= _LOOSEST:
+        raise BeamdaeError(
+            f"{name}: rtol must lie between {_TIGHTEST:g} and {_LOOSEST:g}, got {rtol:g}."
+        )
+    keep(settings, rtol=rtol)
+    if getattr(settings, "max_step", None) is not None:
+        keep(settings, max_step=positive(name, "max_step", settings.max_step))
+    require_limits(settings)
 
 
-def require_limits(name: str, settings: Mapping[str, Any]) -> None:
+def require_limits(settings: Any) -> None:
     """Check time_limit and max_steps, where an integrator has them."""
-    if settings.get("time_limit") is not None:
-        positive(name, "time_limit", settings["time_limit"])
-    if settings.get("max_steps") is not None:
-        count(name, "max_steps", settings["max_steps"])
+    name = type(settings).__name__
+    if getattr(settings, "time_limit", None) is not None:
+        keep(settings, time_limit=positive(name, "time_limit", settings.time_limit))
+    if getattr(settings, "max_steps", None) is not None:
+        keep(settings, max_steps=count(name, "max_steps", settings.max_steps))
 
 
 def require_integrator(part: str, value: Any) -> Integrator:
@@ -108,7 +116,7 @@ def require_integrator(part: str, value: Any) -> Integrator:
     if not isinstance(value, Integrator):
         raise BeamdaeError(
             f"{part}: integrator must be Ida(...), Radau(...), GeneralizedAlpha(...) or another "
-            f"Integrator, got {value!r}."
+            f"Integrator, got {shown(value)}."
         )
     if not is_dataclass(value):
         raise BeamdaeError(f"{part}: {value.method} must be a dataclass of its settings.")
@@ -116,6 +124,6 @@ def require_integrator(part: str, value: Any) -> Integrator:
     if name not in ("rtol", "step") or name not in {field.name for field in fields(value)}:
         raise BeamdaeError(
             f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
-            f"got {name!r}."
+            f"got {shown(name)}."
         )
     return value

@@ -9,7 +9,7 @@ from functools import cache
 from itertools import islice, product
 from typing import Any
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, iterated, shown
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
@@ -225,11 +225,10 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     for name, values in lists.items():
         if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
             raise BeamdaeError(f"grid: {name} must be a list of values, got {shown(values)}.")
-        if not isinstance(values, Sized):
-            # Of a generator it is not known whether it ends.
-            values = list(islice(values, _MOST_COMBINATIONS + 1))
-        found[name] = values
-        combinations *= len(values)
+        # Of a generator it is not known whether it ends.
+        ends = values if isinstance(values, Sized) else islice(values, _MOST_COMBINATIONS + 1)
+        found[name] = iterated("grid", name, ends, "a list of values")
+        combinations *= len(found[name])
     if combinations > _MOST_COMBINATIONS:
         raise BeamdaeError(
             f"grid: {', '.join(lists)} must have at most {_MOST_COMBINATIONS} combinations, "

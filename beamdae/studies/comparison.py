@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, positive, shown
+from beamdae.errors import BeamdaeError, iterated, positive, shown
 from beamdae.results.solution import Solution, Status
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import column_names, compared
@@ -71,7 +71,8 @@ def compare(
     >>> list(bd.compare(cases)["mass"])
     [1.0, 2.0]
     """
-    cases = tuple(cases) if isinstance(cases, Iterable) else (cases,)
+    listed = [cases] if isinstance(cases, Case) else cases
+    cases = iterated("compare", "cases", listed, "a list of at least one Case")
     if not cases or not all(isinstance(case, Case) for case in cases):
         raise BeamdaeError(f"compare: give a list of at least one Case, got {shown(cases)}.")
     if reference is not None and not isinstance(reference, (Case, Solution)):

@@ -254,7 +254,7 @@ def test_values_of_another_type_are_told(file, default, value, words):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("model = bd.model(t_end=1.0)(3)", "model: it must decorate a function, got 3."),
+        ("model = bd.model(t_end=1.0)(3)", "model: it must be made of a function, got 3."),
         ("@bd.model(t_end=1)\ndef f(*a): pass", "the parameter 'a' needs a default value"),
         ("@bd.model(t_end=1)\ndef f(a=1, /): pass", "the parameter 'a' needs a default value"),
         ("@bd.model(t_end=10**400)\ndef f(a=1): pass", "model: t_end must be finite"),

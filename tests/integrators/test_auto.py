@@ -44,7 +44,7 @@ def test_it_is_the_default():
 
 
 def test_a_tolerance_that_is_none_is_refused():
-    with pytest.raises(bd.BeamdaeError, match="Auto: rtol must be"):
+    with pytest.raises(bd.BeamdaeError, match="Auto: rtol must lie"):
         bd.Auto(0.5)
 
 

@@ -75,7 +75,7 @@ def test_a_wrong_formulation_is_named(integrator, setting, value, words):
     [
         ("rtol", -1e-6, ["positive", "-1e-06"]),
         ("rtol", 0.0, ["positive", "0"]),
-        ("rtol", 0.5, ["at most 0.1", "0.5"]),
+        ("rtol", 0.5, ["between 1e-14 and 0.1", "0.5"]),
         ("rtol", np.nan, ["finite", "nan"]),
         ("rtol", np.inf, ["finite", "inf"]),
         ("rtol", "tight", ["number", "'tight'"]),

@@ -190,8 +190,8 @@ def test_files_a_model_names_are_followed_and_must_exist(tmp_path):
     with pytest.raises(bd.BeamdaeError, match=r"falling: data must name files .*'curve.h5'"):
         written(tmp_path, **named)
     for wrong in ("curve.h5", [1], 5, None):
-        with pytest.raises(bd.BeamdaeError, match="model: data must be a list of names of files"):
-            bd.model(t_end=1.0, data=wrong)
+        with pytest.raises(bd.BeamdaeError, match="data must be a list of names of files"):
+            bd.model(t_end=1.0, data=wrong)(swing.build)
 
 
 def test_regression_a_study_follows_the_sources_of_beamdae(monkeypatch):
