@@ -26,6 +26,13 @@ class _Sink(io.FileIO):
         return len(data)
 
 
+class _Kept(io.TextIOWrapper):
+    """A stream that a model cannot close."""
+
+    def close(self) -> None:
+        self.flush()
+
+
 def secure() -> None:
     """Make standard output and error such that writing to them never fails.
 
@@ -44,7 +51,7 @@ def _secured(stream: TextIO | None, number: int) -> TextIO:
         return stream
     encoding = "utf-8" if stream is None else stream.encoding
     file = io.BufferedWriter(_Sink(number, "w", closefd=False))
-    return io.TextIOWrapper(file, encoding, _UNKNOWN_LETTERS, line_buffering=number == 2)
+    return _Kept(file, encoding, _UNKNOWN_LETTERS, line_buffering=number == 2)
 
 
 def ended(code: int) -> int:

@@ -84,6 +84,13 @@ def _returning(mechanism: Any) -> bd.Model:
     return bd.model(t_end=T_END)(swing)
 
 
+def _listing(cases: Any) -> bd.Study:
+    def few() -> Any:
+        return cases
+
+    return bd.study(output_step=OUTPUT_STEP)(few)
+
+
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -194,7 +201,7 @@ RESULTS: dict[str, Base] = {
     "study listing": Base(
         lambda w: {"cases": [w.case(mass=2.0)]},
         done,
-        lambda w, cases: bd.study(output_step=OUTPUT_STEP)(lambda: cases),
+        lambda w, cases: _listing(cases),
     ),
     "compare": Base(_compared, itself),
     "grid": Base(
