@@ -25,6 +25,11 @@ TESTED = {
     "index3": "positions",
 }
 
+RTOLS = (
+    1e-4,
+    1e-6,
+    pytest.param(1e-8, marks=pytest.mark.slow(reason="takes as long as all others together")),
+)
 every_case = pytest.mark.parametrize("case", PUBLISHED_CASES, ids=lambda c: c.name)
 
 
@@ -59,7 +64,7 @@ def test_closed_forms_agree_with_an_independent_integration():
             assert_allclose(found[name], known, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("rtol", RTOLS)
 @pytest.mark.parametrize("formulation", ["stabilized-index1", "ggl", "index2", "index1"])
 @every_case
 def test_ida_meets_the_case_to_its_tolerance(case, formulation, rtol):
@@ -73,7 +78,7 @@ def test_ida_meets_the_case_to_its_tolerance(case, formulation, rtol):
     assert errors.get("lam", 0.0) < 10.0 * factor * rtol
 
 
-@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("rtol", RTOLS)
 @every_case
 def test_ida_on_index_3_meets_the_case_as_far_as_it_can(case, rtol):
     # Positions alone are tested: velocities are known to rtol / h, and h goes as rtol^(1/6), and
@@ -103,7 +108,7 @@ def test_ida_as_it_comes_meets_the_case_to_its_tolerance(case, rtol):
 
 
 @pytest.mark.parametrize("error_control", ["auto", "positions"])
-@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("rtol", RTOLS)
 @every_case
 def test_radau_meets_the_case_to_its_tolerance(case, rtol, error_control):
     integrator = bd.Radau(rtol=rtol, error_control=error_control, max_steps=10_000)
