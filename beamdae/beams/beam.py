@@ -27,6 +27,10 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
+# Radius of gyration over length: bending is lost in the rounding of stretching below, and nothing
+# above is a beam.
+_LEAST_GYRATION, _MOST_GYRATION = 1e-12, 1e2
+
 
 class Beam(Part):
     """Planar, shear-flexible, geometrically nonlinear curved beam.
@@ -106,6 +110,8 @@ class Beam(Part):
             one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
             one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
+        self._require_slender()
+        self.mesh.require_followed(name)
         settings = {
             "strain": strain,
             "continuity": continuity,
@@ -123,6 +129,17 @@ class Beam(Part):
             if kinematics is None
             else kinematics(name, self.mesh, section)
         )
+
+    def _require_slender(self) -> None:
+        """Refuse a section that is none beside the length of the beam."""
+        gyration = float(np.sqrt(self.section.second_moment / self.section.area))
+        if not _LEAST_GYRATION <= gyration / self.length <= _MOST_GYRATION:
+            raise BeamdaeError(
+                f"{self.name}: second_moment {self.section.second_moment:g} m^4 and area "
+                f"{self.section.area:g} m^2 make a radius of gyration of {gyration:.3g} m, it must "
+                f"be {_LEAST_GYRATION:g} to {_MOST_GYRATION:g} times the length of "
+                f"{self.length:g} m."
+            )
 
     @property
     def length(self) -> float:

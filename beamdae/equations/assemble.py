@@ -27,6 +27,7 @@ from beamdae.equations.fit import (
     stated,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.equations.poles import LawOfPart, laws_of
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
@@ -126,6 +127,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
+        laws=laws_of(parts),
     )
 
 
@@ -195,6 +197,7 @@ def build(
     owners: Owners,
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
+    laws: tuple[LawOfPart, ...] = (),
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -244,6 +247,7 @@ def build(
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
+        laws=laws,
     )
 
 

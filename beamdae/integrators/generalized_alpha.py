@@ -14,7 +14,13 @@ from beamdae.errors import BeamdaeError, finite, one_of, positive
 from beamdae.integrators.alpha_adaptive import AdaptiveSteps, local_tolerance
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Stepper, parameters
 from beamdae.integrators.drive import SCOUTING_RTOL, drive
-from beamdae.integrators.integrator import Accuracy, Integrator, Progress, require_limits
+from beamdae.integrators.integrator import (
+    Accuracy,
+    Integrator,
+    Progress,
+    require_limits,
+    require_rtol,
+)
 from beamdae.integrators.limits import require_few
 from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.integrators.route import Route
@@ -103,8 +109,7 @@ class GeneralizedAlpha(Integrator):
                     f"how many steps there are, got {self.max_steps}."
                 )
             return
-        if positive("GeneralizedAlpha", "rtol", self.rtol) > 0.1:
-            raise BeamdaeError(f"GeneralizedAlpha: rtol must be at most 0.1, got {self.rtol:g}.")
+        require_rtol("GeneralizedAlpha", self.rtol)
         if self.family == "newmark" and self.rho_inf < 1.0:
             raise BeamdaeError(
                 "GeneralizedAlpha: rtol needs a method of second order, family 'newmark' is one "

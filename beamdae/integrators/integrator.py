@@ -15,6 +15,8 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
+_LEAST_RTOL = 1e-14
+
 # Told the time reached; a text it answers is the reason to stop there.
 Progress = Callable[[float], str | None]
 
@@ -87,12 +89,18 @@ class ByTolerance(Integrator):
 def require_tolerance(settings: Any) -> None:
     """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
     name = type(settings).__name__
-    positive(name, "rtol", settings.rtol)
-    if settings.rtol > 0.1:
-        raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {settings.rtol:g}.")
+    require_rtol(name, settings.rtol)
     if settings.max_step is not None:
         positive(name, "max_step", settings.max_step)
     require_limits(name, asdict(settings))
+
+
+def require_rtol(name: str, rtol: Any) -> None:
+    """Check a relative tolerance; below what rounding leaves there is nothing to gain."""
+    if positive(name, "rtol", rtol) > 0.1:
+        raise BeamdaeError(f"{name}: rtol must be at most 0.1, got {rtol:g}.")
+    if rtol < _LEAST_RTOL:
+        raise BeamdaeError(f"{name}: rtol must be at least {_LEAST_RTOL:g}, got {rtol:g}.")
 
 
 def require_limits(name: str, settings: Mapping[str, Any]) -> None:
