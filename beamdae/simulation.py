@@ -16,9 +16,11 @@ from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.solution import Solution
+from beamdae.results.solution import Solution, Status
 
 _MOST_ROWS = 1e7
+# Squares of the steps of a run have to be numbers [s].
+_SHORTEST, _LONGEST = 1e-100, 1e100
 
 
 def simulate(
@@ -58,16 +60,23 @@ def simulate(
     Warns
     -----
     BeamdaeWarning
-        Of what is not to be trusted as it stands, see `Solution.warnings`.
+        Of a run that did not reach its end, with the reason, and of what is not to be trusted as
+        it stands, see `Solution.warnings`.
     """
     information: dict[str, Any] = {}
+    name = "simulate"
     if isinstance(model, Model):
         t_end = model.t_end if t_end is None else t_end
-        information = {"name": model.name, "parameters": model.parameters}
+        name = model.name
+        information = {"name": name, "parameters": model.parameters}
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
     t_end = positive("simulate", "t_end", t_end)
+    if not _SHORTEST <= t_end <= _LONGEST:
+        raise BeamdaeError(
+            f"simulate: t_end must lie between {_SHORTEST:g} and {_LONGEST:g} s, got {t_end:g}."
+        )
     step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
     if t_end / step > _MOST_ROWS:
         raise BeamdaeError(
@@ -79,11 +88,32 @@ def simulate(
     times[-1] = t_end
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
-    solution = method.integrate(as_equations(model), times, progress=progress)
+    try:
+        solution = method.integrate(as_equations(model), times, progress=progress)
+    except MemoryError:
+        raise BeamdaeError(
+            f"{name}: it needs more memory than there is; take fewer elements."
+        ) from None
     solution = replace(solution, model={**information, "t_end": t_end})
-    for sentence in solution.warnings:
+    try:
+        sentences = solution.warnings if solution.status.kind != "interrupted" else ()
+    except KeyboardInterrupt:
+        told = f"interrupted at t = {solution.trajectory.end:.6g} s, when its warnings were sought"
+        solution, sentences = replace(solution, status=Status("interrupted", told)), ()
+    if not solution.status.success:
+        sentences = (_unfinished(name, solution), *sentences)
+    for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return solution
+
+
+def _unfinished(name: str, solution: Solution) -> str:
+    """What is said of a run that did not reach its end."""
+    status, t_end = solution.status, solution.model["t_end"]
+    return (
+        f"{name}: the run was not finished ({status.kind}), its rows end at "
+        f"t = {solution.trajectory.end:.6g} s of {t_end:g} s; {status.sentence}."
+    )
 
 
 def as_equations(model: Any) -> EquationsOfMotion:

@@ -58,6 +58,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     ------
     BeamdaeError
         If the solution does not know its integrator.
+    KeyboardInterrupt
+        If the other run is interrupted.
     """
     integrator = _integrator_of("error_estimate", solution)
     name, value = integrator.accuracy
@@ -120,6 +122,8 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     ------
     BeamdaeError
         If the solution does not know its integrator.
+    KeyboardInterrupt
+        If the other run is interrupted.
     """
     name, value = _integrator_of("verify", solution).accuracy
     allowed = _PROMISED * value if name == "rtol" else 1e-3
@@ -159,10 +163,15 @@ def _integrator_of(asked: str, solution: Any) -> Integrator:
 
 
 def _again(solution: Solution, integrator: Integrator) -> Solution | None:
-    """Another run over what this one reached; None if it does not end."""
+    """Another run over what this one reached; None if it does not end.
+
+    An interrupt ends both: there is nothing to tell.
+    """
     if len(solution.t) < 2:
         return None
     other = integrator.integrate(solution.equations, solution.t)
+    if other.status.kind == "interrupted":
+        raise KeyboardInterrupt
     return other if other.status.success else None
 
 

@@ -29,6 +29,9 @@ Array = np.ndarray
 
 # Their coordinates and kernels fit into a few gigabytes of memory.
 _MOST_ELEMENTS = 100_000
+# Radius of gyration over length: bending is lost in the rounding of stretching below, and nothing
+# above is a beam.
+_LEAST_GYRATION, _MOST_GYRATION = 1e-12, 1e2
 
 
 class Beam(Part):
@@ -109,6 +112,8 @@ class Beam(Part):
             one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
             one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
+        self._require_slender()
+        self.mesh.require_followed(name)
         settings = {
             "strain": strain,
             "continuity": continuity,
@@ -126,6 +131,17 @@ class Beam(Part):
             if kinematics is None
             else _given_kinematics(name, kinematics, self.mesh, section)
         )
+
+    def _require_slender(self) -> None:
+        """Refuse a section that is none beside the length of the beam."""
+        gyration = float(np.sqrt(self.section.second_moment / self.section.area))
+        if not _LEAST_GYRATION <= gyration / self.length <= _MOST_GYRATION:
+            raise BeamdaeError(
+                f"{self.name}: second_moment {self.section.second_moment:g} m^4 and area "
+                f"{self.section.area:g} m^2 make a radius of gyration of {gyration:.3g} m, it must "
+                f"be {_LEAST_GYRATION:g} to {_MOST_GYRATION:g} times the length of "
+                f"{self.length:g} m."
+            )
 
     @property
     def length(self) -> float:

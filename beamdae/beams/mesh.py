@@ -10,8 +10,12 @@ import numpy as np
 
 from beamdae.beams.shape_functions import shape_functions
 from beamdae.curves.plane_curves import PlaneCurve, turned
+from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
+
+# What the polygon through its nodes has to have of the length of an element.
+_LEAST_FOLLOWED = 0.5
 
 
 class AxisPoints(NamedTuple):
@@ -83,6 +87,24 @@ class Mesh:
             share = np.linspace(0.0, 1.0, self.nodes)[:, None]
             points = points[:, :1] + share * (points[:, -1:] - points[:, :1])
         return points
+
+    def require_followed(self, part: str) -> None:
+        """Refuse elements whose nodes lie much nearer to each other than along the curve.
+
+        Raises
+        ------
+        BeamdaeError
+            Naming the `part`, if they leave out half of the curve.
+        """
+        between = np.diff(self.node_points, axis=1)
+        along = self.curve.length / self.elements
+        shortest = float(np.min(np.hypot(between[..., 0], between[..., 1]).sum(axis=1)))
+        if not shortest >= _LEAST_FOLLOWED * along:
+            raise BeamdaeError(
+                f"{part}: elements={self.elements} of {self.nodes} nodes are too few for its "
+                f"curve, nodes {shortest:.3g} m apart stand for {along:.3g} m of it; take more "
+                "elements."
+            )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """The interpolated axes (eqs. 2, 13, 14) at local coordinates `xi` of `element`, (n,) each.

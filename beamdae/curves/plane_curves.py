@@ -11,6 +11,8 @@ from beamdae.errors import BeamdaeError, finite, keep, point, positive, shown
 
 Array = np.ndarray
 
+_MOST_TURNS = 1e6
+
 
 def turned(points: Array, angle: Any) -> Array:
     """Points or vectors (..., 2) turned counter-clockwise by `angle` [rad]."""
@@ -103,6 +105,11 @@ class Arc:
         )
         if self.radius == 0.0:
             raise BeamdaeError("Arc: radius must not be zero.")
+        if abs(self.angle) > _MOST_TURNS:
+            raise BeamdaeError(
+                f"Arc: angle must lie within {_MOST_TURNS:g} rad, rounding bends the curve beyond, "
+                f"got {self.angle:g}."
+            )
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + 1e-12):
             raise BeamdaeError(

@@ -28,6 +28,7 @@ from beamdae.equations.fit import (
     stated,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.equations.poles import LawOfPart, laws_of
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
@@ -129,6 +130,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
+        laws=laws_of(parts),
     )
 
 
@@ -198,6 +200,7 @@ def build(
     owners: Owners,
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
+    laws: tuple[LawOfPart, ...] = (),
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -247,6 +250,7 @@ def build(
         forces=tuple(force_terms),
         joints=tuple(constraint_terms),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
+        laws=laws,
     )
 
 

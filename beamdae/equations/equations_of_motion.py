@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.equations.poles import LawOfPart
 from beamdae.symbolic.sparse_sums import Block, gather, scatter
 from beamdae.symbolic.statements import ConstraintKernel, ForceKernel, Named, RangeStatement
 
@@ -124,6 +125,8 @@ class EquationsOfMotion:
     scales
         How far each coordinate moves [its unit], (n,), where that is given; None: integrators
         find out.
+    laws
+        Those that change with time, with the parts that follow them.
     """
 
     coordinates: tuple[Named, ...]
@@ -140,6 +143,7 @@ class EquationsOfMotion:
     joints: tuple[ConstraintTerm, ...] = field(repr=False)
     scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
+    laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

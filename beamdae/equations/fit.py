@@ -50,7 +50,11 @@ def require_body_fits(part: Part) -> None:
             f"{part.name}: outline must be finite points of shape (k, 2), "
             f"got {shown(part.outline)}."
         )
-    _listing(part.name, "laws", part.laws, Law)
+    for law in _listing(part.name, "laws", part.laws, Law):
+        if not np.isfinite(law.breakpoints).all():
+            raise BeamdaeError(
+                f"{part.name}: the breakpoints of its law must be finite, got {law.breakpoints}."
+            )
 
 
 def require_unit(part: str, unit: Any) -> None:

@@ -135,7 +135,8 @@ class AdaptiveSteps:
                     break
                 reason = "the error test failed"
             self._rejected += 1
-            if self._size.reject(h, error) < _SMALLEST * self.duration:
+            # Of states beyond all numbers the step is none either.
+            if not self._size.reject(h, error) >= _SMALLEST * self.duration:
                 raise StepError(
                     f"{reason} even with a step of {h:.2g} s; "
                     "check laws and start values, or loosen rtol"

@@ -216,7 +216,6 @@ def _scouted(
     return route, run, trajectory, status
 
 
-@single_threaded
 def drive(
     integrator: Integrator,
     equations: EquationsOfMotion,
@@ -237,6 +236,26 @@ def drive(
         Makes the same with the tolerance SCOUTING_RTOL: it goes first, to see how far the parts
         move, unless the equations say so. None: the method needs no `Route.amplitudes`.
     """
+    solution = None
+    try:
+        with single_threaded:
+            solution = _driven(integrator, equations, times, method_on, progress, scout_on)
+    except KeyboardInterrupt:
+        if solution is None:
+            raise
+        at = f"interrupted at t = {solution.trajectory.end:.6g} s, after the last step"
+        solution = replace(solution, status=Status("interrupted", at))
+    return solution
+
+
+def _driven(
+    integrator: Integrator,
+    equations: EquationsOfMotion,
+    times: Array,
+    method_on: Callable[[Route], Method],
+    progress: Progress | None,
+    scout_on: Callable[[Route], Method] | None,
+) -> Solution:
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
     setup = clock.perf_counter()

@@ -15,6 +15,9 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
+# Bounds of rtol: below them rounding decides, above them nothing is resolved.
+_TIGHTEST, _LOOSEST = 1e-14, 0.1
+
 # Told the time reached; a text it answers is the reason to stop there.
 Progress = Callable[[float], str | None]
 
@@ -82,10 +85,6 @@ class ByTolerance(Integrator):
     def order(self) -> int:
         """The error of a run falls with rtol."""
         return 1
-
-
-# No error of double precision is as small, relative to what moves.
-_TIGHTEST, _LOOSEST = 1e-14, 0.1
 
 
 def require_tolerance(settings: Any) -> None:

@@ -136,7 +136,8 @@ class Collocating:
         while True:
             left = self._end - self._t
             h = fitted(size.next, left)
-            if h < min(self._smallest, left):
+            # Of states beyond all numbers the step is none either.
+            if not h >= min(self._smallest, left):
                 raise StepError(reason)
             bounds = tolerance.iteration_weights(h)
             renew = not newton.serves(h, KEEP_RATE)

@@ -11,6 +11,7 @@ import numpy as np
 from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.equations.poles import require_no_pole
 from beamdae.equations.spectrum import Mode, fastest_modes
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import require_few
@@ -90,7 +91,7 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
     Raises
     ------
     BeamdaeError
-        If the model has no consistent start.
+        If the model has no consistent start, or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
     apart = _ROUNDING * max(abs(start), abs(end))
@@ -99,6 +100,7 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
         if b - (inner or [start])[-1] > apart and end - b > apart:
             inner.append(b)
     intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
+    require_no_pole(equations.laws, intervals)
     require_inertia(equations)
     starter = Starter(equations)
     first = np.array([start, branch_of(*intervals[0])])

@@ -129,23 +129,29 @@ class EnergyLedger:
 
     @cached_property
     def _norms(self) -> Array:
-        """Largest norms over all steps, see `measures.balance`."""
+        """Norms at all steps, see `measures.balance`."""
         intervals = self.trajectory.intervals
         norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
-        found: Array = np.max(np.concatenate(norms), axis=0)
-        return found
+        return np.concatenate(norms)
 
     @property
     def force(self) -> Balance:
         """F + G^T lam, beside the largest constraint, applied or elastic force, at all steps."""
-        residual, reaction, force, _, _ = map(float, self._norms)
+        residual, reaction, force, _, _ = map(float, np.max(self._norms, axis=0))
         scale = max(reaction, force)
         return Balance(residual, scale, scale)
+
+    def time_off(self, residual: float) -> float:
+        """Share of the run over which F + G^T lam is larger than `residual`, or no number."""
+        lasting = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
+        off = ~(self._norms[:, 0] <= residual)
+        duration = self.trajectory.end - self.trajectory.intervals[0].t[0]
+        return float(np.concatenate(lasting) @ off) / max(duration, _TINY)
 
     @property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance."""
-        position, velocity = map(float, self._norms[3:])
+        position, velocity = map(float, np.max(self._norms[:, 3:], axis=0))
         return Quality(self.force.share, position, velocity, self.energy.share)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -40,6 +40,9 @@ class Status:
         """Whether it reached its end."""
         return self.kind == "ok"
 
+
+# Rows that are looked at before somebody asks for them.
+_LOOKED_AT = 10_000
 
 REACHED_END = Status("ok", "reached the end")
 
@@ -132,6 +135,14 @@ class Solution:
             return pd.DataFrame(index=range(len(self.t)))
         return pd.DataFrame(self._measured(measures.observed(e)), columns=headers)
 
+    def _looked_at(self) -> tuple[pd.DataFrame, Array]:
+        """Observed columns and times, some thousands of them where there are more."""
+        apart = len(self.t) // _LOOKED_AT + 1
+        if apart == 1:
+            return self.observed, self.t
+        some = replace(self, t=self.t[::apart])
+        return some.observed, some.t
+
     def _measured(self, function: RowFunction) -> Array:
         times, state = self._output
         return function(times, *state[:3], self.equations.p, state.lam)
@@ -170,7 +181,7 @@ class Solution:
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
         beams = (beam.warning for beam in self.validity)
-        doubtful = doubts(self.equations, self._books, self.observed, self.t)
+        doubtful = doubts(self.equations, self._books, *self._looked_at())
         return (*filter(None, beams), *branch_warnings(self.singular_positions), *doubtful)
 
     def table(self) -> pd.DataFrame:
@@ -205,6 +216,11 @@ class Solution:
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
 
+        The JSON begins with "status" and "reason". Where the run did not reach its end the CSV says
+        so too: its last column, which others do not have, is called "status" and holds "failed",
+        "limited" or "interrupted" in each row. The path stays, for scripts that look for it, and so
+        do all other columns.
+
         `further` entries go to the JSON as well. Both files appear whole or not at all. Headers a
         spreadsheet would take for formulas have an apostrophe in front. Returns the path of the CSV
         file.
@@ -215,6 +231,8 @@ class Solution:
             If a file cannot be written.
         """
         beside = {
+            "status": self.status.kind,
+            "reason": self.status.sentence,
             "model": self.model,
             "integrator": self.integrator,
             "result": self.summary(),
@@ -223,4 +241,7 @@ class Solution:
             "warnings": list(self.warnings),
             **further,
         }
-        return write(Path(path), self.table(), beside)
+        table = self.table()
+        if not self.status.success:
+            table["status"] = self.status.kind
+        return write(Path(path), table, beside)
