@@ -525,7 +525,9 @@ def test_a_law_that_breaks_down_is_approached_closely(rtol):
 def test_a_force_that_grows_beyond_all_bounds_is_a_status():
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
     force = 1.0 / (0.5 - t) ** 2
-    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1], force=[force], constraints=[], q0=[0])
+    system = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1], force=[force], constraints=[], q0=[0], v0=[0]
+    )
     solution = bd.simulate(system, replace(ADAPTIVE, rtol=1e-3), 1.0)
     assert not solution.status.success
     for words in ("t = 0.5 s", "error test failed", "even with a step of", "loosen rtol"):
