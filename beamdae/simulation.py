@@ -17,6 +17,7 @@ from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.solution import Solution, Status
+from beamdae.symbolic.memory import require_memory
 
 _MOST_ROWS = 1e7
 # Squares of the steps of a run have to be numbers [s].
@@ -72,6 +73,34 @@ def simulate(
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
+    times = _output_times(t_end, output_step)
+    method = Auto() if integrator is None else integrator
+    require_integrator("simulate", method)
+    if progress is not None and not callable(progress):
+        raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
+    try:
+        equations = as_equations(model)
+        _require_room(equations, len(times))
+        solution = method.integrate(equations, times, progress=progress)
+    except (MemoryError, RuntimeError) as problem:
+        if not _is_for_memory(problem):
+            raise
+        raise BeamdaeError(
+            f"{name}: it needs more memory than there is; take fewer elements."
+        ) from None
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(
+            f"simulate: {method.method}.integrate must return a Solution, got {shown(solution)}."
+        )
+    solution = replace(solution, model={**information, "t_end": float(times[-1])})
+    solution, sentences = _looked_through(name, solution)
+    for sentence in sentences:
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
+    return solution
+
+
+def _output_times(t_end: Any, output_step: Any) -> np.ndarray:
+    """Times of the rows from 0 to `t_end` [s]."""
     t_end = positive("simulate", "t_end", t_end)
     if not _SHORTEST <= t_end <= _LONGEST:
         raise BeamdaeError(
@@ -86,34 +115,45 @@ def simulate(
     rows = max(int(np.ceil(t_end / step - 1e-9)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
-    method = Auto() if integrator is None else integrator
-    require_integrator("simulate", method)
+    return times
+
+
+def _require_room(equations: EquationsOfMotion, rows: int) -> None:
+    """Refuse more rows of output than there is memory for."""
+    each = 8.0 * (3 * equations.n + equations.m)
+    require_memory("simulate", f"output in {rows} rows", each * rows, "take a longer output_step")
+
+
+def _looked_through(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
+    """The solution, and what to warn of."""
+    found: tuple[str, ...] = ()
     try:
-        solution = method.integrate(as_equations(model), times, progress=progress)
-    except MemoryError:
-        raise BeamdaeError(
-            f"{name}: it needs more memory than there is; take fewer elements."
-        ) from None
-    solution = replace(solution, model={**information, "t_end": t_end})
-    try:
-        sentences = solution.warnings if solution.status.kind != "interrupted" else ()
+        # Whoever interrupts a run does not wait for more.
+        if solution.status.kind != "interrupted":
+            found = solution.warnings
     except KeyboardInterrupt:
         told = f"interrupted at t = {solution.trajectory.end:.6g} s, when its warnings were sought"
-        solution, sentences = replace(solution, status=Status("interrupted", told)), ()
-    if not solution.status.success:
-        sentences = (_unfinished(name, solution), *sentences)
-    for sentence in sentences:
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
-    return solution
-
-
-def _unfinished(name: str, solution: Solution) -> str:
-    """What is said of a run that did not reach its end."""
+        solution = replace(solution, status=Status("interrupted", told))
+    except (MemoryError, RuntimeError) as problem:
+        if not _is_for_memory(problem):
+            raise
+        found = (
+            f"{name}: nothing is known of how good the run is, for there is no memory left to look "
+            "at it; take fewer elements, longer steps or fewer rows.",
+        )
+    if solution.status.success:
+        return solution, found
     status, t_end = solution.status, solution.model["t_end"]
-    return (
+    unfinished = (
         f"{name}: the run was not finished ({status.kind}), its rows end at "
         f"t = {solution.trajectory.end:.6g} s of {t_end:g} s; {status.sentence}."
     )
+    return solution, (unfinished, *found)
+
+
+def _is_for_memory(problem: Exception) -> bool:
+    """Whether there is no memory left, as NumPy or as CasADi says it."""
+    return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)
 
 
 def as_equations(model: Any) -> EquationsOfMotion:

@@ -20,7 +20,7 @@ from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.route import Route, branch_of, plan
-from beamdae.integrators.rows import Rows
+from beamdae.integrators.rows import NoRoomError, Rows
 from beamdae.results.solution import REACHED_END, Solution, Statistics, Status
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
@@ -178,8 +178,9 @@ class _Run:
             if self.steps == 0:
                 raise
             return self._failed(problem)
-        except MemoryError:
-            return Status("limited", f"{_NO_MEMORY}, stopped at t = {t:.6g} s")
+        except MemoryError as problem:
+            told = problem if isinstance(problem, NoRoomError) else _NO_MEMORY
+            return Status("limited", f"{told}, stopped at t = {t:.6g} s")
         return REACHED_END
 
 
@@ -238,7 +239,8 @@ def drive(
     """
     solution = None
     try:
-        with single_threaded:
+        # States that are not finite end a run; the steps that come to them say nothing.
+        with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             solution = _driven(integrator, equations, times, method_on, progress, scout_on)
     except KeyboardInterrupt:
         if solution is None:

@@ -28,6 +28,7 @@ from beamdae.integrators.route import Route
 from beamdae.integrators.silence import silent
 from beamdae.results.solution import Solution, Statistics
 from beamdae.symbolic.factorizations import DENSE_LIMIT
+from beamdae.symbolic.memory import require_memory
 
 Array = np.ndarray
 
@@ -39,6 +40,8 @@ _LOSES = (
 )
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
 _SHORTER = 1e-4
+# What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
+_FULL = 8.0
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
 _NONE = 1e-15
 
@@ -114,6 +117,9 @@ def _solver(newton: PreconditionedResidual, size: int, **options: Any) -> IDA:
             warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
             pattern = sp.eye_array(size, format="csc")
             return IDA(newton.residual, linsolver="sparse", sparsity=pattern, **options)
+    what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
+    remedy = "install one that has it, take fewer elements, or another integrator"
+    require_memory("Ida", what, _FULL * size**2, remedy)
     return IDA(newton.residual, linsolver="band", lband=0, uband=0, **options)
 
 

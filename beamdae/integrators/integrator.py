@@ -119,8 +119,15 @@ def require_integrator(part: str, value: Any) -> Integrator:
         )
     if not is_dataclass(value):
         raise BeamdaeError(f"{part}: {value.method} must be a dataclass of its settings.")
-    name = value.accuracy.name
-    if name not in ("rtol", "step") or name not in {field.name for field in fields(value)}:
+    accuracy = value.accuracy
+    if not isinstance(accuracy, Accuracy):
+        raise BeamdaeError(
+            f"{part}: the accuracy of {value.method} must be an Accuracy of name and value, "
+            f"got {shown(accuracy)}."
+        )
+    name = accuracy.name
+    own = [field.name for field in fields(value)]
+    if not isinstance(name, str) or name not in ("rtol", "step") or name not in own:
         raise BeamdaeError(
             f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
             f"got {shown(name)}."

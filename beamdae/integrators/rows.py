@@ -9,10 +9,18 @@ import numpy as np
 
 from beamdae.equations.formulations import State
 from beamdae.results.trajectory import Interval
+from beamdae.symbolic.memory import available_memory, gigabytes
 
 Array = np.ndarray
 
-_ROWS_AT_ONCE = 1024
+# Rows of a block, or as many as make this many bytes where they are long.
+_ROWS_AT_ONCE, _BLOCK = 1024, 1e7
+# What a result makes of its rows while it is put together, in rows.
+_MADE_OF_ROWS = 2.0
+
+
+class NoRoomError(MemoryError):
+    """There is no memory for more rows; the message says how much they take."""
 
 
 class Rows:
@@ -23,6 +31,7 @@ class Rows:
 
     def __init__(self, t: float, state: State) -> None:
         self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
+        self._at_once = int(np.clip(_BLOCK / (8 * self._ends[-1]), 1, _ROWS_AT_ONCE))
         self._blocks: list[Array] = []
         # Raised last: an interrupt leaves no row without its values.
         self._count = 0
@@ -30,7 +39,13 @@ class Rows:
         self._write([(t, state)])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
-        """Add a step with the stages inside it; whether they go with it and with those before."""
+        """Add a step with the stages inside it; whether they go with it and with those before.
+
+        Raises
+        ------
+        NoRoomError
+            If there is no memory for more of them, and for the result they are made into.
+        """
         rows = [*stages, (t, state)]
         times = [self.end, *(time for time, _ in rows)]
         if any(b <= a for a, b in pairwise(times)):
@@ -43,28 +58,38 @@ class Rows:
 
     def _write(self, rows: list[tuple[float, State]]) -> None:
         for k, (t, state) in enumerate(rows, self._count):
-            block, row = divmod(k, _ROWS_AT_ONCE)
+            block, row = divmod(k, self._at_once)
             if block == len(self._blocks):
-                self._blocks.append(np.empty((_ROWS_AT_ONCE, self._ends[-1])))
+                self._require_room()
+                self._blocks.append(np.empty((self._at_once, self._ends[-1])))
             np.concatenate(((t,), *state), out=self._blocks[block][row])
         self._count += len(rows)
+
+    def _require_room(self) -> None:
+        stored = sum(block.nbytes for block in self._blocks)
+        if stored and available_memory() < _MADE_OF_ROWS * stored:
+            raise NoRoomError(
+                f"the {self._count} states stored take {gigabytes(stored)}, there is no memory to "
+                "store more and make a result of them; take longer steps or fewer elements, or end "
+                "the run sooner"
+            )
 
     @property
     def last(self) -> State:
         """The state of the last row."""
-        block, row = divmod(self._count - 1, _ROWS_AT_ONCE)
+        block, row = divmod(self._count - 1, self._at_once)
         return self._state(self._blocks[block][row])
 
     @property
     def end(self) -> float:
         """The time of the last row [s]."""
-        block, row = divmod(self._count - 1, _ROWS_AT_ONCE)
+        block, row = divmod(self._count - 1, self._at_once)
         return float(self._blocks[block][row, 0])
 
     @property
     def _used(self) -> list[Array]:
         """The blocks, of the last one what is in use: of large systems that is a small part."""
-        starts = range(0, self._count, _ROWS_AT_ONCE)
+        starts = range(0, self._count, self._at_once)
         return [
             block[: self._count - start] for block, start in zip(self._blocks, starts, strict=False)
         ]

@@ -13,6 +13,7 @@ import pandas as pd
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.errors import BeamdaeError, shown
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
@@ -241,6 +242,8 @@ class Solution:
             "warnings": list(self.warnings),
             **further,
         }
+        if not isinstance(path, (str, Path)) or not str(path).isprintable() or not Path(path).name:
+            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
         table = self.table()
         if not self.status.success:
             table["status"] = self.status.kind
