@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
+from itertools import islice
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -153,10 +154,10 @@ def entries(part: str, name: str, value: Any, what: str) -> list[Any]:
     return list(value)
 
 
-def iterated(part: str, name: str, value: Any, what: str) -> list[Any]:
-    """Return what comes of going through `value` once, whatever it is."""
+def iterated(part: str, name: str, value: Any, what: str, most: int | None = None) -> list[Any]:
+    """Return what comes of going through `value` once, at most so many of it."""
     try:
-        return list(value)
+        return list(islice(value, most))
     except Exception:  # Such as symbols, which are iterable in name alone.
         raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.") from None
 

@@ -476,3 +476,28 @@ def test_a_law_that_is_no_formula_is_explained(law, told):
 )
 def test_formulas_and_numbers_are_laws(law):
     assert len(bd.Moment("twist", DISK.at(0.0, 0.0), law).laws) == 1
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s: bd.error_estimate(3), "error_estimate: solution must be that of a run, got 3."),
+        (lambda s: bd.verify(None), "verify: solution must be that of a run, got None."),
+        (lambda s: s.to_csv(3), "to_csv: path must be that of a file, got 3."),
+        (lambda s: s.to_csv("a\0b"), "to_csv: path must be that of a file, got 'a\\x00b'."),
+        (lambda s: bd.simulate(s.equations, t_end=1.0, progress=3), "simulate: progress must be"),
+        (lambda s: bd.Ida(rtol=1e-300), "Ida: rtol must be at least 1e-75, got 1e-300."),
+        (lambda s: bd.Radau(rtol=1e-20), "Radau: rtol must lie between 1e-14 and 0.1, got 1e-20."),
+        (lambda s: bd.Ida(max_step=object()), "Ida: max_step must be a number, got <object object"),
+        (lambda s: bd.compare(np.array(1.0)), "compare: cases must be a list of at least one"),
+        (lambda s: bd.grid(mass=ca.MX.sym("x")), "grid: mass must be a list of values"),
+        (lambda s: bd.Model(3, 1.0, {}), "model: it must be made of a function, got 3."),
+    ],
+)
+def test_what_is_asked_of_runs_with_something_else_is_told(call, words):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    solution = bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), 0.02)
+    with pytest.raises(bd.BeamdaeError) as problem:
+        call(solution)
+    assert str(problem.value).startswith(words)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
-from itertools import islice, product
+from itertools import product
 from typing import Any
 
 from beamdae.errors import BeamdaeError, iterated, shown
@@ -226,8 +226,7 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
         if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
             raise BeamdaeError(f"grid: {name} must be a list of values, got {shown(values)}.")
         # Of a generator it is not known whether it ends.
-        ends = values if isinstance(values, Sized) else islice(values, _MOST_COMBINATIONS + 1)
-        found[name] = iterated("grid", name, ends, "a list of values")
+        found[name] = iterated("grid", name, values, "a list of values", _MOST_COMBINATIONS + 1)
         combinations *= len(found[name])
     if combinations > _MOST_COMBINATIONS:
         raise BeamdaeError(
