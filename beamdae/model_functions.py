@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -87,11 +88,11 @@ class Model:
         found = []
         for name in self.data:
             places = {folder / name: None for folder in (self.home, Path.cwd())}
-            there = [place for place in places if place.is_file()]
+            there = [place for place in places if os.path.isfile(place)]
             if not there:
                 raise BeamdaeError(
                     f"{self.name}: data must name files beside {self.home / '*.py'} or in the "
-                    f"working directory, there is no file {name!r}."
+                    f"working directory, there is no file {shown(name)}."
                 )
             found += there
         return found

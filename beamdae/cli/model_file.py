@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # Bytes; compiling takes hundreds of times as much memory.
 _LARGEST = 10_000_000
+# Letters of a path on any system.
+_LONGEST_PATH = 4096
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
@@ -107,7 +109,7 @@ def _imported(path: Path) -> ModuleType:
 
 def _compiled(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
-    if not str(path).isprintable():
+    if not str(path).isprintable() or len(str(path)) > _LONGEST_PATH:
         raise BeamdaeError(f"{shown(str(path))}: no model file can be called so.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")

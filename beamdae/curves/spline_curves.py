@@ -155,9 +155,11 @@ class Curve(_SplineCurve):
             raise BeamdaeError(
                 f"Curve: function must be a function of x, got {shown(self.function)}."
             )
-        self._check_regular("Curve")
-        if self.function is not None:
-            self._check_smooth()
+        # What is too large for a curve is told by a sentence.
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._check_regular("Curve")
+            if self.function is not None:
+                self._check_smooth()
 
     @cached_property
     def _spline(self) -> Any:

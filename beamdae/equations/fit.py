@@ -44,7 +44,10 @@ def require_body_fits(part: Part) -> None:
                 f"{part.name}: {name} must have shape {(len(coordinates),)}, one number a "
                 f"coordinate, got {shown(start) if shape is None else shape}."
             )
-    outline = np.asarray(part.outline)
+    try:
+        outline = np.asarray(part.outline, dtype=float)
+    except Exception:  # As above.
+        outline = np.empty(0)
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
         raise BeamdaeError(
             f"{part.name}: outline must be finite points of shape (k, 2), "
@@ -59,7 +62,7 @@ def require_body_fits(part: Part) -> None:
 
 def require_unit(part: str, unit: Any) -> None:
     """Refuse a unit that is no text, or means an angle in other words than "rad"."""
-    if not isinstance(unit, str) or not unit or unit != unit.strip():
+    if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(f"{part}: units must be texts such as 'm' and 'rad', got {shown(unit)}.")
     if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
         raise BeamdaeError(f"{part}: angles must be in 'rad', got {shown(unit)}.")

@@ -39,7 +39,7 @@ _LOSES = (
     "time: take Radau(rtol) or Auto(rtol)"
 )
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
-_SHORTER = 1e-4
+_SHORTER, _SHORTEST = 1e-4, 1e-300
 # What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
 _FULL = 8.0
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
@@ -192,14 +192,15 @@ class Bdf:
     def step(self) -> tuple[float, State]:
         """One step of IDA."""
         # SUNDIALS prints its errors; the status says them.
-        with silent:
-            result = self._solver.step(self._end, "onestep", self._end)
-        if not result.success or not result.t > self._t:
+        while True:
+            with silent:
+                result = self._solver.step(self._end, "onestep", self._end)
+            if result.success and result.t > self._t:
+                break
             shorter = _SHORTER * self._first
-            if self._state is None or self._t + shorter == self._t:
+            if self._state is None or self._t + shorter == self._t or shorter < _SHORTEST:
                 raise StepError(self._reason(result))
             self._start(shorter, self._state)
-            return self.step()
         self._t = result.t
         self._state = None
         self._newton.accepted += 1

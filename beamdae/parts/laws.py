@@ -280,8 +280,10 @@ def table(times: Any, values: Any) -> Law:
             "table: times and values must be lists of the same length, at least 3, got "
             f"{len(t)} and {len(y)}."
         )
-    if np.any(np.diff(t) <= 0.0):
+    shortest = float(np.min(np.diff(t)))
+    if shortest <= 0.0:
         raise BeamdaeError("table: times must ascend.")
+    positive("table", "the shortest stretch between its times", shortest)
     spline = CubicSpline(t, y, bc_type="natural")
     inner = [float(x) for x in t[1:-1]]
 
@@ -293,5 +295,5 @@ def table(times: Any, values: Any) -> Law:
     return Law(
         (lambda at: first, inside, lambda at: last),
         (float(t[0]), float(t[-1])),
-        4.0 * float(np.min(np.diff(t))),
+        4.0 * shortest,
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
-from beamdae.errors import BeamdaeError, count, keep, positive, shown
+from beamdae.errors import BeamdaeError, count, iterated, keep, positive, shown
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import file_name
@@ -18,6 +18,7 @@ from beamdae.studies.work import Limits, Task, mistake
 # Two methods of different kind; what they agree on is what both mean.
 REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
 _ROWS = 400
+_MOST_REPETITIONS = 1000
 _MOST_CASES = 1_000_000
 
 
@@ -66,7 +67,7 @@ class Study:
             cases=_cases(self.name, self.cases),
             references=_references(self.name, self.references),
             columns=column_names(self.name, self.columns),
-            repetitions=count(self.name, "repetitions", self.repetitions),
+            repetitions=count(self.name, "repetitions", self.repetitions, most=_MOST_REPETITIONS),
         )
         for setting in ("t_end", "output_step"):
             value = getattr(self, setting)
@@ -90,8 +91,8 @@ class Study:
             if self.over is not None:
                 if self.over not in case.parameters:
                     raise BeamdaeError(
-                        f"{self.name}: every case of a study over {self.over!r} has to give it a "
-                        "value."
+                        f"{self.name}: every case of a study over {shown(self.over)} has to give "
+                        "it a value."
                     )
                 positive(self.name, self.over, case.parameters[self.over])
             case.mechanism(known)
@@ -130,7 +131,7 @@ class Study:
 
 
 def _cases(name: str, value: Any) -> tuple[Case, ...]:
-    cases = _listed(value, _MOST_CASES)
+    cases = _listed(name, "cases", value, "a list of at least one Case", _MOST_CASES)
     if not cases:
         raise BeamdaeError(f"{name}: a study lists at least one Case, got {shown(value)}.")
     wrong = [case for case in cases if not isinstance(case, Case)]
@@ -142,8 +143,9 @@ def _cases(name: str, value: Any) -> tuple[Case, ...]:
 
 
 def _references(name: str, value: Any) -> tuple[Integrator, Integrator]:
-    found = _listed(value, 3)
-    allowed = f"{name}: references must be two integrators of different kind"
+    wanted = "two integrators of different kind"
+    found = _listed(name, "references", value, wanted, 2)
+    allowed = f"{name}: references must be {wanted}"
     if not found or not all(isinstance(x, Integrator) for x in found):
         raise BeamdaeError(f"{allowed}, got {shown(value)}.")
     methods = [require_integrator(name, x).method for x in found]
@@ -152,10 +154,10 @@ def _references(name: str, value: Any) -> tuple[Integrator, Integrator]:
     return found[0], found[1]
 
 
-def _listed(value: Any, most: int) -> tuple[Any, ...] | None:
-    """The entries of whatever has an order, no more than can be and one; None: it has none."""
-    ordered = isinstance(value, Iterable) and not isinstance(value, (str, bytes, set, frozenset))
-    return tuple(islice(value, most + 1)) if ordered else None
+def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
+    """The entries of whatever has an order, no more than can be and one."""
+    unordered = isinstance(value, (str, bytes, set, frozenset))
+    return tuple(iterated(name, what, None if unordered else value, wanted, most + 1))
 
 
 def study(
@@ -211,8 +213,8 @@ def _stated(function: Callable[[], Iterable[Case]]) -> Any:
     """What the function of a study lists; its mistakes are told as such."""
     try:
         found = function()
-        listed = _listed(found, _MOST_CASES)
-        return found if listed is None else listed
+        # A generator is a function still to be run.
+        return list(islice(found, _MOST_CASES + 1)) if isinstance(found, Iterator) else found
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:  # Whatever a user's function does, sys.exit included.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, iterated, nearest, shown
 from beamdae.results.headers import Header, observed_columns
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
@@ -18,12 +18,11 @@ _POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
 
 def column_names(part: str, value: Any) -> tuple[str, ...]:
     """Return names of columns as a tuple, or say that they are none."""
-    found = tuple(value) if isinstance(value, Iterable) else (None,)
+    what = "a list of names of observed columns"
+    found = iterated(part, "columns", value, what)
     if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in found):
-        raise BeamdaeError(
-            f"{part}: columns must be a list of names of observed columns, got {shown(value)}."
-        )
-    return found
+        raise BeamdaeError(f"{part}: columns must be {what}, got {shown(value)}.")
+    return tuple(found)
 
 
 def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -> None:
@@ -31,7 +30,7 @@ def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -
     for name in columns:
         if name not in present:
             raise BeamdaeError(
-                f"{part}: no observed column {name!r}{nearest(name, present)}, "
+                f"{part}: no observed column {shown(name)}{nearest(name, present)}, "
                 f"the columns are {', '.join(present) or 'none'}."
             )
 

@@ -449,8 +449,8 @@ def lists(result):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lists(None), "listing: a study lists at least one Case, got None"),
-        (lists(5), "listing: a study lists at least one Case, got 5"),
+        (lists(None), "listing: cases must be a list of at least one Case, got None"),
+        (lists(5), "listing: cases must be a list of at least one Case, got 5"),
         (lists([]), "listing: a study lists at least one Case, got "),
         (lists([1]), "listing: a study lists at least one Case, got 1 in it"),
         (lists(lambda: (1 / 0 for _ in "a")), "listing: it cannot list its cases, ZeroDivisionErr"),
