@@ -55,7 +55,7 @@ class FingerprintError(TypeError):
 
     def __init__(self, value: Any) -> None:
         super().__init__(type(value).__name__)
-        self.kind = f"{type(value).__module__}.{type(value).__qualname__}".removeprefix("builtins.")
+        self.kind = type(value).__qualname__
         self.inside: list[str] = []
 
     @property

@@ -66,8 +66,14 @@ def see_seed(name: str) -> list[Line]:
         # Of two that disagree one has to say so.
         silent = [x for other, x in apart.get(method, {}).items() if not told[other]]
         far = min(silent, default=np.nan)
-        lines.append(_line(seed, method, solution, far, told.get(method, "")))
+        rests = method in ended and not _moves(case, ended[method])
+        lines.append(_line(seed, method, solution, far, told.get(method, ""), rests))
     return lines
+
+
+def _moves(case: RandomCase, solution: bd.Solution) -> bool:
+    """Whether it does; at rest there is no energy to balance but what rounding makes."""
+    return bool(np.max(np.ptp(case.observed(solution), axis=0), initial=0.0) > STILL)
 
 
 def _apart(case: RandomCase, ended: dict[str, bd.Solution]) -> dict[str, dict[str, float]]:
@@ -93,12 +99,14 @@ def _told(solution: bd.Solution, apart: float) -> str:
     return told
 
 
-def _line(seed: int, method: str, solution: bd.Solution | str, apart: float, told: str) -> Line:
+def _line(
+    seed: int, method: str, solution: bd.Solution | str, apart: float, told: str, rests: bool
+) -> Line:
     if isinstance(solution, str):
         return Line(seed, method, "raised", solution, np.nan, apart, "", np.nan, "it raised")
     imbalance = solution.quality.energy_imbalance
     status, wall = solution.status, solution.statistics.wall_time
-    why = complaint(status.kind, status.sentence, imbalance, apart, told)
+    why = complaint(status.kind, status.sentence, 0.0 if rests else imbalance, apart, told)
     return Line(seed, method, status.kind, status.sentence, imbalance, apart, told, wall, why)
 
 

@@ -170,7 +170,7 @@ STUDIES: dict[str, Situation] = {
 _WORDS = (
     *("Curve", "Line", "Arc", "Parabola", "Segment", "ConstrainedSystem", "Mechanism", "ground"),
     *("q0", "q1", "system", "constraint", "law", "torque", "beam", "rotor", "top", "shot", "dust"),
-    *("again", "own", "far", "pin", "swing", "bob", "few", "grid", "compare", "simulate"),
+    *("study", "again", "own", "far", "pin", "swing", "bob", "few", "grid", "compare", "simulate"),
 )
 _HOPELESS = {"grid that does not end": "a listing without an end cannot be told from a long one"}
 
