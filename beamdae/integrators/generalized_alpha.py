@@ -163,7 +163,7 @@ class GeneralizedAlpha(Integrator):
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
         if self.rtol is None:
-            require_few("GeneralizedAlpha", "step", self.step, times[-1] - times[0])
+            require_few("GeneralizedAlpha", "step", self.step, float(times[-1] - times[0]))
         scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
         return drive(self, equations, times, self._method, progress, scout)
 
