@@ -70,7 +70,8 @@ class GeneralizedAlpha(Integrator):
         second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
         passes over: what is left of them keeps steps short.
     max_steps
-        With `rtol`: the run is given up after so many steps; None: no limit.
+        With `rtol`: the run is given up after so many steps. None: no limit, but it is given up
+        where no end is in sight, see `limits.Pace`.
     """
 
     step: float = 1e-3

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.equations.consistent_start import Starter
 from beamdae.integrators import limits, radau
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
@@ -37,6 +37,17 @@ def strip(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **moti
         mech.add(bd.Moment("moment", beam.start, law))
     mech.observe("tip", beam.end)
     return mech
+
+
+@functools.cache
+def equations(force=None, damping=1e-4, law=None, angular_velocity=0.0):
+    """Those of a strip, built once."""
+    motion = {"angular_velocity": angular_velocity}
+    return bd.equations_of_motion(strip(force, law, damping, **motion))
+
+
+GROWING, SWITCHED = lambda t: 1e12 * t, bd.piecewise((0.1, 0.1), 0.0)
+FAST = bd.sine(1.0, 1e9)
 
 
 class Stepping:
@@ -98,9 +109,9 @@ def test_regression_a_run_without_an_end_in_sight_is_given_up():
 
 
 def test_steps_that_shrink_without_end_are_given_up():
-    solution = bd.simulate(ball(), Given(lambda k: 0.01 * 0.9995**k), 21.0)
-    assert "no end in sight" in solution.status.sentence
-    assert_allclose(solution.trajectory.end, 20.0, rtol=1e-3)
+    pace, t = Pace(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
+    ended = [k for k, at in enumerate(t.tolist()) if pace.stall(at, 64 * k, 64)]
+    assert 20_000 < 64 * ended[0] < 45_000
 
 
 def test_whoever_says_how_many_steps_there_may_be_has_them():
@@ -133,16 +144,14 @@ ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
 
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 @pytest.mark.parametrize(
-    "model",
-    [strip(force=1e9, damping=0.0), strip(angular_velocity=1e10), strip(law=lambda t: 1e12 * t)],
+    "what",
+    [{"force": 1e9, "damping": 0.0}, {"angular_velocity": 1e10}, {"law": GROWING}],
     ids=["1 GN", "1e10 rad/s", "a moment that grows"],
 )
-def test_regression_inputs_out_of_all_proportion_end_with_a_sentence(
-    integrator, model, monkeypatch
-):
+def test_regression_inputs_out_of_all_proportion_end_with_a_sentence(integrator, what, monkeypatch):
     """They ran for minutes and took gigabytes. Their pace is seen at once with a shorter look."""
     monkeypatch.setattr(limits, "_PACES", ((4, 2e3),))
-    solution = bd.simulate(model, integrator, 1.0)
+    solution = bd.simulate(equations(**what), integrator, 1.0)
     assert solution.status.kind in ("limited", "failed")
     told = ("no end in sight", "the step is too small", "even with a step of", "did not converge")
     assert any(words in solution.status.sentence for words in told)
@@ -172,7 +181,7 @@ def test_inputs_out_of_all_proportion_end_in_earnest(integrator, model):
 def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
     """A step that is no number was tried for ever."""
     dense = bd.Material(E=68.95e9, nu=0.3, rho=1e300)
-    limited = type(integrator)(rtol=1e-4, time_limit=0.3)
+    limited = type(integrator)(rtol=1e-4, time_limit=0.1)
     begin = time.perf_counter()
     solution = bd.simulate(strip(material=dense), limited, 0.1)
     assert time.perf_counter() - begin < 10.0
@@ -181,10 +190,9 @@ def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
 
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
-    equations = bd.equations_of_motion(strip(force=1e9))
-    limited = type(integrator)(rtol=1e-5, time_limit=0.2)
+    limited = type(integrator)(rtol=1e-5, time_limit=0.05)
     begin = time.perf_counter()
-    solution = bd.simulate(equations, limited, 1.0)
+    solution = bd.simulate(equations(force=1e9), limited, 1.0)
     assert not solution.status.success
     assert time.perf_counter() - begin < 3.0
 
@@ -198,19 +206,19 @@ def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
         (bd.Ida(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
         (bd.Radau(max_step=1e-300), None, "Radau: max_step of 1e-300 s makes 1e"),
         (bd.Auto(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
-        (bd.Ida(), bd.sine(1.0, 1e9), "Ida: the longest step, a quarter of the time scale"),
-        (bd.Radau(), bd.sine(1.0, 1e9), "Radau: the longest step, a quarter of the time scale"),
-        (bd.GeneralizedAlpha(rtol=1e-4), bd.sine(1.0, 1e9), "GeneralizedAlpha: the longest step"),
+        (bd.Ida(), FAST, "Ida: the longest step, a quarter of the time scale"),
+        (bd.Radau(), FAST, "Radau: the longest step, a quarter of the time scale"),
+        (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),
     ],
 )
 def test_regression_runs_of_too_many_steps_are_not_begun(integrator, law, message):
     with pytest.raises(bd.BeamdaeError, match=rf"^{message}.* at most 1e\+08 are begun"):
-        bd.simulate(strip(law=law), integrator, 1.0)
+        bd.simulate(equations(law=law), integrator, 1.0)
 
 
 def test_steps_longer_than_the_time_scale_of_a_law_are_taken_by_request():
-    integrator = bd.Radau(max_step=0.01, time_limit=0.1)
-    assert bd.simulate(strip(law=bd.sine(1.0, 1e9)), integrator, 1.0).trajectory.end > 0.0
+    integrator = bd.Radau(max_step=0.01, time_limit=0.05)
+    assert bd.simulate(equations(law=FAST), integrator, 1.0).trajectory.end > 0.0
 
 
 @pytest.mark.parametrize(
@@ -248,10 +256,10 @@ def test_a_radius_that_is_no_number_is_refused():
         bd.GeneralizedAlpha(rho_inf=float("nan"))
 
 
-@pytest.mark.parametrize("t_end", [1e-90, 1e-20])
+@pytest.mark.parametrize("t_end", [1e-90])
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 def test_very_short_runs_end(t_end, integrator):
-    assert bd.simulate(strip(), integrator, t_end).status.success
+    assert bd.simulate(equations(), integrator, t_end).status.success
 
 
 # Interrupts: where the integration had begun its rows are kept.
@@ -287,18 +295,17 @@ class Once:
         (bd.GeneralizedAlpha(rtol=1e-4), ModifiedNewton, "solve"),
     ],
 )
-@pytest.mark.parametrize("n", [1, 2, 20])
+@pytest.mark.parametrize("n", [1, 20])
 def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
     integrator, owner, name, n, monkeypatch
 ):
-    equations = bd.equations_of_motion(strip(law=bd.piecewise((0.1, 0.1), 0.0)))
     monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
-    solution = bd.simulate(equations, integrator, 1.0)
+    solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
 
 
-def scouted(equations, times, scout=None, method=None):
+def scouted(of, times, scout=None, method=None):
     """A run that is interrupted where its scout, or it, is made."""
     integrator = Given()
 
@@ -310,7 +317,7 @@ def scouted(equations, times, scout=None, method=None):
 
         return on
 
-    return drive(integrator, equations, times, made(method), None, made(scout))
+    return drive(integrator, of, times, made(method), None, made(scout))
 
 
 def test_an_interrupt_before_the_first_step_is_one():
@@ -327,12 +334,9 @@ def test_an_interrupt_while_a_run_is_compiled_keeps_what_its_scout_saw():
 
 
 def test_an_interrupt_between_two_intervals_keeps_the_first(monkeypatch):
-    equations = bd.equations_of_motion(strip(law=bd.piecewise((0.1, 0.1), 0.0)))
-    from beamdae.equations.consistent_start import Starter
-
     whole = Starter.require_continuous
     monkeypatch.setattr(Starter, "require_continuous", Once(whole, 1))
-    solution = bd.simulate(equations, bd.GeneralizedAlpha(step=0.01), 1.0)
+    solution = bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.sentence == "interrupted at t = 0.1 s"
 
 
@@ -357,7 +361,7 @@ def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
 @pytest.mark.parametrize("ask", [bd.error_estimate, bd.verify])
 def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask, monkeypatch):
     """It was told as NaN."""
-    solution = bd.simulate(strip(), bd.GeneralizedAlpha(step=0.01), 0.1)
+    solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
     monkeypatch.setattr(ModifiedNewton, "solve", Once(ModifiedNewton.solve, 5))
     monkeypatch.setattr(radau.Collocation, "solve", Once(radau.Collocation.solve, 5))
     with pytest.raises(KeyboardInterrupt):
