@@ -79,8 +79,13 @@ def _alike(steps: int, others: int) -> bool:
 
 
 def exceeded(solution: Solution, errors: pd.DataFrame) -> str:
-    """A sentence on the position or angle whose error exceeds 100 rtol, if there is one."""
+    """A sentence on the position or angle whose error exceeds 100 rtol, if there is one.
+
+    Of a run that was cut short nothing is promised: half the range is that of the whole motion.
+    """
     name, value = _integrator_of("exceeded", solution).accuracy
+    if not solution.status.success:
+        return ""
     promised = errors[[Header.of(column).unit in ("m", "rad") for column in errors.index]]
     if name != "rtol" or not (promised[ERROR] > _PROMISED * value).any():
         return ""
@@ -115,8 +120,8 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
         By observed column: half its range, the largest difference over that, what positions and
         angles may differ by (100 rtol of the looser run, or 1e-3 without one), and the verdict:
         "agrees", "differs",
-        "known to ..." for rates, forces and moments, of which rtol promises nothing, and "not
-        verified" where the other run did not end.
+        "known to ..." for rates, forces and moments, of which rtol promises nothing, and for all
+        columns of a run that was cut short, and "not verified" where the other run did not end.
 
     Raises
     ------
@@ -135,7 +140,9 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     if other == "rtol":
         allowed = max(allowed, _PROMISED * loosest)
     table = _difference(solution, _again(solution, by), 1.0)
-    promised = [Header.of(name).unit in ("m", "rad") for name in table.index]
+    # Half the range is that of a whole run, or nothing is promised.
+    whole = solution.status.success
+    promised = [whole and Header.of(name).unit in ("m", "rad") for name in table.index]
     table["allowed"] = np.where(promised, allowed, np.nan)
     table["verdict"] = [
         _verdict(error, most) for error, most in zip(table[ERROR], table["allowed"], strict=True)

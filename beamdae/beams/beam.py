@@ -34,7 +34,7 @@ _MOST_ELEMENTS = 100_000
 # above is a beam.
 _LEAST_GYRATION, _MOST_GYRATION = 1e-12, 1e2
 # What a run takes at least for each element, whatever the integrator, times nodes less one [bytes].
-# Measured: 100 to 160 kB, in long chains of beams and in a single one of 10 000 elements.
+# Measured: 95 to 150 kB, in long chains of beams and in a single one of 10 000 elements.
 _MEMORY = 9e4
 
 

@@ -33,7 +33,8 @@ class Auto(ByTolerance):
     max_step
         Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
     max_steps, time_limit
-        The run is given up after so many steps or seconds; None: no limit.
+        The run is given up after so many steps or seconds. None: no limit, but without max_steps it
+        is given up as well where no end is in sight, see `limits.Pace`.
     """
 
     rtol: float = 1e-5

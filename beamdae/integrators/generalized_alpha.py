@@ -70,7 +70,8 @@ class GeneralizedAlpha(Integrator):
         second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
         passes over: what is left of them keeps steps short.
     max_steps
-        With `rtol`: the run is given up after so many steps; None: no limit.
+        With `rtol`: the run is given up after so many steps. None: no limit, but it is given up
+        where no end is in sight, see `limits.Pace`.
     """
 
     step: float = 1e-3
@@ -169,7 +170,7 @@ class GeneralizedAlpha(Integrator):
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
         if self.rtol is None:
-            require_few("GeneralizedAlpha", "step", self.step, times[-1] - times[0])
+            require_few("GeneralizedAlpha", "step", self.step, float(times[-1] - times[0]))
         scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
         return drive(self, equations, times, self._method, progress, scout)
 

@@ -51,7 +51,8 @@ class Radau(ByTolerance):
     linear_solver
         "dense", "sparse", or "auto" by size.
     max_steps, time_limit
-        The run is given up after so many steps or seconds; None: no limit.
+        The run is given up after so many steps or seconds. None: no limit, but without max_steps it
+        is given up as well where no end is in sight, see `limits.Pace`.
     """
 
     rtol: float = 1e-5

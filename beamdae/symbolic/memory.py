@@ -8,6 +8,9 @@ from pathlib import Path
 from beamdae.errors import BeamdaeError
 
 _GIGABYTE = 1e9
+# Address space, which such limits are about, over memory in use: 2.8 in a run of 10 000 elements.
+# SuperLU breaks down with the process where it is short.
+_ADDRESSES = 2.5
 
 
 def available_memory() -> float:
@@ -40,7 +43,7 @@ def _left_by_limit() -> float:
         if limit == RLIM_INFINITY:
             return float("inf")
         pages = float(Path("/proc/self/statm").read_text().split()[0])
-        return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0)
+        return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0) / _ADDRESSES
     except (ImportError, OSError, ValueError):
         return float("inf")
 

@@ -1,0 +1,394 @@
+"""No run goes on for ever, whatever it is given, and none is lost when it is interrupted."""
+
+import functools
+import os
+import signal
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.integrators import limits, radau
+from beamdae.integrators.drive import drive
+from beamdae.integrators.integrator import Accuracy
+from beamdae.integrators.limits import Pace
+from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.integrators.preconditioned import PreconditionedResidual
+from beamdae.results.solution import Solution, Statistics
+from beamdae.results.trajectory import Trajectory
+
+ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+
+
+def strip(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **motion):
+    """A thin strip on a hinge, with a force on its end or a moment on its start."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(material, width=0.03, height=0.0025, damping=damping)
+    line = bd.Line((0.0, 0.0), (0.8, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=elements, **motion))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    if force is not None:
+        mech.add(bd.Force("force", beam.end, (0.0, force)))
+    if law is not None:
+        mech.add(bd.Moment("moment", beam.start, law))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@functools.cache
+def equations(force=None, damping=1e-4, law=None, angular_velocity=0.0):
+    """Those of a strip, built once."""
+    motion = {"angular_velocity": angular_velocity}
+    return bd.equations_of_motion(strip(force, law, damping, **motion))
+
+
+GROWING, SWITCHED = lambda t: 1e12 * t, bd.piecewise((0.1, 0.1), 0.0)
+FAST = bd.sine(1.0, 1e9)
+
+
+class Stepping:
+    """Steps of given lengths [s], the last of them again and again; nothing moves."""
+
+    steps_between_looks = 64
+    resolved = {}  # noqa: RUF012 as the protocol has it
+    counts = Statistics()
+
+    def __init__(self, lengths):
+        self.lengths, self.taken = lengths, 0
+
+    def begin(self, start, end, branch, state):
+        self.t, self.end, self.state = start, end, state
+
+    def step(self):
+        self.t = min(self.t + self.lengths(self.taken), self.end)
+        self.taken += 1
+        return self.t, self.state
+
+
+@dataclass(frozen=True)
+class Given(bd.Integrator):
+    lengths: object = None
+    rtol: float = 1e-5
+    max_steps: int | None = None
+
+    @property
+    def accuracy(self):
+        return Accuracy("rtol", self.rtol)
+
+    @property
+    def order(self):
+        return 1
+
+    def integrate(self, equations, times, progress=None):
+        return drive(self, equations, times, lambda route: Stepping(self.lengths), progress)
+
+
+def ball():
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    return bd.equations_of_motion(mech)
+
+
+def test_regression_a_run_without_an_end_in_sight_is_given_up():
+    """It went on, and its memory grew, until somebody ended it."""
+    solution = bd.simulate(ball(), Given(lambda k: 1e-10), 1.0)
+    assert solution.status.kind == "limited"
+    for words in (
+        "no end in sight, steps of 1e-10 s",
+        "1e+10 more",
+        "check these and their units",
+        "max_steps",
+        "stopped at t = 1.0304e-06 s",
+    ):
+        assert words in solution.status.sentence
+    assert solution.statistics.steps == 10_304
+
+
+def test_steps_that_shrink_without_end_are_given_up():
+    pace, t = Pace(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
+    ended = [k for k, at in enumerate(t.tolist()) if pace.stall(at, 64 * k, 64)]
+    assert 20_000 < 64 * ended[0] < 45_000
+
+
+def test_whoever_says_how_many_steps_there_may_be_has_them():
+    solution = bd.simulate(ball(), Given(lambda k: 1e-10, max_steps=11_000), 1.0)
+    assert solution.status.sentence.startswith("max_steps = 11000 taken")
+
+
+def test_a_short_stiff_phase_ends_no_run():
+    """Nine thousand steps of a nanosecond, as in an impact, and fast again from there."""
+    solution = bd.simulate(ball(), Given(lambda k: 1e-9 if 200 < k < 9200 else 1e-3), 1.0)
+    assert solution.status.success
+    assert solution.statistics.steps > 9500
+
+
+@pytest.mark.parametrize(("steps", "between_looks"), [(9e6, 64), (1.1e6, 8)])
+def test_a_run_of_a_million_steps_is_not_given_up(steps, between_looks):
+    pace = Pace(1.0)
+    for k in range(0, 400_000, between_looks):
+        assert pace.stall(k / steps, k, between_looks) is None
+
+
+def test_a_run_of_a_hundred_million_steps_is_given_up():
+    pace = Pace(1.0)
+    ended = [k for k in range(0, 400_000, 64) if pace.stall(k / 3e7, k, 64)]
+    assert ended[0] == 102_400
+
+
+ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
+@pytest.mark.parametrize(
+    "what",
+    [{"force": 1e9, "damping": 0.0}, {"angular_velocity": 1e10}, {"law": GROWING}],
+    ids=["1 GN", "1e10 rad/s", "a moment that grows"],
+)
+def test_regression_inputs_out_of_all_proportion_end_with_a_sentence(integrator, what, monkeypatch):
+    """They ran for minutes and took gigabytes. Their pace is seen at once with a shorter look."""
+    monkeypatch.setattr(limits, "_PACES", ((4, 2e3),))
+    solution = bd.simulate(equations(**what), integrator, 1.0)
+    assert solution.status.kind in ("limited", "failed")
+    told = ("no end in sight", "the step is too small", "even with a step of", "did not converge")
+    assert any(words in solution.status.sentence for words in told)
+    assert solution.statistics.steps < 5000
+
+
+@pytest.mark.slow(reason="steps that are looked at as in earnest, up to a hundred thousand")
+@pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
+@pytest.mark.parametrize(
+    "model",
+    [
+        strip(force=1e9, damping=0.0, elements=4),
+        strip(angular_velocity=1e10, elements=4),
+        strip(velocity=(0.0, 1e10), elements=4),
+        strip(law=lambda t: np.exp(1e3 * t) / 1e3, elements=4),
+    ],
+    ids=["1 GN", "1e10 rad/s", "1e10 m/s", "exp"],
+)
+def test_inputs_out_of_all_proportion_end_in_earnest(integrator, model):
+    begin = time.perf_counter()
+    solution = bd.simulate(model, integrator, 0.7)
+    assert not solution.status.success
+    assert time.perf_counter() - begin < 120.0
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
+def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
+    """A step that is no number was tried for ever."""
+    dense = bd.Material(E=68.95e9, nu=0.3, rho=1e300)
+    limited = type(integrator)(rtol=1e-4, time_limit=0.1)
+    begin = time.perf_counter()
+    solution = bd.simulate(strip(material=dense), limited, 0.1)
+    assert time.perf_counter() - begin < 10.0
+    assert np.isfinite(solution.q).all()
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
+def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
+    limited = type(integrator)(rtol=1e-5, time_limit=0.05)
+    begin = time.perf_counter()
+    solution = bd.simulate(equations(force=1e9), limited, 1.0)
+    assert not solution.status.success
+    assert time.perf_counter() - begin < 3.0
+
+
+@pytest.mark.parametrize(
+    ("integrator", "law", "message"),
+    [
+        (bd.GeneralizedAlpha(step=1e-300), None, "GeneralizedAlpha: step of 1e-300 s makes 1e"),
+        (bd.GeneralizedAlpha(step=5e-324), None, "GeneralizedAlpha: step of .* s makes inf"),
+        (bd.GeneralizedAlpha(step=9e-9), None, "GeneralizedAlpha: step of 9e-09 s makes 1.1e"),
+        (bd.Ida(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
+        (bd.Radau(max_step=1e-300), None, "Radau: max_step of 1e-300 s makes 1e"),
+        (bd.Auto(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
+        (bd.Ida(), FAST, "Ida: the longest step, a quarter of the time scale"),
+        (bd.Radau(), FAST, "Radau: the longest step, a quarter of the time scale"),
+        (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),
+    ],
+)
+def test_regression_runs_of_too_many_steps_are_not_begun(integrator, law, message):
+    with pytest.raises(bd.BeamdaeError, match=rf"^{message}.* at most 1e\+08 are begun"):
+        bd.simulate(equations(law=law), integrator, 1.0)
+
+
+def test_steps_longer_than_the_time_scale_of_a_law_are_taken_by_request():
+    integrator = bd.Radau(max_step=0.01, time_limit=0.05)
+    assert bd.simulate(equations(law=FAST), integrator, 1.0).trajectory.end > 0.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"t_end": 1e-300}, r"simulate: t_end must lie between 1e-100 and 1e\+100 s, got 1e-300"),
+        ({"t_end": 1e101}, r"simulate: t_end must lie between 1e-100 and 1e\+100 s, got 1e\+101"),
+        ({"output_step": 5e-324}, "simulate: output_step .* gives more than"),
+        ({"output_step": True}, "simulate: output_step must be a number, got True"),
+    ],
+)
+def test_times_that_are_none_are_refused(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
+        bd.simulate(ball(), bd.Ida(), **{"t_end": 1.0, **settings})
+
+
+@pytest.mark.parametrize("kind", [bd.Auto, bd.Ida, bd.Radau, bd.GeneralizedAlpha])
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rtol": 1e-300}, "rtol must be at least 1e-14, got 1e-300"),
+        ({"rtol": float("nan")}, "rtol must be finite"),
+        ({"max_steps": 0}, "max_steps must be a whole number of at least 1, got 0"),
+        ({"max_steps": 1.5}, "max_steps must be a whole number of at least 1, got 1.5"),
+        ({"max_steps": True}, "max_steps must be a number, got True"),
+    ],
+)
+def test_settings_that_are_none_are_refused(kind, settings, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{kind.__name__}: {message}"):
+        kind(**{"rtol": 1e-5, **settings})
+
+
+def test_a_radius_that_is_no_number_is_refused():
+    with pytest.raises(bd.BeamdaeError, match="rho_inf must be finite, got nan"):
+        bd.GeneralizedAlpha(rho_inf=float("nan"))
+
+
+@pytest.mark.parametrize("t_end", [1e-90])
+@pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
+def test_very_short_runs_end(t_end, integrator):
+    assert bd.simulate(equations(), integrator, t_end).status.success
+
+
+# Interrupts: where the integration had begun its rows are kept.
+
+
+class Once:
+    """Raises KeyboardInterrupt at the nth call of what it stands for."""
+
+    def __init__(self, function, n):
+        self.function, self.left = function, n
+
+    def __get__(self, instance, owner):
+        bound = self.function.__get__(instance)
+
+        # Wrappers of solvers look at the signature.
+        @functools.wraps(bound)
+        def called(*args, **kwargs):
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+            return bound(*args, **kwargs)
+
+        return called
+
+
+@pytest.mark.parametrize(
+    ("integrator", "owner", "name"),
+    [
+        (bd.Ida(), PreconditionedResidual, "residual"),
+        (bd.Ida(), PreconditionedResidual, "jacobian"),
+        (bd.Radau(), radau.Collocation, "solve"),
+        (bd.GeneralizedAlpha(), ModifiedNewton, "solve"),
+        (bd.GeneralizedAlpha(rtol=1e-4), ModifiedNewton, "solve"),
+    ],
+)
+@pytest.mark.parametrize("n", [1, 20])
+def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
+    integrator, owner, name, n, monkeypatch
+):
+    monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
+    solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
+    assert solution.status.kind == "interrupted"
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
+def scouted(of, times, scout=None, method=None):
+    """A run that is interrupted where its scout, or it, is made."""
+    integrator = Given()
+
+    def made(interrupt):
+        def on(route):
+            if interrupt:
+                raise KeyboardInterrupt
+            return Stepping(lambda k: 0.01)
+
+        return on
+
+    return drive(integrator, of, times, made(method), None, made(scout))
+
+
+def test_an_interrupt_before_the_first_step_is_one():
+    times = np.linspace(0.0, 1.0, 11)
+    with pytest.raises(KeyboardInterrupt):
+        scouted(ball(), times, scout=True)
+
+
+def test_an_interrupt_while_a_run_is_compiled_keeps_what_its_scout_saw():
+    solution = scouted(ball(), np.linspace(0.0, 1.0, 11), method=True)
+    assert solution.status.kind == "interrupted"
+    assert "at t = 1 s of the scout, which goes before the run" in solution.status.sentence
+    assert len(solution.t) == 11
+
+
+def test_an_interrupt_between_two_intervals_keeps_the_first(monkeypatch):
+    whole = Starter.require_continuous
+    monkeypatch.setattr(Starter, "require_continuous", Once(whole, 1))
+    solution = bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
+    assert solution.status.sentence == "interrupted at t = 0.1 s"
+
+
+def test_an_interrupt_while_rows_are_put_together_keeps_them(monkeypatch):
+    monkeypatch.setattr(Trajectory, "__init__", Once(Trajectory.__init__, 1))
+    solution = bd.simulate(ball(), Given(lambda k: 0.01), 1.0)
+    assert solution.status.sentence == "interrupted at t = 1 s"
+    assert len(solution.t) == 1001
+
+
+def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
+    def interrupt(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Solution, "warnings", property(interrupt))
+    with pytest.warns(bd.BeamdaeWarning, match="not finished"):
+        solution = bd.simulate(ball(), Given(lambda k: 0.01), 1.0)
+    assert solution.status.kind == "interrupted"
+    assert solution.status.sentence == "interrupted at t = 1 s, when its warnings were sought"
+
+
+@pytest.mark.parametrize("ask", [bd.error_estimate, bd.verify])
+def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask, monkeypatch):
+    """It was told as NaN."""
+    solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
+    monkeypatch.setattr(ModifiedNewton, "solve", Once(ModifiedNewton.solve, 5))
+    monkeypatch.setattr(radau.Collocation, "solve", Once(radau.Collocation.solve, 5))
+    with pytest.raises(KeyboardInterrupt):
+        ask(solution)
+
+
+@pytest.mark.slow(reason="signals at many moments of runs")
+@pytest.mark.parametrize(
+    "integrator", [*ADAPTIVE, bd.GeneralizedAlpha(step=2e-3)], ids=lambda i: i.label
+)
+def test_a_signal_at_any_moment_keeps_what_there_is_or_is_an_interrupt(integrator):
+    def run():
+        return bd.simulate(strip(law=bd.piecewise((0.1, 0.1), 0.0), elements=2), integrator, 0.5)
+
+    begin = time.perf_counter()
+    run()
+    whole = time.perf_counter() - begin
+    for delay in np.random.default_rng(0).uniform(0.0, whole, 40):
+        timer = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
+        solution = None
+        try:
+            timer.start()
+            solution = run()
+            timer.join()
+            time.sleep(0.01)
+        except KeyboardInterrupt:
+            pass
+        if solution is not None:
+            assert solution.status.kind in ("ok", "interrupted")
+            assert np.isfinite(solution.table().to_numpy()).all()

@@ -1,0 +1,181 @@
+"""The memory of a run is bounded by what there is."""
+
+import functools
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.equations import assemble
+from beamdae.integrators import ida, rows
+from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.results.solution import Solution
+
+GIGABYTE = 1e9
+
+
+@functools.cache
+def pendulum():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.observe("center", bar.at(0.5, 0.0))
+    return bd.equations_of_motion(mech)
+
+
+INTEGRATORS = [bd.Ida(max_step=5e-4), bd.Radau(max_step=5e-4), bd.GeneralizedAlpha(step=5e-4)]
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.method)
+def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, monkeypatch):
+    whole = bd.simulate(pendulum(), integrator, 1.0)
+    assert whole.statistics.steps > 1900
+    monkeypatch.setattr(rows, "available_memory", lambda: 1e5)
+    solution = bd.simulate(pendulum(), integrator, 1.0)
+    assert solution.status.kind == "limited"
+    assert "states stored take 9.8e-05 GB" in solution.status.sentence
+    assert "take longer steps or fewer elements" in solution.status.sentence
+    assert 300 < solution.statistics.steps < 1100
+    # They are those of the run that had the memory, but for what a scout saw that had as little.
+    reached = len(solution.t)
+    assert reached > 100
+    assert_allclose(solution.q, whole.q[:reached], atol=1e-6)
+
+
+def test_blocks_of_long_states_are_short():
+    from beamdae.equations.formulations import State
+
+    state = State(*(np.zeros(50_000) for _ in range(4)))
+    kept = rows.Rows(0.0, state)
+    assert sum(block.nbytes for block in kept._blocks) < 2e7
+    for k in range(20):
+        kept.append(float(k + 1), state)
+    assert kept.interval(0.5).rows.q.shape == (21, 50_000)
+
+
+def test_memory_that_is_short_in_a_step_ends_a_run_with_what_there_is(monkeypatch):
+    solve, left = ModifiedNewton.solve, iter(range(30))
+
+    def short(self, *arguments, **further):
+        if next(left, None) is None:
+            raise MemoryError
+        return solve(self, *arguments, **further)
+
+    monkeypatch.setattr(ModifiedNewton, "solve", short)
+    solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 1.0)
+    assert solution.status.kind == "limited"
+    assert solution.status.sentence.startswith("more memory is needed than there is")
+    assert solution.statistics.steps == 30
+
+
+@pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
+def test_memory_that_is_short_before_a_run_is_an_error_in_words(problem, monkeypatch):
+    def short(*arguments):
+        raise problem
+
+    monkeypatch.setattr("beamdae.integrators.drive.plan", short)
+    with pytest.raises(bd.BeamdaeError, match=r"^simulate: it needs more memory than there is"):
+        bd.simulate(pendulum(), bd.Ida(), 1.0)
+
+
+@pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
+def test_memory_that_is_short_after_a_run_loses_none_of_it(problem, monkeypatch):
+    def short(self):
+        raise problem
+
+    monkeypatch.setattr(Solution, "warnings", property(short))
+    with pytest.warns(bd.BeamdaeWarning, match="simulate: nothing is known of how good the run is"):
+        solution = bd.simulate(pendulum(), bd.Ida(), 1.0)
+    assert solution.status.success
+
+
+def test_other_errors_are_not_put_down_to_memory(monkeypatch):
+    def wrong(*arguments):
+        raise RuntimeError("something else")
+
+    monkeypatch.setattr("beamdae.integrators.drive.plan", wrong)
+    with pytest.raises(RuntimeError, match="something else"):
+        bd.simulate(pendulum(), bd.Ida(), 1.0)
+
+
+def test_more_rows_than_there_is_memory_for_are_refused(monkeypatch):
+    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 1e6)
+    with pytest.raises(
+        bd.BeamdaeError,
+        match=r"^simulate: output in 100001 rows needs about 0\.0088 GB of memory, 0\.001 GB are",
+    ):
+        bd.simulate(pendulum(), bd.Ida(), 1.0, output_step=1e-5)
+
+
+def beam(elements):
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.03)
+    mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=elements))
+    return bd.equations_of_motion(mech)
+
+
+def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(monkeypatch):
+    """At 10 000 elements scikit-sundae asked for 241 GiB."""
+    solver = ida.IDA
+
+    def without(residual, **options):
+        if options["linsolver"] == "sparse":
+            raise ValueError("SuperLU_MT is not built in")
+        return solver(residual, **options)
+
+    equations = beam(40)
+    monkeypatch.setattr(ida, "IDA", without)
+    assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
+    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 1e6)
+    with pytest.raises(
+        bd.BeamdaeError,
+        match=r"^Ida: scikit-sundae without SuperLU_MT, for 726 unknowns, needs about 0\.0042 GB",
+    ):
+        bd.simulate(equations, bd.Ida(), 1e-3, output_step=1e-3)
+
+
+def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
+    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 10.0 * assemble._MEMORY)
+    mech = bd.Mechanism()
+    for k in range(10):
+        mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"^Mechanism: a run of its 20 coordinates needs"):
+        bd.equations_of_motion(mech)
+
+
+@pytest.mark.slow(reason="a process with a limit of its own for each integrator")
+@pytest.mark.parametrize("left", [0.05, 0.3, 0.6])
+@pytest.mark.parametrize("integrator", ["Ida()", "Radau()", "GeneralizedAlpha()"])
+def test_a_process_with_little_memory_ends_in_words(integrator, left):
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("the system does not tell how much memory a process has")
+    program = f"""
+        import resource, warnings
+        import beamdae as bd
+        warnings.simplefilter("ignore")
+        import beamdae.simulation
+        pages = int(open("/proc/self/statm").read().split()[0])
+        most = pages * resource.getpagesize() + {int(left * GIGABYTE)}
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        try:
+            mech = bd.Mechanism(gravity=(0.0, -9.81))
+            alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
+            strip = bd.Section.rectangle(alloy, width=0.03, height=0.003)
+            line = bd.Line((0.0, 0.0), (1.0, 0.0))
+            beam = mech.add(bd.Beam("beam", line, strip, elements=1000))
+            mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+            stop = lambda t: "enough" if t > 0.0 else None
+            print("kind:", bd.simulate(mech, bd.{integrator}, 1.0, progress=stop).status.kind)
+        except bd.BeamdaeError as problem:
+            print("error:", problem)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.strip().splitlines()[-1].startswith(("kind: limited", "error: "))

@@ -1,0 +1,228 @@
+"""What a run says of itself: doubtful books, columns that are no numbers, ends before the end."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+import pytest
+from tolerances.mechanisms import parallelogram
+
+import beamdae as bd
+from beamdae.results.headers import observed_columns
+from beamdae.studies.work import by_time
+from beamdae.verification import exceeded
+
+
+def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
+    """A hinged bar that hangs, lies or stands, and a moment on it."""
+    mech = bd.Mechanism(gravity=gravity)
+    center = (float(np.sin(angle)), -float(np.cos(angle)))
+    body = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=center))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    if law is not None:
+        mech.add(bd.Moment("push", body.at(0.0, 0.0), law))
+    mech.observe("tip", body.at(*center))
+    return mech
+
+
+def particle(force, start=0.0, **settings):
+    """A mass of 1 kg under a force in t and q, of which no law is known."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0], force=[force(t, q)], q0=[start], v0=[0.0], **settings
+    )
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda t: 1.0 / (t - 0.0103),
+        lambda t: 1.0 / (t - 0.98765) ** 2,
+        lambda t: np.tan(3.0 * t),
+        lambda t: np.exp(1e5 * t),
+        bd.piecewise((0.4, lambda t: 1.0 / (t - 0.6)), lambda t: 1.0 / (t - 0.7)),
+    ],
+)
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha()])
+def test_regression_a_law_with_a_pole_is_refused(law, integrator):
+    """Fixed steps passed over it and "reached the end"."""
+    with pytest.raises(bd.BeamdaeError, match=r"^push: its law becomes infinite near t = 0\.\d+ s"):
+        bd.simulate(bar(law), integrator, 1.0)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        bd.piecewise((0.4, lambda t: 1.0 / (t - 0.6)), lambda t: 1.0 / (t - 0.3)),
+        lambda t: 1.0 / (t - 1.1),
+        lambda t: np.exp(-(((t - 0.3217) / 1e-5) ** 2)),
+        lambda t: np.tanh((t - 0.3) / 1e-7),
+        lambda t: 10.0 * np.sin(300.0 * t),
+        bd.run_up(3.0, 0.5),
+    ],
+)
+def test_laws_with_peaks_and_poles_elsewhere_are_none_of_these(law):
+    assert bd.simulate(bar(law), bd.GeneralizedAlpha(step=0.01), 1.0).status.success
+
+
+def slider():
+    """A mass on a rail, in the slot of an arm that is turned past the rail's own direction."""
+    mech = bd.Mechanism()
+    origin = mech.ground.at(0.0, 0.0)
+    arm = mech.add(bd.RigidBody("arm", mass=1.0, inertia=0.1, center=(0.0, 0.0)))
+    mech.add(bd.Revolute("hinge", origin, arm.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", origin, arm.at(0.0, 0.0), law=lambda t: t))
+    mass = mech.add(bd.PointMass("slider", 1.0, at=(0.0, 1.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 1.0), mass.point))
+    mech.add(bd.PointOnLine("slot", arm.at(0.0, 0.0), mass.point, direction=(0.0, 1.0)))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("model", "step", "t_end"),
+    [
+        (slider(), 1e-2, 3.0),
+        (parallelogram(rocker=0.2001), 1e-3, 2.0),
+        (particle(lambda t, q: 1.0 / (t - 0.0103)), 1e-3, 1.0),
+    ],
+    ids=["through infinity", "nearly singular", "a force with a pole"],
+)
+def test_regression_a_run_whose_energies_do_not_balance_says_so(model, step, t_end):
+    """They reached the end with an imbalance of a third and more, in silence."""
+    integrator = bd.GeneralizedAlpha(step=step)
+    with pytest.warns(bd.BeamdaeWarning, match=r"^energy: its balance is off by [\d.]+ % of the"):
+        solution = bd.simulate(model, integrator, t_end)
+    assert solution.status.success
+    assert solution.quality.energy_imbalance > 0.1
+
+
+@pytest.mark.parametrize(("steps", "doubtful"), [(100, True), (2, False)])
+def test_a_run_off_its_equations_of_motion_says_so(steps, doubtful):
+    """Single steps are: those after a load that is there at once, or through singular positions."""
+    solution = bd.simulate(bar(angle=1.0), bd.GeneralizedAlpha(step=1e-3), 1.0)
+    (interval,) = solution.trajectory.intervals
+    a = interval.rows.a.copy()
+    a[300 : 300 + steps] *= -1.0
+    wrong = replace(interval, rows=interval.rows._replace(a=a))
+    off = replace(solution, trajectory=replace(solution.trajectory, intervals=(wrong,)))
+    assert off.quality.max_residual > 0.5
+    said = [w for w in off.warnings if w.startswith("forces: the equations of motion are off")]
+    assert len(said) == doubtful
+    assert all("for 10 % of the time" in w for w in said)
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(1e-3), bd.Radau(1e-3), bd.GeneralizedAlpha(step=0.01)]
+)
+@pytest.mark.parametrize(
+    "model",
+    [
+        bar(),
+        bar(angle=1e-9),
+        bar(gravity=(0.0, 0.0)),
+        bar(lambda t: 0.0 * t),
+        particle(lambda t, q: 0.0 * t),
+        particle(lambda t, q: -9.81 + 0.0 * q),
+    ],
+    ids=["at rest", "nearly at rest", "no force", "no moment", "nothing at all", "free fall"],
+)
+def test_nothing_is_doubtful_where_nothing_or_little_happens(model, integrator):
+    """What energies and forces are relative to is nothing or rounding there."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert bd.simulate(model, integrator, 1.0).warnings == ()
+
+
+def test_a_column_that_is_no_number_is_named():
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    observe = {"root": ca.sqrt(0.5 - t), "inverse": 1.0 / (q - q), "fine": q}
+    model = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0], force=[1.0], q0=[0.0], v0=[0.0], observe=observe
+    )
+    solution = bd.simulate(model, bd.Ida(), 1.0)
+    said = [w for w in solution.warnings if "not finite" in w]
+    assert len(said) == 2
+    assert said[0].startswith("root [-]: it is not finite at 500 of 1001 times, from t = 0.501 s")
+    assert said[1].startswith("inverse [-]: it is not finite at 1001 of 1001 times")
+
+
+def test_of_very_many_rows_some_are_looked_at():
+    solution = bd.simulate(bar(angle=1.0), bd.GeneralizedAlpha(step=0.1), 1.0, output_step=2e-5)
+    assert len(solution.t) == 50_001
+    looked_at, times = solution._looked_at()
+    assert len(looked_at) == len(times) <= 10_000
+
+
+FAILING = (bar(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02))
+LIMITED = (bar(angle=1.0), bd.Ida(max_steps=20))
+
+
+def interrupted(t):
+    if t > 0.0:
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("run", "progress", "kind"),
+    [(FAILING, None, "failed"), (LIMITED, None, "limited"), (LIMITED, interrupted, "interrupted")],
+)
+def test_regression_a_run_that_was_cut_short_warns_and_marks_its_files(
+    run, progress, kind, tmp_path
+):
+    """Its table looked like any other."""
+    model, integrator = run
+    if kind == "interrupted":
+        integrator = bd.Ida(1e-8)
+    with pytest.warns(bd.BeamdaeWarning, match=rf"^simulate: the run was not finished \({kind}\)"):
+        solution = bd.simulate(model, integrator, 1.0, progress=progress)
+    assert solution.status.kind == kind
+    path = solution.to_csv(tmp_path / "run.csv")
+    assert path == tmp_path / "run.csv"
+    table = pd.read_csv(path)
+    assert list(table)[-1] == "status"
+    assert set(table["status"]) == {kind}
+    # Whoever takes columns by name takes the same ones.
+    assert list(table)[:-1] == list(solution.table())
+    sidecar = json.loads(path.with_suffix(".json").read_text())
+    assert list(sidecar)[:2] == ["status", "reason"]
+    assert (sidecar["status"], sidecar["reason"]) == (kind, solution.status.sentence)
+
+
+def test_a_run_that_reached_its_end_has_no_column_of_it(tmp_path):
+    solution = bd.simulate(bar(angle=1.0), bd.Ida(), 1.0)
+    path = solution.to_csv(tmp_path / "run.csv")
+    assert list(pd.read_csv(path)) == list(solution.table())
+    assert json.loads(path.with_suffix(".json").read_text())["status"] == "ok"
+
+
+def test_names_of_drift_and_energies_hide_no_observable():
+    mech = bar(angle=1.0)
+    mech.observe("drift", mech.parts["bar"].at(0.0, 0.0))
+    mech.observe("drift.position", mech.parts["bar"].at(0.0, 0.0))
+    with pytest.raises(bd.BeamdaeError, match=r"the observable name 'energy\.x' is taken"):
+        mech.observe("energy.x", mech.parts["bar"].at(0.0, 0.0))
+    solution = bd.simulate(mech, bd.Ida(1e-3), 1.0)
+    names = list(solution.observed)
+    assert {"drift.x [m]", "drift.position.x [m]"} <= set(names)
+    assert observed_columns(by_time(solution)) == names
+    assert list(bd.error_estimate(solution).index) == names
+    system = particle(
+        lambda t, q: -q, start=1.0, names=["energy"], observe={"drift.position": ca.SX(1.0)}
+    )
+    solution = bd.simulate(system, bd.Ida(1e-3), 1.0)
+    assert observed_columns(by_time(solution)) == ["energy [-]", "drift.position [-]"]
+
+
+def test_of_a_run_that_was_cut_short_nothing_is_promised():
+    """What it moved until then is not what tolerances are relative to."""
+    short = bd.simulate(
+        bar(angle=1.0), bd.Ida(1e-7, max_step=1e-3), 1.0, progress=lambda t: "enough"
+    )
+    assert short.status.kind == "limited"
+    errors = bd.error_estimate(short)
+    errors.iloc[:, 1] = 1.0
+    assert exceeded(short, errors) == ""
+    assert set(bd.verify(short)["verdict"].str.split().str[0]) <= {"known", "not"}
