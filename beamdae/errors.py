@@ -80,7 +80,7 @@ def number(value: Any) -> float | None:
     Numbers of NumPy, fractions, decimals and arrays without dimensions are numbers; texts, truth
     values, lists of one number and symbols are not.
     """
-    value = _plain(value)
+    value = unboxed(value)
     if isinstance(value, bool) or not isinstance(value, (Real, Decimal)):
         return None
     try:
@@ -92,7 +92,7 @@ def number(value: Any) -> float | None:
         return math.nan
 
 
-def _plain(value: Any) -> Any:
+def unboxed(value: Any) -> Any:
     """What an array without dimensions, or a number of NumPy, holds."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
@@ -101,9 +101,9 @@ def finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or say that it is not a finite number."""
     found = number(value)
     if found is None:
-        raise BeamdaeError(f"{part}: {name} must be a number, got {shown(_plain(value))}.")
+        raise BeamdaeError(f"{part}: {name} must be a number, got {shown(unboxed(value))}.")
     if not math.isfinite(found):
-        raise BeamdaeError(f"{part}: {name} must be finite, got {shown(_plain(value))}.")
+        raise BeamdaeError(f"{part}: {name} must be finite, got {shown(unboxed(value))}.")
     if abs(found) > _LARGEST:
         raise BeamdaeError(
             f"{part}: {name} must lie within {_LARGEST:g} in absolute value, got {found:g}."
@@ -135,7 +135,7 @@ def count(part: str, name: str, value: Any, least: int = 1, most: int | None = N
     if found != int(found) or found < least:
         raise BeamdaeError(
             f"{part}: {name} must be a whole number of at least {least}, "
-            f"got {shown(_plain(value))}."
+            f"got {shown(unboxed(value))}."
         )
     if most is not None and found > most:
         raise BeamdaeError(f"{part}: {name} must be at most {most}, got {found:g}.")
@@ -178,7 +178,7 @@ def point(part: str, name: str, value: Any) -> tuple[float, float]:
 
 def one_of(part: str, name: str, value: Any, allowed: Sequence[Any]) -> Any:
     """Return `value` if it is one of `allowed`."""
-    value = _plain(value)
+    value = unboxed(value)
     if not any(type(value) is type(a) and value == a for a in allowed):
         names = ", ".join(repr(a) for a in allowed)
         raise BeamdaeError(

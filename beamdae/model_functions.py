@@ -12,7 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beamdae.errors import BeamdaeError, entries, finite, keep, nearest, number, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    entries,
+    finite,
+    keep,
+    nearest,
+    number,
+    positive,
+    shown,
+    unboxed,
+)
 
 _LONGEST_NAME = 120
 # What no file on some system may be called, whatever follows its first dot.
@@ -126,7 +136,7 @@ class Model:
 
     def _typed(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
-        value = _plain(value)
+        value = unboxed(value)
         if isinstance(value, str) and kind is not str:
             value = self._parsed(name, value, kind)
         found = number(value)
@@ -155,11 +165,6 @@ class Model:
             return kind(text) if kind in (int, float) else ast.literal_eval(text)
         except (TypeError, ValueError, SyntaxError, RecursionError, MemoryError):
             raise self._wrong(name, text) from None
-
-
-def _plain(value: Any) -> Any:
-    """What a number of NumPy holds."""
-    return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
 def file_name(part: str, value: Any) -> str:
@@ -226,7 +231,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
                     f"{function.__name__}: the parameter {parameter.name!r} needs a default value "
                     "and must be given by name."
                 )
-            parameters[parameter.name] = _plain(parameter.default)
+            parameters[parameter.name] = unboxed(parameter.default)
         made = Model(function, t_end, parameters, data)
         made.files()
         return made
