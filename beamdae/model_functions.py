@@ -53,7 +53,7 @@ class Model:
 
     def __post_init__(self) -> None:
         _require_function(self.build)
-        file_name("model", self.name)
+        file_name("model: build", self.name)
         if not isinstance(self.parameters, dict) or not all(
             isinstance(name, str) for name in self.parameters
         ):
@@ -194,7 +194,7 @@ def file_name(part: str, value: Any) -> str:
 
 def _require_function(build: Any) -> None:
     if not inspect.isfunction(build):
-        raise BeamdaeError(f"model: it must be made of a function, got {shown(build)}.")
+        raise BeamdaeError(f"model: build must be a function, got {shown(build)}.")
 
 
 def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:

@@ -491,7 +491,7 @@ def test_formulas_and_numbers_are_laws(law):
         (lambda s: bd.Ida(max_step=object()), "Ida: max_step must be a number, got <object object"),
         (lambda s: bd.compare(np.array(1.0)), "compare: cases must be a list of at least one"),
         (lambda s: bd.grid(mass=ca.MX.sym("x")), "grid: mass must be a list of values"),
-        (lambda s: bd.Model(3, 1.0, {}), "model: it must be made of a function, got 3."),
+        (lambda s: bd.Model(3, 1.0, {}), "model: build must be a function, got 3."),
     ],
 )
 def test_what_is_asked_of_runs_with_something_else_is_told(call, words):

@@ -110,7 +110,7 @@ def _imported(path: Path) -> ModuleType:
 def _compiled(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
     if not str(path).isprintable() or len(str(path)) > _LONGEST_PATH:
-        raise BeamdaeError(f"{shown(str(path))}: no model file can be called so.")
+        raise BeamdaeError(f"path: no model file can be called {shown(str(path))}.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
     try:

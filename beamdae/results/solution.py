@@ -44,6 +44,8 @@ class Status:
 
 # Rows that are looked at before somebody asks for them.
 _LOOKED_AT = 10_000
+# Letters of a path on any system.
+_LONGEST_PATH = 4096
 
 REACHED_END = Status("ok", "reached the end")
 
@@ -242,7 +244,8 @@ class Solution:
             "warnings": list(self.warnings),
             **further,
         }
-        if not isinstance(path, (str, Path)) or not str(path).isprintable() or not Path(path).name:
+        text = str(path) if isinstance(path, (str, Path)) else ""
+        if not text.isprintable() or not Path(text).name or len(text) > _LONGEST_PATH:
             raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
         table = self.table()
         if not self.status.success:

@@ -92,7 +92,7 @@ def test_what_is_no_file_is_told(file, tmp_path):
     assert refusal("folder.py").startswith("folder.py: it is no file")
     assert refusal("missing.py") == "missing.py: there is no such file."
     assert refusal("a" * 300 + ".py").endswith("it cannot be read, File name too long.")
-    assert refusal("a\0.py") == r"'a\x00.py': no model file can be called so."
+    assert refusal("a\0.py") == r"path: no model file can be called 'a\x00.py'."
     assert refusal(3) == "load_model: path must be that of a model file, got 3."
     assert "no model ['swing'] (did you mean 'swing'?), the models are" in refusal(
         file(HEAD + MODEL), ["swing"]
@@ -254,7 +254,7 @@ def test_values_of_another_type_are_told(file, default, value, words):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("model = bd.model(t_end=1.0)(3)", "model: it must be made of a function, got 3."),
+        ("model = bd.model(t_end=1.0)(3)", "model: build must be a function, got 3."),
         ("@bd.model(t_end=1)\ndef f(*a): pass", "the parameter 'a' needs a default value"),
         ("@bd.model(t_end=1)\ndef f(a=1, /): pass", "the parameter 'a' needs a default value"),
         ("@bd.model(t_end=10**400)\ndef f(a=1): pass", "model: t_end must be finite"),

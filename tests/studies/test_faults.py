@@ -353,7 +353,7 @@ def test_regression_names_that_lead_out_of_a_folder_are_refused(name):
         return swing()
 
     build.__name__ = name
-    with pytest.raises(bd.BeamdaeError, match="model: its name must do as that of a folder"):
+    with pytest.raises(bd.BeamdaeError, match="model: build: its name must do as that of a folder"):
         bd.model(t_end=1.0)(build)
 
 

@@ -106,7 +106,7 @@ def along(**parameters: object) -> tuple[bd.Mechanism, list[list[str]]]:
     beam = mechanism.part("beam")
     names = []
     for surface in (-1.0, 1.0):
-        names.append([f"{surface} {s}" for s in PLACES])
+        names.append([f"gauge {surface} {s}" for s in PLACES])
         for name, s in zip(names[-1], PLACES, strict=True):
             mechanism.observe(name, beam.strain(s, surface * HALF_THICKNESS))
     return mechanism, [[f"{name} [-]" for name in row] for row in names]
