@@ -136,7 +136,7 @@ def study_killed(bench: Bench) -> None:
     process.kill()
     process.wait()
     kept = len(list(results(bench).glob("outcomes/*.json")))
-    end = time.perf_counter() + 15.0
+    end = time.perf_counter() + 40.0
     while _others(process.pid) and time.perf_counter() < end:
         time.sleep(0.2)
     orphans = _others(process.pid)
