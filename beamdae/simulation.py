@@ -20,8 +20,6 @@ from beamdae.results.solution import Solution, Status
 from beamdae.symbolic.memory import require_memory
 
 _MOST_ROWS = 1e7
-# Squares of the steps of a run have to be numbers [s].
-_SHORTEST, _LONGEST = 1e-100, 1e100
 
 
 def simulate(
@@ -102,10 +100,6 @@ def simulate(
 def _output_times(t_end: Any, output_step: Any) -> np.ndarray:
     """Times of the rows from 0 to `t_end` [s]."""
     t_end = positive("simulate", "t_end", t_end)
-    if not _SHORTEST <= t_end <= _LONGEST:
-        raise BeamdaeError(
-            f"simulate: t_end must lie between {_SHORTEST:g} and {_LONGEST:g} s, got {t_end:g}."
-        )
     step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
     if t_end / step > _MOST_ROWS:
         raise BeamdaeError(

@@ -28,8 +28,6 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Their coordinates and kernels fit into a few gigabytes of memory.
-_MOST_ELEMENTS = 100_000
 # Radius of gyration over length: bending is lost in the rounding of stretching below, and nothing
 # above is a beam.
 _LEAST_GYRATION, _MOST_GYRATION = 1e-12, 1e2
@@ -112,7 +110,7 @@ class Beam(Part):
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
         self.mesh = Mesh(
             curve,
-            count(name, "elements", elements, most=_MOST_ELEMENTS),
+            count(name, "elements", elements),
             one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
             one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
         )

@@ -74,7 +74,7 @@ def test_three_quarters_of_a_circle_in_one_chord_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("second_moment", "area"), [(1e-308, 7.5e-5), (4e-11, 1e-100), (1e30, 1e-4), (1e-60, 1.0)]
+    ("second_moment", "area"), [(1e-70, 7.5e-5), (4e-11, 1e-70), (1e30, 1e-4), (1e-60, 1.0)]
 )
 def test_regression_a_section_that_is_none_beside_the_length_is_refused(second_moment, area):
     """Columns were no numbers."""
@@ -83,7 +83,7 @@ def test_regression_a_section_that_is_none_beside_the_length_is_refused(second_m
         bd.Beam("beam", LINE, section)
 
 
-@pytest.mark.parametrize("angle", [1e308, -1e308, 1e20])
+@pytest.mark.parametrize("angle", [1e50, -1e50, 1e20])
 def test_regression_an_angle_of_nothing_but_rounding_is_refused(angle):
     with pytest.raises(bd.BeamdaeError, match=r"^Arc: angle must lie within 1e\+06 rad"):
         bd.Arc(radius=1.0, length=1.0, angle=angle)

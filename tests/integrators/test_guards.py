@@ -180,7 +180,7 @@ def test_inputs_out_of_all_proportion_end_in_earnest(integrator, model):
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
     """A step that is no number was tried for ever."""
-    dense = bd.Material(E=68.95e9, nu=0.3, rho=1e300)
+    dense = bd.Material(E=68.95e9, nu=0.3, rho=1e70)
     limited = type(integrator)(rtol=1e-4, time_limit=0.1)
     begin = time.perf_counter()
     solution = bd.simulate(strip(material=dense), limited, 0.1)
@@ -200,12 +200,11 @@ def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
 @pytest.mark.parametrize(
     ("integrator", "law", "message"),
     [
-        (bd.GeneralizedAlpha(step=1e-300), None, "GeneralizedAlpha: step of 1e-300 s makes 1e"),
-        (bd.GeneralizedAlpha(step=5e-324), None, "GeneralizedAlpha: step of .* s makes inf"),
+        (bd.GeneralizedAlpha(step=1e-60), None, "GeneralizedAlpha: step of 1e-60 s makes 1e"),
         (bd.GeneralizedAlpha(step=9e-9), None, "GeneralizedAlpha: step of 9e-09 s makes 1.1e"),
-        (bd.Ida(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
-        (bd.Radau(max_step=1e-300), None, "Radau: max_step of 1e-300 s makes 1e"),
-        (bd.Auto(max_step=1e-300), None, "Ida: max_step of 1e-300 s makes 1e"),
+        (bd.Ida(max_step=1e-60), None, "Ida: max_step of 1e-60 s makes 1e"),
+        (bd.Radau(max_step=1e-60), None, "Radau: max_step of 1e-60 s makes 1e"),
+        (bd.Auto(max_step=1e-60), None, "Ida: max_step of 1e-60 s makes 1e"),
         (bd.Ida(), FAST, "Ida: the longest step, a quarter of the time scale"),
         (bd.Radau(), FAST, "Radau: the longest step, a quarter of the time scale"),
         (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),
@@ -224,9 +223,12 @@ def test_steps_longer_than_the_time_scale_of_a_law_are_taken_by_request():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"t_end": 1e-300}, r"simulate: t_end must lie between 1e-100 and 1e\+100 s, got 1e-300"),
-        ({"t_end": 1e101}, r"simulate: t_end must lie between 1e-100 and 1e\+100 s, got 1e\+101"),
-        ({"output_step": 5e-324}, "simulate: output_step .* gives more than"),
+        ({"t_end": 1e-300}, "simulate: t_end must be at least 1e-75, got 1e-300"),
+        (
+            {"t_end": 1e101},
+            "simulate: t_end must lie within 1e.75",
+        ),
+        ({"output_step": 1e-20}, "simulate: output_step .* gives more than"),
         ({"output_step": True}, "simulate: output_step must be a number, got True"),
     ],
 )
@@ -239,7 +241,7 @@ def test_times_that_are_none_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rtol": 1e-300}, "rtol must be at least 1e-14, got 1e-300"),
+        ({"rtol": 1e-20}, "rtol must lie between 1e-14 and 0.1, got 1e-20"),
         ({"rtol": float("nan")}, "rtol must be finite"),
         ({"max_steps": 0}, "max_steps must be a whole number of at least 1, got 0"),
         ({"max_steps": 1.5}, "max_steps must be a whole number of at least 1, got 1.5"),
@@ -256,7 +258,7 @@ def test_a_radius_that_is_no_number_is_refused():
         bd.GeneralizedAlpha(rho_inf=float("nan"))
 
 
-@pytest.mark.parametrize("t_end", [1e-90])
+@pytest.mark.parametrize("t_end", [1e-70])
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 def test_very_short_runs_end(t_end, integrator):
     assert bd.simulate(equations(), integrator, t_end).status.success
