@@ -158,10 +158,10 @@ FAULTS = (
     interrupt_at_the_start,
     interrupt_in_the_middle,
     interrupt_twice,
-    study_killed,
 )
-# Slow, or much like one of those.
+# Slow, or much like one of those; that of the killed study is not right each time on a busy machine.
 SLOW = (
+    study_killed,
     case_that_hangs,
     interrupt_before_the_first_case,
 )
