@@ -159,7 +159,7 @@ FAULTS = (
     interrupt_in_the_middle,
     interrupt_twice,
 )
-# Slow, or much like one of those; that of the killed study is not right each time on a busy machine.
+# Slow, or much like one of those; that of the killed study is not always right on a busy machine.
 SLOW = (
     study_killed,
     case_that_hangs,
