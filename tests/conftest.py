@@ -1,12 +1,18 @@
 """Settings of all tests."""
 
 import os
+import signal
 
 import pytest
 from hypothesis import settings
 
 # Workers of xdist are told of a terminal with 80 columns, which is none of theirs.
 os.environ.pop("COLUMNS", None)
+
+# A shell's background job starts with Ctrl-C ignored, and its children with it: the tests of Ctrl-C
+# need it as a terminal gives it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A first example builds and compiles kernels, which takes as long as the machine is slow.
 settings.register_profile("beamdae", deadline=None)
