@@ -1,0 +1,99 @@
+"""C prototypes of SUNDIALS 7, of a build with double precision and 32-bit indices, without MPI."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+_address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
+_code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
+
+# Residual(t, y, y', r, user_data) and Jacobian(t, c, y, y', r, J, user_data, three vectors) with
+# J = dr/dy + c dr/dy'. A positive result asks for a shorter step, a negative one ends the run.
+RESIDUAL = ctypes.CFUNCTYPE(_code, _real, _address, _address, _address, _address)
+JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
+
+
+class Addresses(NamedTuple):
+    """Where the functions are, each by its name in C; compiled code takes it as it is."""
+
+    SUNDIALSGetVersionNumber: int
+    SUNContext_Create: int
+    SUNContext_ClearErrHandlers: int
+    SUNContext_Free: int
+    N_VNew_Serial: int
+    N_VMake_Serial: int
+    N_VBufSize_Serial: int
+    N_VGetArrayPointer: int
+    N_VDestroy: int
+    SUNBandMatrix: int
+    SUNBandMatrix_Data: int
+    SUNMatDestroy: int
+    SUNLinSol_Band: int
+    SUNLinSolFree: int
+    IDACreate: int
+    IDAInit: int
+    IDAReInit: int
+    IDASVtolerances: int
+    IDASetUserData: int
+    IDASetLinearSolver: int
+    IDASetJacFn: int
+    IDASetMaxNonlinIters: int
+    IDASetMaxConvFails: int
+    IDASetInitStep: int
+    IDASetMinStep: int
+    IDASetMaxStep: int
+    IDASetMaxOrd: int
+    IDASetMaxNumSteps: int
+    IDASetStopTime: int
+    IDASolve: int
+    IDAFree: int
+    IDAGetNumSteps: int
+    IDAGetLastOrder: int
+    IDAGetCurrentOrder: int
+    IDAGetLastStep: int
+    IDAGetCurrentStep: int
+    IDAGetNumErrTestFails: int
+    IDAGetNumNonlinSolvConvFails: int
+    IDAGetNumNonlinSolvIters: int
+    IDAGetNumStepSolveFails: int
+    IDAGetNumLinSolvSetups: int
+    IDAGetNumResEvals: int
+    IDAGetNumJacEvals: int
+    IDAGetEstLocalErrors: int
+    IDAGetErrWeights: int
+
+
+# Result, then arguments.
+_SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
+    (_code, *[_address] * 4, _int): ("SUNDIALSGetVersionNumber",),
+    (_code, _int, _address): ("SUNContext_Create",),
+    (_code, _address): ("SUNContext_ClearErrHandlers", "SUNContext_Free", "SUNLinSolFree"),
+    (_address, _index, _address): ("N_VNew_Serial",),
+    (_address, _index, _address, _address): ("N_VMake_Serial",),
+    (_address, _address): ("N_VGetArrayPointer", "SUNBandMatrix_Data", "IDACreate"),
+    (None, _address): ("N_VDestroy", "SUNMatDestroy", "IDAFree"),
+    (_address, *[_index] * 3, _address): ("SUNBandMatrix",),
+    (_address, *[_address] * 3): ("SUNLinSol_Band",),
+    (_code, _address, _address, _real, _address, _address): ("IDAInit",),
+    (_code, _address, _real, _address, _address): ("IDAReInit",),
+    (_code, _address, _real, _address): ("IDASVtolerances",),
+    (_code, _address, _address, _address): ("IDASetLinearSolver",),
+    (_code, _address, _int): ("IDASetMaxNonlinIters", "IDASetMaxConvFails", "IDASetMaxOrd"),
+    (_code, _address, _long): ("IDASetMaxNumSteps",),
+    (_code, _address, _real): (
+        *("IDASetInitStep", "IDASetMinStep", "IDASetMaxStep", "IDASetStopTime"),
+    ),
+    (_code, _address, _real, *[_address] * 3, _int): ("IDASolve",),
+    (_code, _address, _address): (
+        *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn"),
+        *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetCurrentOrder", "IDAGetLastStep"),
+        *("IDAGetCurrentStep", "IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails"),
+        *("IDAGetNumNonlinSolvIters", "IDAGetNumStepSolveFails", "IDAGetNumLinSolvSetups"),
+        *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors", "IDAGetErrWeights"),
+    ),
+}
+# Calls through them leave the interpreter to other threads.
+PROTOTYPES = {
+    name: ctypes.CFUNCTYPE(*signature) for signature, names in _SIGNATURES.items() for name in names
+}

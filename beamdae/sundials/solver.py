@@ -1,0 +1,238 @@
+"""IDA of SUNDIALS, a step at a time, with the identity as its linear system."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import weakref
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.sundials.library import library
+
+Array = np.ndarray
+
+ONE_STEP = 2
+
+# What scikit-sundae sets; the last is IDA's own as well.
+_NEWTON_ITERATIONS, _CONVERGENCE_FAILURES, _SHORTEST, _STEPS = 4, 10, 0.0, 500
+
+_REASONS = {
+    -1: "too many steps in one call",
+    -2: "rtol and atol ask for more than the precision of numbers allows",
+    -3: "the error test failed too often, or at the smallest step",
+    -4: "Newton's iteration failed too often, or at the smallest step",
+    -5: "the linear solver could not be initialized",
+    -6: "the setup of the linear solver failed",
+    -7: "the linear solver failed",
+    -8: "the residual cannot be evaluated",
+    -9: "the residual failed again and again",
+    -12: "the residual failed at the start",
+    -14: "there was no way on after the residual had failed",
+    -15: "Newton's iteration could not be initialized",
+    -16: "the setup of Newton's iteration failed",
+    -17: "Newton's iteration failed",
+    -20: "IDA has no memory block",
+    -21: "there is not enough memory",
+    -22: "an argument is out of its range",
+    -23: "IDA was not initialized",
+    -24: "an error weight is zero",
+    -28: "a vector operation failed",
+    -29: "the context is missing",
+}
+
+
+class IdaError(Exception):
+    """A function of SUNDIALS that failed, and why."""
+
+
+class Statistics(NamedTuple):
+    """What IDA counts, since the last start."""
+
+    steps: int
+    error_test_failures: int
+    newton_failures: int
+    newton_iterations: int
+    failed_solves: int
+    setups: int
+    residuals: int
+    jacobians: int
+    last_order: int
+    next_order: int
+    last_step: float
+    next_step: float
+
+
+# In the order of the fields. Counters are read into 64 bits whatever C's long is.
+_GETTERS: tuple[tuple[str, Any], ...] = (
+    ("IDAGetNumSteps", ctypes.c_int64),
+    ("IDAGetNumErrTestFails", ctypes.c_int64),
+    ("IDAGetNumNonlinSolvConvFails", ctypes.c_int64),
+    ("IDAGetNumNonlinSolvIters", ctypes.c_int64),
+    ("IDAGetNumStepSolveFails", ctypes.c_int64),
+    ("IDAGetNumLinSolvSetups", ctypes.c_int64),
+    ("IDAGetNumResEvals", ctypes.c_int64),
+    ("IDAGetNumJacEvals", ctypes.c_int64),
+    ("IDAGetLastOrder", ctypes.c_int),
+    ("IDAGetCurrentOrder", ctypes.c_int),
+    ("IDAGetLastStep", ctypes.c_double),
+    ("IDAGetCurrentStep", ctypes.c_double),
+)
+
+
+class Pointers(NamedTuple):
+    """What compiled code hands to the functions: IDA's memory, and vectors for y, y' and errors."""
+
+    memory: int
+    y: int
+    yp: int
+    errors: int
+
+
+def reason(status: int) -> str:
+    """What a negative status says."""
+    return _REASONS.get(status, f"IDA ended with {status}")
+
+
+class Solver:
+    """IDA for r(t, y, y') = 0 whose Jacobian is the identity, of which the diagonal is kept.
+
+    Set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2 is, so that steps are
+    the same to the last bit. A solver has a context of its own: several may run at once, each in
+    one thread at a time.
+
+    Parameters
+    ----------
+    residual, jacobian
+        Addresses of C functions (`prototypes.RESIDUAL` and `JACOBIAN`), which have to outlive the
+        solver. The Jacobian is all zeros when it is asked for; `SUNBandMatrix_Data` of it is the
+        diagonal.
+    user_data
+        The address these functions are handed.
+    atol
+        Absolute tolerances, one for each unknown.
+    max_order, max_step, rtol
+        As in `Ida`.
+
+    Attributes
+    ----------
+    t, y, yp
+        Time and state after the last step; the arrays are those IDA returns its results in.
+    pointers
+        For compiled code that calls IDA itself.
+    """
+
+    def __init__(
+        self,
+        residual: int,
+        jacobian: int,
+        *,
+        rtol: float,
+        atol: Array,
+        max_order: int,
+        max_step: float,
+        user_data: int | None = None,
+    ) -> None:
+        self._call = library().call
+        self.y, self.yp, self._errors = (np.zeros(len(atol)) for _ in range(3))
+        self._errors[:] = atol
+        self._t = ctypes.c_double()
+        with contextlib.ExitStack() as stack:
+            self.pointers, matrix, linear = self._made(stack)
+            self._set("IDASetUserData", user_data)
+            self._set("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
+            # IDA copies them.
+            self._set("IDASVtolerances", rtol, self.pointers.errors)
+            self._set("IDASetLinearSolver", linear, matrix)
+            self._set("IDASetJacFn", jacobian)
+            self._set("IDASetMaxNonlinIters", _NEWTON_ITERATIONS)
+            self._set("IDASetMaxConvFails", _CONVERGENCE_FAILURES)
+            self._set("IDASetMinStep", _SHORTEST)
+            self._set("IDASetMaxStep", max_step)
+            self._set("IDASetMaxOrd", max_order)
+            self._set("IDASetMaxNumSteps", _STEPS)
+            weakref.finalize(self, stack.pop_all().close)
+
+    def _made(self, stack: contextlib.ExitStack) -> tuple[Pointers, int, int]:
+        """What IDA needs and IDA, which the stack frees in the reverse order; matrix and solver."""
+        call, context, memory = self._call, ctypes.c_void_p(), ctypes.c_void_p()
+        _checked("SUNContext_Create", call.SUNContext_Create(0, ctypes.byref(context)))
+        stack.callback(call.SUNContext_Free, ctypes.byref(context))
+        # They print; what happened is in the codes that are returned.
+        _checked("SUNContext_ClearErrHandlers", call.SUNContext_ClearErrHandlers(context))
+
+        def freed(name: str, made: int | None, free: Any) -> int:
+            if made is None:
+                raise MemoryError(f"{name} of SUNDIALS found no memory")
+            stack.callback(free, made)
+            return made
+
+        size = len(self.y)
+        vectors = [
+            freed("N_VMake_Serial", call.N_VMake_Serial(size, at, context), call.N_VDestroy)
+            for at in (a.ctypes.data for a in (self.y, self.yp, self._errors))
+        ]
+        matrix = call.SUNBandMatrix(size, 0, 0, context)
+        freed("SUNBandMatrix", matrix, call.SUNMatDestroy)
+        linear = call.SUNLinSol_Band(vectors[0], matrix, context)
+        freed("SUNLinSol_Band", linear, call.SUNLinSolFree)
+        memory.value = call.IDACreate(context)
+        freed("IDACreate", memory.value, lambda _: call.IDAFree(ctypes.byref(memory)))
+        return Pointers(memory.value or 0, *vectors), matrix, linear
+
+    @property
+    def t(self) -> float:
+        """Time after the last step."""
+        return self._t.value
+
+    def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
+        """Begin anew at a state, with a step of a length that its error test may shorten."""
+        self._t.value = t
+        self.y[:], self.yp[:] = y, yp
+        self._set("IDASetInitStep", first_step)
+        self._set("IDAReInit", t, self.pointers.y, self.pointers.yp)
+
+    def step(self, end: float) -> int:
+        """One step, which does not go beyond `end`.
+
+        Returns
+        -------
+        int
+            IDA's status: 0, or 1 at `end`; negative where it failed, see `reason`.
+        """
+        self._set("IDASetStopTime", end)
+        at = self.pointers
+        status: int = self._call.IDASolve(
+            at.memory, end, ctypes.byref(self._t), at.y, at.yp, ONE_STEP
+        )
+        return status
+
+    @property
+    def statistics(self) -> Statistics:
+        """What IDA counted since the last start."""
+        values = []
+        for name, kind in _GETTERS:
+            value = kind()
+            self._set(name, ctypes.byref(value))
+            values.append(value.value)
+        return Statistics(*values)
+
+    def local_errors(self) -> Array:
+        """Estimated local errors of the last step, one for each unknown."""
+        self._set("IDAGetEstLocalErrors", self.pointers.errors)
+        return self._errors.copy()
+
+    def error_weights(self) -> Array:
+        """What errors are multiplied by: 1 / (rtol |y| + atol)."""
+        self._set("IDAGetErrWeights", self.pointers.errors)
+        return self._errors.copy()
+
+    def _set(self, name: str, *arguments: Any) -> None:
+        """Call a function that takes IDA's memory first, and tells whether it succeeded."""
+        _checked(name, getattr(self._call, name)(self.pointers.memory, *arguments))
+
+
+def _checked(name: str, code: int) -> None:
+    if code < 0:
+        raise IdaError(f"{name} ended with {code}: {reason(code)}")

@@ -1,0 +1,124 @@
+"""The same residual and Jacobian driven by scikit-sundae's class and by the C interface."""
+
+import ctypes
+
+import numpy as np
+from sksundae.ida import IDA
+
+from beamdae.sundials.library import library
+from beamdae.sundials.prototypes import JACOBIAN, RESIDUAL
+from beamdae.sundials.solver import Solver
+
+
+def array(address, size):
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+
+
+class Direct:
+    """`Solver` with the interface of scikit-sundae's class, as far as beamdae uses it."""
+
+    def __init__(self, residual, *, jacfn, first_step, atol, **options):
+        for band in ("linsolver", "lband", "uband"):
+            options.pop(band, None)
+        call, size = library().call, len(atol)
+
+        def vector(at):
+            return array(call.N_VGetArrayPointer(at), size)
+
+        @RESIDUAL
+        def called(t, y, yp, out, data):
+            residual(t, vector(y), vector(yp), vector(out))
+            return 0
+
+        @JACOBIAN
+        def asked(t, c, y, yp, res, matrix, data, *work):
+            diagonal = array(call.SUNBandMatrix_Data(matrix), size)
+            jacfn(t, vector(y), vector(yp), vector(res), c, diagonal)
+            return 0
+
+        self._kept, self._first = (called, asked), first_step
+        at = (ctypes.cast(function, ctypes.c_void_p).value for function in self._kept)
+        self.solver = Solver(*at, atol=atol, **options)
+
+    def init_step(self, t, y, yp):
+        self.solver.start(t, y, yp, self._first)
+
+    def step(self, end, method, stop):
+        status = self.solver.step(stop)
+        return Result(status, self.solver.t, self.solver.y.copy(), self.solver.yp.copy())
+
+
+class Result:
+    def __init__(self, status, t, y, yp):
+        self.status, self.success, self.message = status, status >= 0, ""
+        self.t, self.y, self.yp = t, y, yp
+
+
+def wrapped(residual, **options):
+    return IDA(residual, linsolver="band", lband=0, uband=0, **options)
+
+
+def steps(solver, t, y, yp, end, most=10_000):
+    """Time, y and y' of every step, and how it ended."""
+    solver.init_step(t, y, yp)
+    taken = []
+    for _ in range(most):
+        result = solver.step(end, "onestep", end)
+        taken.append((result.status, result.t, result.y, result.yp))
+        if result.status:
+            return taken
+    raise AssertionError("it does not end")
+
+
+def same(one, other):
+    """Whether two runs took the same steps to the last bit, NaN and signs of zeros included."""
+    return len(one) == len(other) and all(
+        a[0] == b[0]
+        and all(
+            np.asarray(x).tobytes() == np.asarray(y).tobytes() for x, y in zip(a, b, strict=True)
+        )
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+class Robertson:
+    """Kinetics of three species, stiff; IDA is given J^-1 r and the identity."""
+
+    y0, yp0 = np.array([1.0, 0.0, 0.0]), np.array([-0.04, 0.04, 0.0])
+    atol = np.array([1e-8, 1e-12, 1e-8])
+
+    def __init__(self):
+        self.inverse, self.out, self.calls = np.eye(3), None, 0
+
+    def _raw(self, y, yp):
+        rate = -0.04 * y[0] + 1e4 * y[1] * y[2]
+        second = -rate - 3e7 * y[1] ** 2
+        return np.array([yp[0] - rate, yp[1] - second, y.sum() - 1.0])
+
+    def residual(self, t, y, yp, out):
+        self.calls += 1
+        self.out = out
+        out[:] = self.inverse @ self._raw(y, yp)
+
+    def jacobian(self, t, y, yp, res, c, out):
+        first = [c + 0.04, -1e4 * y[2], -1e4 * y[1]]
+        second = [-0.04, c + 1e4 * y[2] + 6e7 * y[1], 1e4 * y[1]]
+        self.inverse = np.linalg.inv(np.array([first, second, np.ones(3)]))
+        self.out[:] = self.inverse @ self._raw(y, yp)
+        if out.ndim == 2:
+            np.fill_diagonal(out, 1.0)
+        else:
+            out[:] = 1.0
+
+    def made(self, kind, **options):
+        given = {
+            "first_step": 1e-6,
+            "max_step": 4e9,
+            "max_order": 5,
+            "rtol": 1e-6,
+            "atol": self.atol,
+        }
+        return kind(self.residual, jacfn=self.jacobian, **(given | options))
+
+    def run(self, kind, end=4e6, **options):
+        return steps(self.made(kind, **options), 0.0, self.y0, self.yp0, end)

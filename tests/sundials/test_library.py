@@ -1,0 +1,117 @@
+"""SUNDIALS is the one that scikit-sundae has loaded, and not any other."""
+
+import ctypes
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import sksundae
+
+from beamdae.sundials import library as library_module
+from beamdae.sundials.library import UnavailableError, library
+from beamdae.sundials.prototypes import PROTOTYPES, Addresses
+
+
+def test_every_function_has_a_prototype():
+    assert set(Addresses._fields) == set(PROTOTYPES)
+    assert len(Addresses._fields) == len(set(library().addresses))
+
+
+def test_it_is_the_version_scikit_sundae_says():
+    assert ".".join(map(str, library().version)) == sksundae.SUNDIALS_VERSION
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_there_is_one_copy_of_it_and_the_functions_are_there():
+    found = library().addresses
+    lines = [line.split() for line in Path("/proc/self/maps").read_text().splitlines()]
+    mapped = [line for line in lines if "libsundials_ida" in line[-1]]
+    assert len({line[-1] for line in mapped}) == 1
+    ranges = [[int(end, 16) for end in line[0].split("-")] for line in mapped]
+    assert any(low <= found.IDASolve < high for low, high in ranges)
+
+
+def refused():
+    with pytest.raises(UnavailableError) as caught:
+        library.__wrapped__()
+    return str(caught.value)
+
+
+def other(monkeypatch, **functions):
+    """Another SUNDIALS: some functions of the one there is are replaced."""
+    made = {name: PROTOTYPES[name](function) for name, function in functions.items()}
+    original = library_module._address
+
+    def address(images, name):
+        if name in made:
+            return ctypes.cast(made[name], ctypes.c_void_p).value
+        return original(images, name)
+
+    monkeypatch.setattr(library_module, "_address", address)
+    return made
+
+
+def sized(*written):
+    """What N_VBufSize_Serial writes, by halves."""
+
+    def size(vector, place):
+        halves = (ctypes.c_int32 * len(written)).from_address(place)
+        halves[:] = written
+        return 0
+
+    return size
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ((12,), "its numbers have 4 bytes, not those of doubles"),
+        ((48,), "its numbers have 16 bytes, not those of doubles"),
+        ((24, 0), "SUNDIALS was built with indices of 64 bits, not 32"),
+    ],
+)
+def test_another_precision_or_index_is_refused(monkeypatch, written, said):
+    kept = other(monkeypatch, N_VBufSize_Serial=sized(*written))
+    assert refused() == said
+    assert kept
+
+
+def test_another_version_is_refused(monkeypatch):
+    def version(major, minor, patch, label, length):
+        for place, number in ((major, 8), (minor, 0), (patch, 1)):
+            ctypes.c_int.from_address(place).value = number
+        return 0
+
+    kept = other(monkeypatch, SUNDIALSGetVersionNumber=version)
+    assert refused() == "SUNDIALS is 8.0.1, not 7"
+    assert kept
+
+
+def test_a_build_with_mpi_is_refused(monkeypatch):
+    (image,) = library_module._images()
+    monkeypatch.setattr(image, "MPI_Comm_rank", None, raising=False)
+    monkeypatch.setattr(library_module, "_images", lambda: [image])
+    assert refused() == "SUNDIALS was built with MPI"
+
+
+def test_a_library_without_the_functions_is_refused(monkeypatch):
+    monkeypatch.setattr(library_module, "_images", lambda: [ctypes.CDLL(None)])
+    assert refused() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
+
+
+def test_what_is_not_loaded_is_not_loaded_for_it(monkeypatch, tmp_path):
+    absent = SimpleNamespace(__file__=str(tmp_path / "absent.so"))
+    monkeypatch.setattr(sksundae, "_cy_ida", absent)
+    assert refused().startswith("scikit-sundae's IDA cannot be opened")
+
+
+def test_without_its_compiled_module_there_is_nothing(monkeypatch):
+    monkeypatch.delattr(sksundae, "_cy_ida")
+    monkeypatch.setitem(sys.modules, "sksundae._cy_ida", None)
+    assert refused().startswith("scikit-sundae has no compiled IDA")
+
+
+def test_names_on_windows():
+    names = library_module._dll_names()
+    assert "sundials_ida.dll" in names
