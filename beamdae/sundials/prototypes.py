@@ -69,7 +69,8 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
     (_code, *[_address] * 4, _int): ("SUNDIALSGetVersionNumber",),
     (_code, _int, _address): ("SUNContext_Create",),
     (_code, _address): ("SUNContext_ClearErrHandlers", "SUNContext_Free", "SUNLinSolFree"),
-    (_address, _index, _address): ("N_VNew_Serial",),
+    # Called before the width of indices is known: half a register is right as well.
+    (_address, ctypes.c_int64, _address): ("N_VNew_Serial",),
     (_address, _index, _address, _address): ("N_VMake_Serial",),
     (_address, _address): ("N_VGetArrayPointer", "SUNBandMatrix_Data", "IDACreate"),
     (None, _address): ("N_VDestroy", "SUNMatDestroy", "IDAFree"),

@@ -18,6 +18,8 @@ ONE_STEP = 2
 # What scikit-sundae sets; the last is IDA's own as well.
 _NEWTON_ITERATIONS, _CONVERGENCE_FAILURES, _SHORTEST, _STEPS = 4, 10, 0.0, 500
 
+# Codes above this one stand for something else in linear solvers than in IDASolve.
+_GENERAL = -20
 _REASONS = {
     -1: "too many steps in one call",
     -2: "rtol and atol ask for more than the precision of numbers allows",
@@ -48,7 +50,12 @@ class IdaError(Exception):
 
 
 class Statistics(NamedTuple):
-    """What IDA counts, since the last start."""
+    """What IDA counts, since the last start.
+
+    A Newton iteration that fails with an old Jacobian counts as a failure, and is repeated with a
+    new one (another setup); where that fails as well, it counts as a failed solve and the step is
+    shortened.
+    """
 
     steps: int
     error_test_failures: int
@@ -92,7 +99,7 @@ class Pointers(NamedTuple):
 
 def reason(status: int) -> str:
     """What a negative status says."""
-    return _REASONS.get(status, f"IDA ended with {status}")
+    return _REASONS.get(status, f"error {status} of SUNDIALS")
 
 
 class Solver:
@@ -140,18 +147,18 @@ class Solver:
         self._t = ctypes.c_double()
         with contextlib.ExitStack() as stack:
             self.pointers, matrix, linear = self._made(stack)
-            self._set("IDASetUserData", user_data)
-            self._set("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
+            self._do("IDASetUserData", user_data)
+            self._do("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
             # IDA copies them.
-            self._set("IDASVtolerances", rtol, self.pointers.errors)
-            self._set("IDASetLinearSolver", linear, matrix)
-            self._set("IDASetJacFn", jacobian)
-            self._set("IDASetMaxNonlinIters", _NEWTON_ITERATIONS)
-            self._set("IDASetMaxConvFails", _CONVERGENCE_FAILURES)
-            self._set("IDASetMinStep", _SHORTEST)
-            self._set("IDASetMaxStep", max_step)
-            self._set("IDASetMaxOrd", max_order)
-            self._set("IDASetMaxNumSteps", _STEPS)
+            self._do("IDASVtolerances", rtol, self.pointers.errors)
+            self._do("IDASetLinearSolver", linear, matrix)
+            self._do("IDASetJacFn", jacobian)
+            self._do("IDASetMaxNonlinIters", _NEWTON_ITERATIONS)
+            self._do("IDASetMaxConvFails", _CONVERGENCE_FAILURES)
+            self._do("IDASetMinStep", _SHORTEST)
+            self._do("IDASetMaxStep", max_step)
+            self._do("IDASetMaxOrd", max_order)
+            self._do("IDASetMaxNumSteps", _STEPS)
             weakref.finalize(self, stack.pop_all().close)
 
     def _made(self, stack: contextlib.ExitStack) -> tuple[Pointers, int, int]:
@@ -187,11 +194,11 @@ class Solver:
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
-        """Begin anew at a state, with a step of a length that its error test may shorten."""
+        """Begin anew at a state, with a first step of this length or less."""
         self._t.value = t
         self.y[:], self.yp[:] = y, yp
-        self._set("IDASetInitStep", first_step)
-        self._set("IDAReInit", t, self.pointers.y, self.pointers.yp)
+        self._do("IDASetInitStep", first_step)
+        self._do("IDAReInit", t, self.pointers.y, self.pointers.yp)
 
     def step(self, end: float) -> int:
         """One step, which does not go beyond `end`.
@@ -201,7 +208,8 @@ class Solver:
         int
             IDA's status: 0, or 1 at `end`; negative where it failed, see `reason`.
         """
-        self._set("IDASetStopTime", end)
+        # Anew for each step, as scikit-sundae does; it stands until a step ends there.
+        self._do("IDASetStopTime", end)
         at = self.pointers
         status: int = self._call.IDASolve(
             at.memory, end, ctypes.byref(self._t), at.y, at.yp, ONE_STEP
@@ -214,25 +222,26 @@ class Solver:
         values = []
         for name, kind in _GETTERS:
             value = kind()
-            self._set(name, ctypes.byref(value))
+            self._do(name, ctypes.byref(value))
             values.append(value.value)
         return Statistics(*values)
 
     def local_errors(self) -> Array:
         """Estimated local errors of the last step, one for each unknown."""
-        self._set("IDAGetEstLocalErrors", self.pointers.errors)
+        self._do("IDAGetEstLocalErrors", self.pointers.errors)
         return self._errors.copy()
 
     def error_weights(self) -> Array:
         """What errors are multiplied by: 1 / (rtol |y| + atol)."""
-        self._set("IDAGetErrWeights", self.pointers.errors)
+        self._do("IDAGetErrWeights", self.pointers.errors)
         return self._errors.copy()
 
-    def _set(self, name: str, *arguments: Any) -> None:
+    def _do(self, name: str, *arguments: Any) -> None:
         """Call a function that takes IDA's memory first, and tells whether it succeeded."""
         _checked(name, getattr(self._call, name)(self.pointers.memory, *arguments))
 
 
 def _checked(name: str, code: int) -> None:
     if code < 0:
-        raise IdaError(f"{name} ended with {code}: {reason(code)}")
+        said = reason(code) if code <= _GENERAL else f"error {code} of SUNDIALS"
+        raise IdaError(f"{name}: {said}")

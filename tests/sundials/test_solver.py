@@ -159,16 +159,20 @@ def test_a_residual_that_is_not_finite_ends_as_it_does_through_scikit_sundae(cap
     assert same(found, expected)
 
 
-def test_codes_become_reasons():
+def test_codes_become_reasons(monkeypatch):
     assert reason(-3) == "the error test failed too often, or at the smallest step"
-    assert reason(-77) == "IDA ended with -77"
+    assert reason(-77) == "error -77 of SUNDIALS"
     direct = Robertson().made(Direct)
-    with pytest.raises(IdaError, match=r"^IDASetMaxStep ended with -22: an argument is out of"):
+    with pytest.raises(IdaError, match=r"^IDASetMaxStep: an argument is out of"):
         Robertson().made(Direct, max_step=-1.0)
     direct.init_step(0.0, Robertson.y0, Robertson.yp0)
     direct.step(1.0, "onestep", 1.0)
-    with pytest.raises(IdaError, match=r"^IDASetStopTime ended with -22"):
+    with pytest.raises(IdaError, match=r"^IDASetStopTime: an argument is out of"):
         direct.solver.step(-1.0)
+    # -3 is an argument out of range there, and no failed error test.
+    monkeypatch.setattr(library().call, "IDASetJacFn", lambda *_: -3)
+    with pytest.raises(IdaError, match=r"^IDASetJacFn: error -3 of SUNDIALS$"):
+        Robertson().made(Direct)
 
 
 FREED = ["IDAFree", "SUNLinSolFree", "SUNMatDestroy", *["N_VDestroy"] * 3, "SUNContext_Free"]
