@@ -22,16 +22,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.sums import (
+    C_A,
+    Places,
+    add_joint_matrices,
+    add_tangents,
+    matrix_builder,
+    residual_sum,
+)
 from beamdae.errors import one_of
-from beamdae.symbolic.sparse_sums import Block, SparseSum
+from beamdae.native.vectors import combine
+from beamdae.symbolic.kernel_sums import Sum, copied, evaluate
 
 Array = np.ndarray
-MX = ca.MX
 
 
 @dataclass(frozen=True)
@@ -92,19 +99,16 @@ class FirstOrder:
 
     Attributes
     ----------
-    residual
-        (time, y, y', p) -> R.
-    jacobian
-        (time, y, y', p, c) -> non-zeros of dR/dy + c dR/dy' on `pattern`.
     pattern
         CSC pattern of the Jacobian.
+    sums
+        Of the residual and of the Jacobian, from (y, y'), as they are built: runs take copies.
     """
 
     equations: EquationsOfMotion
     formulation: Formulation
-    residual: ca.Function
-    jacobian: ca.Function
     pattern: sp.csc_array
+    sums: tuple[Sum, Sum]
 
     @property
     def size(self) -> int:
@@ -130,6 +134,54 @@ class FirstOrder:
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
 
+    def buffers(self) -> FirstOrderSums:
+        """What a run evaluates R and its Jacobian with, for itself alone."""
+        residual, jacobian = map(copied, self.sums)
+        return FirstOrderSums(
+            self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
+        )
+
+
+@dataclass(slots=True)
+class FirstOrderSums:
+    """Buffers of a first-order form with `n` coordinates and `size` unknowns, x = (y, y')."""
+
+    n: int
+    size: int
+    x: Array
+    residual: Sum
+    jacobian: Sum
+
+
+def first_order_residual(
+    form: FirstOrderSums, t: float, branch: float, y: Array, yp: Array, result: Array
+) -> None:
+    """R(t, y, y'), into `result`."""
+    _set_time(form, form.residual, t, branch, y, yp)
+    evaluate(form.residual, form.x, result)
+    n = form.n
+    kinematic = result[:n]
+    combine(kinematic, (1.0, 1.0, -1.0), (kinematic, yp[:n], y[n : 2 * n]))
+
+
+def first_order_jacobian(
+    form: FirstOrderSums, t: float, branch: float, c: float, y: Array, yp: Array, result: Array
+) -> None:
+    """The non-zeros of dR/dy + c dR/dy', into `result`."""
+    _set_time(form, form.jacobian, t, branch, y, yp)
+    shared = form.jacobian.shared
+    # c_q, c_v, c_a, c_l, c_h as in MATRIX_SHARED.
+    shared[2], shared[3], shared[4], shared[5], shared[6] = 1.0, 1.0, c, c, 1.0
+    evaluate(form.jacobian, form.x, result)
+
+
+def _set_time(
+    form: FirstOrderSums, total: Sum, t: float, branch: float, y: Array, yp: Array
+) -> None:
+    combine(form.x[: form.size], (1.0,), (y,))
+    combine(form.x[form.size :], (1.0,), (yp,))
+    total.shared[0], total.shared[1] = t, branch
+
 
 @once
 def first_order(equations: EquationsOfMotion, name: str) -> FirstOrder:
@@ -137,77 +189,40 @@ def first_order(equations: EquationsOfMotion, name: str) -> FirstOrder:
     form = FORMULATIONS[one_of("formulation", "name", name, FIRST_ORDER)]
     n, m = equations.n, equations.m
     size = 2 * n + m * (2 if form.stabilized else 1)
-
-    time, y, yp, p = (
-        MX.sym("time", 2),
-        MX.sym("y", size),
-        MX.sym("yp", size),
-        MX.sym("p", len(equations.p)),
-    )
-    c = MX.sym("c")
-    q, v, a = y[:n], y[n : 2 * n], yp[n : 2 * n]
-    multipliers = yp if form.impulses else y
-    lam, mu = multipliers[2 * n : 2 * n + m], multipliers[2 * n + m :]
-
-    kinematic = yp[:n] - v
-    if form.stabilized:
-        kinematic += equations.reaction(time, q, p, mu)
-    dynamic = equations.force(time, q, v, a, p) + equations.reaction(time, q, p, lam)
-    constraints = [equations.level(k, time, q, v, a, p) for k in form.levels]
-    residual = ca.vertcat(kinematic, dynamic, *constraints)
-
-    total = SparseSum((size, size))
-    total.add_identity(n, c, 0, 0)
-    total.add_identity(n, MX(-1), 0, n)
-    stiffness, damping_and_mass = equations.tangent(time, q, v, a, p, MX(1), c)
-    jacobian, g_dot_q, reaction_q = equations.constraint_blocks(time, q, v, p, lam)
-    for block in (*stiffness, *reaction_q):
-        total.add(block, n, 0)
-    for block in damping_and_mass:
-        total.add(block, n, n)
-    factor = c if form.impulses else MX(1)
-    for block in jacobian:
-        total.add(block.transposed.scaled(factor), n, 2 * n)
-    if form.stabilized:
-        for block in jacobian:
-            total.add(block.transposed.scaled(factor), 0, 2 * n + m)
-        for block in equations.constraint_blocks(time, q, v, p, mu)[2]:
-            total.add(block, 0, 0)
-    for k, level in enumerate(form.levels):
-        motion = (time, q, v, a, p)
-        _add_level(total, level, 2 * n + k * m, equations, motion, jacobian, g_dot_q, c)
-    pattern, nonzeros = total.assemble()
-    return FirstOrder(
-        equations,
-        form,
-        ca.Function("residual", [time, y, yp, p], [ca.densify(residual)]),
-        ca.Function("jacobian", [time, y, yp, p, c], [nonzeros]),
-        pattern,
-    )
+    held = 2 * n + (size if form.impulses else 0)
+    at = Places(q=0, v=n, a=size + n, lam=held, mu=held + m)
+    residual = residual_sum(equations, at, form.levels, form.stabilized, dynamic=n)
+    pattern, jacobian = _jacobian_sum(equations, form, at, size)
+    return FirstOrder(equations, form, pattern, (residual.vector(size), jacobian))
 
 
-def _add_level(
-    total: SparseSum,
-    level: int,
-    row: int,
-    equations: EquationsOfMotion,
-    motion: tuple[MX, ...],
-    jacobian: list[Block],
-    g_dot_q: list[Block],
-    c: MX,
-) -> None:
-    """Add the rows of g (level 0), g_dot (1) or g_ddot (2) of a first-order Jacobian."""
-    n = equations.n
-    if level == 0:
-        for block in jacobian:
-            total.add(block, row, 0)
-    elif level == 1:
-        for by_q, by_v in zip(g_dot_q, jacobian, strict=True):
-            total.add(by_q, row, 0)
-            total.add(by_v, row, n)
-    else:
-        g_ddot_q, g_ddot_v = equations.acceleration_blocks(*motion)
-        for by_q, by_v, by_a in zip(g_ddot_q, g_ddot_v, jacobian, strict=True):
-            total.add(by_q, row, 0)
-            total.add(by_v, row, n)
-            total.add(by_a.scaled(c), row, n)
+def _jacobian_sum(
+    equations: EquationsOfMotion, form: Formulation, at: Places, size: int
+) -> tuple[sp.csc_array, Sum]:
+    n, m, total = equations.n, equations.m, matrix_builder()
+    total.add_diagonal(n, (0, 0), C_A, 1.0)
+    total.add_diagonal(n, (0, n), None, -1.0)
+    for term, copies in add_tangents(total, equations, at):
+        total.add_matrix(copies, 0, term.operator, term.operator, (n, 0))
+        total.add_matrix(copies, 1, term.operator, term.operator, (n, n))
+    # c_l is c; where the multipliers themselves are unknowns G^T stands without it.
+    reaction = 1 if form.impulses else 0
+    for joint, copies in add_joint_matrices(total, equations, at, form.levels, form.stabilized):
+        on_q, on_g = joint.operator, joint.rows
+        total.add_matrix(copies, reaction, on_g, on_q, (n, 2 * n), transposed=True)
+        total.add_matrix(copies, 2, on_q, on_q, (n, 0))
+        if form.stabilized:
+            total.add_matrix(copies, reaction, on_g, on_q, (0, 2 * n + m), transposed=True)
+            total.add_matrix(copies, 3, on_q, on_q, (0, 0))
+        more = 3 + form.stabilized
+        for k, level in enumerate(form.levels):
+            row = 2 * n + k * m
+            if level == 0:
+                total.add_matrix(copies, 0, on_g, on_q, (row, 0))
+            elif level == 1:
+                total.add_matrix(copies, more, on_g, on_q, (row, 0))
+                total.add_matrix(copies, 0, on_g, on_q, (row, n))
+            else:
+                for own, column in enumerate((0, n, n)):
+                    total.add_matrix(copies, more + own, on_g, on_q, (row, column))
+    return total.matrix((size, size))

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
-from beamdae.symbolic.sparse_sums import SparseSum
+from beamdae.equations.sums import (
+    Places,
+    add_joint_matrices,
+    add_tangents,
+    matrix_builder,
+    reaction_sum,
+    residual_sum,
+)
+from beamdae.native.vectors import combine, fill
+from beamdae.symbolic.kernel_sums import Sum, copied, evaluate
 
-MX = ca.MX
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -19,85 +27,177 @@ class StepEquations:
     """Equations of one implicit step of a second-order integrator, scaled by the step.
 
     Unknowns x = (d, lam_bar[, eta_bar]): increments d of a prediction,
-    q = q_p + d [- G(q_n)^T eta_bar], v = v_p + c_v d, a = a_p + c_a d, and scaled multipliers
-    lam_bar = c_f lam. Equations: c_f F + G^T lam_bar = 0, g = 0 [, g_dot / c_v = 0]; in brackets
-    the stabilized index-2 form. With c_f ~ h^2 the condition of the iteration matrix does not
-    depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
+    q = q_p + d [+ r, r = -G(q_n)^T eta_bar], v = v_p + c_v d, a = a_p + c_a d, and scaled
+    multipliers lam_bar = c_f lam. Equations: c_f F + G^T lam_bar = 0, g = 0 [, g_dot / c_v = 0]; in
+    brackets the stabilized index-2 form. With c_f ~ h^2 the condition of the iteration matrix does
+    not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
 
     Attributes
     ----------
-    residual
-        (x, time, q_p, v_p, a_p, q_n, coefficients (c_v, c_a, c_f), p) -> equations.
-    jacobian
-        The same arguments -> non-zeros of the iteration matrix on `pattern`.
-    position
-        (x, time, q_p, q_n, p) -> q.
+    stabilized
+        Whether it is the stabilized index-2 form.
+    pattern
+        CSC pattern of the iteration matrix: of (d, lam_bar[, eta_bar, r]), of r those entries that
+        are not zero anyhow, which keeps the matrix a sum of local ones.
+    sums
+        Of the equations, of G(q_n)^T eta_bar, and of the iteration matrix, from
+        (q, v, a, lam, q_n, eta_bar), as they are built: runs take copies.
     """
 
     equations: EquationsOfMotion
-    residual: ca.Function
-    jacobian: ca.Function
-    position: ca.Function
+    stabilized: bool
     pattern: sp.csc_array
+    sums: tuple[Sum, Sum, Sum]
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
-        return self.pattern.shape[0]
+        """Number of unknowns x."""
+        return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
+
+    def buffers(self) -> StepSums:
+        """What a run evaluates the equations with, for itself alone."""
+        n, m = self.equations.n, self.equations.m
+        motion = np.zeros(4 * n + 2 * m)
+        return StepSums(n, m, int(self.stabilized), motion, *map(copied, self.sums))
+
+
+@dataclass(slots=True)
+class StepSums:
+    """Buffers of step equations; `motion` is (q, v, a, lam, q_n, eta_bar)."""
+
+    n: int
+    m: int
+    stabilized: int
+    motion: Array
+    residual: Sum
+    anchor: Sum
+    matrix: Sum
+
+
+@dataclass(slots=True)
+class Predicted:
+    """Where the increments of a step are counted from, and how it ends.
+
+    Attributes
+    ----------
+    q, v, a
+        Prediction.
+    before
+        Positions at the beginning of the step.
+    coefficients
+        (c_v, c_a, c_f).
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    before: Array
+    coefficients: Array
+
+
+def step_position(form: StepSums, at: Predicted, x: Array) -> Array:
+    """Positions of x, as a view of `form.motion`."""
+    n, m = form.n, form.m
+    q = form.motion[:n]
+    if form.stabilized == 1:
+        combine(form.motion[3 * n + m : 4 * n + m], (1.0,), (at.before,))
+        combine(form.motion[4 * n + m :], (1.0,), (x[n + m : n + 2 * m],))
+        evaluate(form.anchor, form.motion, q)
+        combine(q, (1.0, 1.0, -1.0), (at.q, x[:n], q))
+    else:
+        combine(q, (1.0, 1.0), (at.q, x[:n]))
+    return q
+
+
+def _set_motion(form: StepSums, at: Predicted, x: Array, lam_factor: float) -> None:
+    n, m, c = form.n, form.m, at.coefficients
+    step_position(form, at, x)
+    combine(form.motion[n : 2 * n], (1.0, c[0]), (at.v, x[:n]))
+    combine(form.motion[2 * n : 3 * n], (1.0, c[1]), (at.a, x[:n]))
+    combine(form.motion[3 * n : 3 * n + m], (lam_factor,), (x[n : n + m],))
+
+
+def step_residual(
+    form: StepSums, t: float, branch: float, at: Predicted, x: Array, result: Array
+) -> None:
+    """The equations at x, into `result`, which has zeros for r."""
+    n, m, c = form.n, form.m, at.coefficients
+    shared = form.residual.shared
+    form.anchor.shared[0], form.anchor.shared[1] = t, branch
+    shared[0], shared[1] = t, branch
+    _set_motion(form, at, x, 1.0 / c[2])
+    evaluate(form.residual, form.motion, result)
+    combine(result[:n], (c[2],), (result[:n],))
+    if form.stabilized == 1:
+        velocities = result[n + m : n + 2 * m]
+        combine(velocities, (1.0 / c[0],), (velocities,))
+        fill(result[n + 2 * m :], 0.0)
+
+
+def step_matrix(
+    form: StepSums, t: float, branch: float, at: Predicted, x: Array, result: Array
+) -> None:
+    """The non-zeros of the iteration matrix at x, into `result`."""
+    c, shared = at.coefficients, form.matrix.shared
+    form.anchor.shared[0], form.anchor.shared[1] = t, branch
+    shared[0], shared[1] = t, branch
+    # c_q, c_v, c_a, c_l, c_h as in MATRIX_SHARED.
+    shared[2], shared[3], shared[4] = c[2], c[2] * c[0], c[2] * c[1]
+    shared[5], shared[6] = 1.0, 1.0 / c[0]
+    _set_motion(form, at, x, 1.0)
+    evaluate(form.matrix, form.motion, result)
 
 
 @once
 def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
     """Build the step equations on index 3, or on the stabilized index-2 form."""
     n, m = equations.n, equations.m
-    size = n + m * (2 if stabilized else 1)
-    x, time, p = MX.sym("x", size), MX.sym("time", 2), MX.sym("p", len(equations.p))
-    predicted = [MX.sym(name, n) for name in ("q_p", "v_p", "a_p", "q_n")]
-    coefficients = MX.sym("c", 3)
-    c_v, c_a, c_f = (coefficients[i] for i in range(3))
-    inputs = [x, time, *predicted, coefficients, p]
+    at = Places(q=0, v=n, a=2 * n, lam=3 * n)
+    anchor = Places(q=3 * n + m, lam=4 * n + m)
+    levels = (0, 1) if stabilized else (0,)
+    residual = residual_sum(equations, at, levels, stabilized=False)
+    held = np.unique(np.concatenate([[], *(j.operator.indices for j in equations.joints)]))
+    corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
+    more = m + len(held) if stabilized else 0
+    pattern, matrix = _matrix_sum(equations, at, anchor, sp.csr_array(corrected), stabilized)
+    sums = (residual.vector(n + m + more), reaction_sum(equations, anchor).vector(n), matrix)
+    return StepEquations(equations, stabilized, pattern, sums)
 
-    d, lam = x[:n], x[n : n + m]
-    q, v, a = predicted[0] + d, predicted[1] + c_v * d, predicted[2] + c_a * d
-    if stabilized:
-        q = q - equations.reaction(time, predicted[3], p, x[n + m :])
-    rows = [
-        c_f * equations.force(time, q, v, a, p) + equations.reaction(time, q, p, lam),
-        equations.level(0, time, q, v, a, p),
-    ]
-    if stabilized:
-        rows.append(equations.level(1, time, q, v, a, p) / c_v)
 
-    by_q, by_d = SparseSum((n, n)), SparseSum((n, n))
-    stiffness, damping_and_mass = equations.tangent(time, q, v, a, p, c_v, c_a)
-    constraint, g_dot_q, reaction_q = equations.constraint_blocks(time, q, v, p, lam)
-    for block in stiffness:
-        by_q.add(block.scaled(c_f))
-    for block in reaction_q:
-        by_q.add(block)
-    for block in damping_and_mass:
-        by_d.add(block.scaled(c_f))
-    big_g = SparseSum.of((m, n), constraint).matrix()
-    k_q = by_q.matrix()
-    blocks = [[k_q + by_d.matrix(), big_g.T], [big_g, MX(m, m)]]
-    if stabilized:
-        h_q = SparseSum.of((m, n), g_dot_q).matrix() / c_v
-        anchor = equations.constraint_blocks(time, predicted[3], v, p, lam)[0]
-        shift = -SparseSum.of((m, n), anchor).matrix().T
-        blocks = [
-            [*blocks[0], k_q @ shift],
-            [*blocks[1], big_g @ shift],
-            [big_g + h_q, MX(m, m), h_q @ shift],
-        ]
-    matrix = ca.blockcat(blocks)
-    pattern = sp.csc_array(
-        (np.ones(matrix.nnz()), matrix.sparsity().row(), matrix.sparsity().colind()),
-        shape=matrix.shape,
-    )
-    return StepEquations(
-        equations,
-        ca.Function("residual", inputs, [ca.densify(ca.vertcat(*rows))]),
-        ca.Function("jacobian", inputs, [ca.densify(matrix.nz[:])]),
-        ca.Function("position", [x, time, predicted[0], predicted[3], p], [ca.densify(q)]),
-        pattern,
-    )
+def _matrix_sum(
+    equations: EquationsOfMotion,
+    at: Places,
+    anchor: Places,
+    corrected: sp.csr_array,
+    stabilized: bool,
+) -> tuple[sp.csc_array, Sum]:
+    """The iteration matrix; `corrected` picks r out of corrections of all coordinates."""
+    n, m, total = equations.n, equations.m, matrix_builder()
+    eta, r = n + m, n + 2 * m
+    for term, copies in add_tangents(total, equations, at):
+        on_q = term.operator
+        total.add_matrix(copies, 0, on_q, on_q, (0, 0))
+        total.add_matrix(copies, 1, on_q, on_q, (0, 0))
+        if stabilized:
+            total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))
+    levels = (0, 1) if stabilized else (0,)
+    for joint, copies in add_joint_matrices(total, equations, at, levels, False):
+        on_q, on_g = joint.operator, joint.rows
+        total.add_matrix(copies, 0, on_g, on_q, (n, 0))
+        total.add_matrix(copies, 0, on_g, on_q, (0, n), transposed=True)
+        total.add_matrix(copies, 2, on_q, on_q, (0, 0))
+        if stabilized:
+            on_r = sp.csr_array(on_q @ corrected)
+            total.add_matrix(copies, 2, on_q, on_r, (0, r))
+            total.add_matrix(copies, 0, on_g, on_r, (n, r))
+            total.add_matrix(copies, 0, on_g, on_q, (eta, 0))
+            total.add_matrix(copies, 3, on_g, on_q, (eta, 0))
+            total.add_matrix(copies, 3, on_g, on_r, (eta, r))
+    if not stabilized:
+        return total.matrix((n + m, n + m))
+    for joint, copies in add_joint_matrices(total, equations, anchor, (), False):
+        on_r = sp.csr_array(joint.operator @ corrected)
+        total.add_matrix(copies, 0, joint.rows, on_r, (r, eta), transposed=True)
+    size = r + corrected.shape[1]
+    total.add_diagonal(corrected.shape[1], (r, r), None, 1.0)
+    return total.matrix((size, size))

@@ -17,9 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.native import native
 
 SX = ca.SX
+
+# What the kernels of all matrices share: the time, and what their parts are multiplied by.
+MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h")
 
 
 @dataclass(frozen=True)
@@ -188,6 +192,26 @@ class ForceKernel:
         outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
         return self._final(ca.Function("tangent", [*self.inputs, c_v, c_a], outputs))
 
+    @cached_property
+    def force_kernel(self) -> Kernel:
+        """Shared (t, branch), local (q, v, a, data) -> F."""
+        x = self.local
+        local = ca.vertcat(x.q, x.v, x.a, x.data)
+        return Kernel.of("force", x.time, local, [ca.densify(self.force)])
+
+    @cached_property
+    def tangent_kernel(self) -> Kernel:
+        """Shared `MATRIX_SHARED`, local as above -> c_q dF/dq and c_v dF/dv + c_a dF/da."""
+        x = self.local
+        c, d = SX.sym("c", 5), SX.sym("d", x.size)
+        moved = ca.substitute(
+            self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c[1] * d, x.a + c[2] * d)
+        )
+        damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
+        outputs = [c[0] * ca.jacobian(self.force, x.q), damping_and_mass]
+        local = ca.vertcat(x.q, x.v, x.a, x.data)
+        return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
+
     def _final(self, function: ca.Function) -> ca.Function:
         return native(function) if self.reused else function
 
@@ -273,6 +297,46 @@ class ConstraintKernel:
         inputs = [x.time, x.q, x.v, x.a, x.data]
         g, g_dot, g_ddot = (ca.Function("level", inputs, [ca.densify(o)]) for o in levels)
         return g, g_dot, g_ddot
+
+    def _local(self, levels: tuple[int, ...], mu: SX) -> SX:
+        """(q, v, a, lam, mu, data), of v and a what the levels ask for."""
+        x = self.local
+        v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
+        return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
+
+    def _mu(self, stabilized: bool) -> SX:
+        return SX.sym("mu", self.local.n_multipliers if stabilized else 0)
+
+    def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        """Shared (t, branch), local (q, v, a, lam, mu, data) -> G^T lam, G^T mu, levels.
+
+        Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
+        or 2, a with level 2, mu and G^T mu if `stabilized`.
+        """
+        x, mu = self.local, self._mu(stabilized)
+        reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
+        stated = (self.constraint, self._g_dot, x.ddot(self.constraint) if 2 in levels else None)
+        outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
+        return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
+
+    def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        """Shared `MATRIX_SHARED` -> matrices of `residual_kernel`, local as there.
+
+        G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
+        level 2 d g_ddot/dq, d g_ddot/dv and c_a G.
+        """
+        x, mu, c = self.local, self._mu(stabilized), SX.sym("c", 5)
+        outputs = [self._jacobian, c[3] * self._jacobian]
+        outputs += [
+            ca.jacobian(self._jacobian.T @ held, x.q)
+            for held in ([x.lam, mu] if stabilized else [x.lam])
+        ]
+        if 1 in levels:
+            outputs.append(c[4] * ca.jacobian(self._g_dot, x.q))
+        if 2 in levels:
+            g_ddot = x.ddot(self.constraint)
+            outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c[2] * self._jacobian]
+        return Kernel.of("joint", ca.vertcat(x.time, c), self._local(levels, mu), outputs)
 
     @cached_property
     def reaction_function(self) -> ca.Function:

@@ -1,0 +1,130 @@
+"""Equations of motion as sums of kernels: what integrators evaluate in every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import ConstraintTerm, EquationsOfMotion, ForceTerm
+from beamdae.symbolic.kernel_sums import Copies, Gathered, SumBuilder
+from beamdae.symbolic.statements import MATRIX_SHARED
+
+Array = np.ndarray
+_TIME = 2
+# Where the coefficients stand among what the kernels of matrices share.
+C_Q, C_V, C_A, C_L, C_H = (MATRIX_SHARED.index(c) for c in ("c_q", "c_v", "c_a", "c_l", "c_h"))
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where q, v, a, lam and mu begin in the vector that goes into a sum."""
+
+    q: int
+    v: int = 0
+    a: int = 0
+    lam: int = 0
+    mu: int = 0
+
+
+def data_of(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
+    """Data of the copies of a term, a column each."""
+    return equations.p[term.data].reshape((term.kernel.local.n_data, term.count), order="F")
+
+
+def _motion(operator: sp.csr_array, *firsts: int) -> list[Gathered]:
+    return [Gathered(operator, first) for first in firsts]
+
+
+def _joint_inputs(
+    term: ConstraintTerm, at: Places, levels: tuple[int, ...], stabilized: bool
+) -> list[Gathered]:
+    highest = max(levels, default=0)
+    motion = (at.q, *((at.v,) if highest > 0 else ()), *((at.a,) if highest > 1 else ()))
+    held = (at.lam, *((at.mu,) if stabilized else ()))
+    return _motion(term.operator, *motion) + _motion(term.rows, *held)
+
+
+def residual_sum(
+    equations: EquationsOfMotion,
+    at: Places,
+    levels: tuple[int, ...],
+    stabilized: bool,
+    dynamic: int = 0,
+) -> SumBuilder:
+    """Rows: from `dynamic` on F + G^T lam, then the `levels`; if `stabilized` the first G^T mu.
+
+    See `ConstraintKernel.residual_kernel`.
+    """
+    n, m, total = equations.n, equations.m, SumBuilder(_TIME)
+    for term in equations.forces:
+        inputs = _motion(term.operator, at.q, at.v, at.a)
+        data = data_of(equations, term)
+        copies = total.add(term.kernel.force_kernel, inputs, data, term.count)
+        total.add_column(copies, 0, term.operator, dynamic)
+    for joint in equations.joints:
+        kernel = joint.kernel.residual_kernel(levels, stabilized)
+        inputs = _joint_inputs(joint, at, levels, stabilized)
+        copies = total.add(kernel, inputs, data_of(equations, joint), joint.count)
+        total.add_column(copies, 0, joint.operator, dynamic)
+        if stabilized:
+            total.add_column(copies, 1, joint.operator, 0)
+        for k in range(len(levels)):
+            total.add_column(copies, 1 + stabilized + k, joint.rows, dynamic + n + k * m)
+    return total
+
+
+def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
+    """Rows: G^T lam."""
+    total = SumBuilder(_TIME)
+    for joint in equations.joints:
+        kernel, data = joint.kernel.residual_kernel((), False), data_of(equations, joint)
+        copies = total.add(kernel, _joint_inputs(joint, at, (), False), data, joint.count)
+        total.add_column(copies, 0, joint.operator, 0)
+    return total
+
+
+def add_tangents(
+    total: SumBuilder, equations: EquationsOfMotion, at: Places
+) -> list[tuple[ForceTerm, Copies]]:
+    """Add the kernels of c_q dF/dq (output 0) and c_v dF/dv + c_a dF/da (output 1)."""
+    return [
+        (
+            term,
+            total.add(
+                term.kernel.tangent_kernel,
+                _motion(term.operator, at.q, at.v, at.a),
+                data_of(equations, term),
+                term.count,
+            ),
+        )
+        for term in equations.forces
+    ]
+
+
+def add_joint_matrices(
+    total: SumBuilder,
+    equations: EquationsOfMotion,
+    at: Places,
+    levels: tuple[int, ...],
+    stabilized: bool,
+) -> list[tuple[ConstraintTerm, Copies]]:
+    """Add the kernels of `ConstraintKernel.matrices_kernel`."""
+    return [
+        (
+            joint,
+            total.add(
+                joint.kernel.matrices_kernel(levels, stabilized),
+                _joint_inputs(joint, at, levels, stabilized),
+                data_of(equations, joint),
+                joint.count,
+            ),
+        )
+        for joint in equations.joints
+    ]
+
+
+def matrix_builder() -> SumBuilder:
+    """A sum of matrices, without any."""
+    return SumBuilder(len(MATRIX_SHARED))

@@ -1,0 +1,174 @@
+"""Loops in machine code: plain Python functions over arrays, compiled by numba once a machine.
+
+A loop is a function of one object, whose fields are numbers, arrays and such objects again; it may
+set numbers, and what is in arrays. Its machine code is given the numbers and the addresses of the
+arrays in a table, knows nothing of Python, and so releases the interpreter while it runs; it is
+kept like that of kernels, and numba is imported only to make it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from beamdae.native import vectors
+
+Array = np.ndarray
+
+_C_TYPES = {"d": ctypes.c_double, "p": ctypes.c_void_p, "@": ctypes.c_void_p}
+
+
+class Loop:
+    """A loop in machine code, bound to the object it works on.
+
+    Attributes
+    ----------
+    address
+        Of the C function, whose argument "@" is the address of `table`.
+    table
+        Numbers and addresses.
+    """
+
+    def __init__(self, function: Callable[..., int], work: Any, arguments: str = "@") -> None:
+        """`function(work, *arguments)` in machine code.
+
+        Parameters
+        ----------
+        work
+            A dataclass of int, float, arrays and such dataclasses.
+        arguments
+            Of the C function, in their order: "d" for double, "p" for a pointer, which the function
+            is given as an integer, "@" for the table.
+        """
+        layout = _Layout(work)
+        self._numbers = layout.numbers
+        self.table = np.array(layout.words, np.int64)
+        self._floats = self.table.view(np.float64)
+        self.address = _machine_code(function, work, layout.kind, arguments)
+        kinds = (_C_TYPES[kind] for kind in arguments)
+        self._call = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(self.address)
+        # What the table points to.
+        self._work = work
+
+    def __call__(self) -> int:
+        """Run it; numbers of the object go in and come out."""
+        self.load()
+        code = self._call(self.table.ctypes.data)
+        self.unload()
+        return int(code)
+
+    def load(self) -> None:
+        """The numbers of the object, into the table."""
+        for owner, name, word, kind in self._numbers:
+            (self._floats if kind is float else self.table)[word] = getattr(owner, name)
+
+    def unload(self) -> None:
+        """The numbers of the table, into the object."""
+        for owner, name, word, kind in self._numbers:
+            setattr(owner, name, kind((self._floats if kind is float else self.table)[word]))
+
+
+class _Layout:
+    """Where the fields of an object stand in a table.
+
+    Attributes
+    ----------
+    words
+        The table.
+    numbers
+        (owner, name, word, type) of its numbers.
+    kind
+        ((name, word, type), ...): what machine code depends on.
+    """
+
+    def __init__(self, work: Any) -> None:
+        self.words: list[int] = []
+        self.numbers: list[tuple[Any, str, int, type]] = []
+        self.kind = self._of(work)
+
+    def _of(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
+        start, found = len(self.words), []
+        for field in fields(owner):
+            value, word = getattr(owner, field.name), len(self.words)
+            if isinstance(value, tuple):
+                continue
+            kind: Any = type(value).__name__
+            if isinstance(value, (bool, int, float)):
+                number = float if isinstance(value, float) else int
+                self.numbers.append((owner, field.name, word, number))
+                self.words.append(0)
+                kind = number.__name__
+            elif isinstance(value, np.ndarray):
+                assert value.flags.c_contiguous, field.name
+                self.words += [value.ctypes.data, *value.shape]
+                kind = (str(value.dtype), value.ndim)
+            else:
+                kind = self._of(value)
+            found.append((field.name, word - start, kind))
+        return type(owner).__name__, tuple(found)
+
+
+def _parts(function: Callable[..., Any], found: dict[FunctionType, None]) -> Iterator[str]:
+    """What a function consists of: its source, that of those it calls, and the constants."""
+    if not isinstance(function, FunctionType) or function in found:
+        return
+    found[function] = None
+    yield inspect.getsource(function)
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        if isinstance(value, FunctionType):
+            if value.__module__ != vectors.__name__:
+                yield from _parts(value, found)
+        elif isinstance(value, (int, float)):
+            yield f"{name} = {value!r}"
+
+
+_registered: set[FunctionType] = set()
+_made: dict[Any, Any] = {}
+
+
+def _machine_code(function: Callable[..., int], work: Any, kind: Any, arguments: str) -> int:
+    key = (function, kind, arguments)
+    if key not in _made:
+        _made[key] = _compiled(function, kind, arguments)
+    return int(_made[key].address)
+
+
+def _compiled(function: Callable[..., int], kind: Any, arguments: str) -> Any:
+    import numba
+
+    from beamdae.native import overloads, structs
+
+    called: dict[FunctionType, None] = {}
+    list(_parts(function, called))
+    for one in called:
+        if one not in _registered:
+            _registered.add(one)
+            numba.extending.register_jitable(error_model="numpy")(one)
+
+    def numba_type(kind: Any) -> Any:
+        name, what = kind
+        if isinstance(what, int):
+            return numba.types.Array(getattr(numba.types, name), what, "C")
+        numbers = {"int": numba.int64, "float": numba.float64}
+        found = {
+            field: (word, numbers[own] if isinstance(own, str) else numba_type(own))
+            for field, word, own in what
+        }
+        return structs.Struct(name, found)
+
+    names = [f"a{k}" if kind != "@" else "table" for k, kind in enumerate(arguments)]
+    given = ", ".join(name for name in names if name != "table")
+    space = {"function": function, "object_at": structs.at(numba_type(kind))}
+    exec(  # noqa: S102
+        f"def entry({', '.join(names)}):\n    return function(object_at(table), {given})\n", space
+    )
+    kinds = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
+    signature = numba.int32(*(kinds[kind] for kind in arguments))
+    return numba.cfunc(signature, error_model="numpy")(space["entry"])

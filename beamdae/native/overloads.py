@@ -1,0 +1,142 @@
+"""The functions of `native.vectors` as numba compiles them: loops, without temporary arrays.
+
+Importing this module imports numba, which only compiling needs.
+"""
+
+from __future__ import annotations
+
+import math
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, overload
+
+from beamdae.native import vectors
+
+
+@overload(vectors.combine)
+def _combine(out, factors, vectors):  # type: ignore[no-untyped-def]
+    def one(out, factors, vectors):  # type: ignore[no-untyped-def]
+        for i in range(out.size):
+            out[i] = factors[0] * vectors[0][i]
+
+    def two(out, factors, vectors):
+        for i in range(out.size):
+            out[i] = factors[0] * vectors[0][i] + factors[1] * vectors[1][i]
+
+    def three(out, factors, vectors):
+        for i in range(out.size):
+            first = factors[0] * vectors[0][i] + factors[1] * vectors[1][i]
+            out[i] = first + factors[2] * vectors[2][i]
+
+    def four(out, factors, vectors):
+        for i in range(out.size):
+            first = factors[0] * vectors[0][i] + factors[1] * vectors[1][i]
+            out[i] = first + factors[2] * vectors[2][i] + factors[3] * vectors[3][i]
+
+    return (one, two, three, four)[len(factors) - 1]
+
+
+@overload(vectors.fill)
+def _fill(out, value):
+    def loop(out, value):
+        for i in range(out.size):
+            out[i] = value
+
+    return loop
+
+
+@overload(vectors.largest)
+def _largest(vector, weights):
+    def loop(vector, weights):
+        most = 0.0
+        for i in range(vector.size):
+            size = abs(vector[i] * weights[i])
+            # What is no number stays.
+            if size > most or size != size:
+                most = size
+        return most
+
+    return loop
+
+
+@overload(vectors.norm)
+def _norm(vector, weights):
+    def loop(vector, weights):
+        total = 0.0
+        for i in range(vector.size):
+            scaled = vector[i] * weights[i]
+            total += scaled * scaled
+        return math.sqrt(total)
+
+    return loop
+
+
+@overload(vectors.pick)
+def _pick(out, at, vector, of):
+    def loop(out, at, vector, of):
+        for k in range(at.size):
+            out[at[k]] = vector[of[k]]
+
+    return loop
+
+
+@overload(vectors.gather)
+def _gather(out, at, weights, vector, of):
+    def loop(out, at, weights, vector, of):
+        for k in range(at.size):
+            out[at[k]] = 0.0
+        for k in range(at.size):
+            out[at[k]] += weights[k] * vector[of[k]]
+
+    return loop
+
+
+@overload(vectors.scatter)
+def _scatter(out, rows, weights, vector, of):
+    def loop(out, rows, weights, vector, of):
+        for i in range(out.size):
+            out[i] = 0.0
+        for k in range(rows.size):
+            out[rows[k]] += weights[k] * vector[of[k]]
+
+    return loop
+
+
+@intrinsic
+def _call_kernel(typing, address, shared, local, out, padded):  # type: ignore[no-untyped-def]
+    """Call machine code void f(double *shared, double *local, double *out, int64 padded)."""
+
+    def code(context, builder, signature, arguments):
+        number, integer = ir.DoubleType().as_pointer(), ir.IntType(64)
+        kind = ir.FunctionType(ir.VoidType(), [number, number, number, integer])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+        return context.get_dummy_value()
+
+    pointer = types.CPointer(types.float64)
+    return types.void(types.int64, pointer, pointer, pointer, types.int64), code
+
+
+@intrinsic
+def _start_of(typing, array):
+    """Address of the first number of an array."""
+
+    def code(context, builder, signature, arguments):
+        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+    return types.CPointer(array.dtype)(array), code
+
+
+@overload(vectors.call_kernels)
+def _call_kernels(kernels, shared, local, out):
+    def loop(kernels, shared, local, out):
+        for k in range(kernels.shape[0]):
+            _call_kernel(
+                kernels[k, 0],
+                _start_of(shared),
+                _start_of(local[kernels[k, 1] :]),
+                _start_of(out[kernels[k, 2] :]),
+                kernels[k, 3],
+            )
+
+    return loop

@@ -1,0 +1,103 @@
+"""Numba's view of the objects loops work on: a pointer to a table of words.
+
+A word holds an integer, a floating point number, or an address; arrays are an address and their
+shape, objects inside objects follow in place. Importing this module imports numba.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    lower_setattr_generic,
+    register_model,
+)
+from numba.np.arrayobj import make_array, populate_array
+
+_WORD = 8
+_integer = ir.IntType(64)
+
+
+class Struct(types.Type):
+    """Objects of a class with these fields: name -> (first word, type)."""
+
+    def __init__(self, name: str, fields: dict[str, tuple[int, types.Type]]) -> None:
+        self.fields = fields
+        told = ", ".join(f"{field} {first} {kind}" for field, (first, kind) in fields.items())
+        super().__init__(f"{name}({told})")
+
+
+@register_model(Struct)
+class _Model(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Struct) -> None:
+        super().__init__(manager, kind, _integer.as_pointer())
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):
+    key = Struct
+
+    def generic_resolve(self, struct: Struct, name: str) -> types.Type | None:
+        return struct.fields[name][1] if name in struct.fields else None
+
+
+def _place(builder: Any, pointer: Any, word: int, kind: Any) -> Any:
+    return builder.bitcast(cgutils.gep_inbounds(builder, pointer, word), kind.as_pointer())
+
+
+@lower_getattr_generic(Struct)
+def _get(context: Any, builder: Any, struct: Struct, pointer: Any, name: str) -> Any:
+    word, kind = struct.fields[name]
+    if isinstance(kind, Struct):
+        return cgutils.gep_inbounds(builder, pointer, word)
+    if not isinstance(kind, types.Array):
+        return builder.load(_place(builder, pointer, word, context.get_value_type(kind)))
+    shape = [
+        builder.load(_place(builder, pointer, word + 1 + k, _integer)) for k in range(kind.ndim)
+    ]
+    size = np.dtype(str(kind.dtype)).itemsize
+    strides = [ir.Constant(_integer, size)]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    array = make_array(kind)(context, builder)
+    number = context.get_data_type(kind.dtype).as_pointer()
+    populate_array(
+        array,
+        data=builder.load(_place(builder, pointer, word, number)),
+        shape=shape,
+        strides=strides,
+        itemsize=ir.Constant(_integer, size),
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+@lower_setattr_generic(Struct)
+def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
+    struct = signature.args[0]
+    word, kind = struct.fields[name]
+    pointer, value = arguments
+    value = context.cast(builder, value, signature.args[1], kind)
+    builder.store(value, _place(builder, pointer, word, context.get_value_type(kind)))
+
+
+def at(struct: Struct) -> Any:
+    """Function of a table that gives the object in it."""
+
+    @intrinsic
+    def object_at(typing, table):  # type: ignore[no-untyped-def]
+        def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            return arguments[0]
+
+        return struct(table), code
+
+    return object_at

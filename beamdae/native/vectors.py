@@ -1,0 +1,67 @@
+"""What compiled loops are made of, as plain Python; `native.overloads` has each once more.
+
+Loops of integrators are stated once, in plain Python that numba compiles. What they do with whole
+arrays they do by these functions: numpy computes them where nothing is compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def combine(out: Array, factors: tuple[float, ...], vectors: tuple[Array, ...]) -> None:
+    """out = sum of factors times vectors; `out` may be one of these."""
+    out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
+
+
+def fill(out: Array, value: float) -> None:
+    """Set all of `out`."""
+    out[:] = value
+
+
+def largest(vector: Array, weights: Array) -> float:
+    """Largest |vector * weights|, 0 of none, not a number if one of them is none."""
+    return float(np.max(np.abs(vector * weights), initial=0.0))
+
+
+def norm(vector: Array, weights: Array) -> float:
+    """Euclidean norm of vector * weights."""
+    scaled = vector * weights
+    return math.sqrt(scaled @ scaled)
+
+
+def pick(out: Array, at: Array, vector: Array, of: Array) -> None:
+    """out[at] = vector[of]."""
+    out[at] = vector[of]
+
+
+def gather(out: Array, at: Array, weights: Array, vector: Array, of: Array) -> None:
+    """out[at] = weights vector[of], summed where `at` repeats; other entries stay."""
+    out[at] = 0.0
+    np.add.at(out, at, weights * vector[of])
+
+
+def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
+    """out = 0, then out[rows] += weights vector[of]."""
+    out[:] = np.bincount(rows, weights * vector[of], len(out))
+
+
+def call_kernels(kernels: Any, shared: Array, local: Array, out: Array) -> None:
+    """Evaluate the kernels of a `Sum`."""
+    for kernel in kernels:
+        kernel(shared, local, out)
+
+
+def factorize(linear: Any, nonzeros: Array) -> bool:
+    """Factorize a matrix; whether that is possible."""
+    return bool(linear.factorized(nonzeros))
+
+
+def solve(linear: Any, right: Array) -> None:
+    """Solve with the last factors, in place."""
+    right[:] = linear.solve(right)
