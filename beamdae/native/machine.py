@@ -44,8 +44,8 @@ def compiled(ir: str, level: int) -> bytes:
     MachineError
         If LLVM cannot compile it.
     """
-    target = _target()
     try:
+        target = _target()
         # Of its own context, which goes with it: the global one keeps every constant.
         module = llvm.parse_assembly(ir, llvm.create_context())
         module.data_layout = str(target.target_data)
@@ -152,9 +152,11 @@ def _target() -> Any:
 def _engine() -> Any:
     try:
         llvm.check_jit_execution()
+        return llvm.create_lljit_compiler(_target(), suppress_errors=True)
     except OSError as problem:
         raise MachineError("this system executes nothing that was not installed") from problem
-    return llvm.create_lljit_compiler(_target(), suppress_errors=True)
+    except RuntimeError as problem:
+        raise MachineError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
 
 
 def _first_line(problem: BaseException) -> str:

@@ -229,6 +229,30 @@ def test_kernels_run_in_several_threads_at_once():
         assert_same_bits(each, right)
 
 
+def test_kernels_are_built_in_several_threads_at_once():
+    functions = [small(f"small_{k}") for k in range(8)]
+    found = {}
+
+    def build(function):
+        found[function.name()] = lane_kernel(function)(np.ones(2), np.ones((3, WIDTH)))
+
+    threads = [threading.Thread(target=build, args=(function,)) for function in functions]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == len(functions)
+    for each in found.values():
+        assert_same_bits(each, by_virtual_machine(small(), np.ones(2), np.ones((3, WIDTH))))
+
+
+@pytest.mark.parametrize(
+    ("copies", "length"), [(0, 0), (1, 8), (8, 8), (9, 16), (127, 136), (128, 136), (129, 136)]
+)
+def test_rows_have_whole_vectors_and_do_not_evict_each_other(copies, length):
+    assert padded(copies) == length
+
+
 def test_a_kernel_does_not_leave_its_process():
     with pytest.raises((TypeError, ValueError, pickle.PicklingError)):
         pickle.dumps(lane_kernel(small()))
