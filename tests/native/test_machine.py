@@ -1,0 +1,150 @@
+"""LLVM IR of any origin becomes objects, and objects addresses."""
+
+import ctypes
+import gc
+import math
+
+import pytest
+
+from beamdae.errors import KernelWarning
+from beamdae.native import machine, objects
+from beamdae.native.machine import Loaded, MachineError, compiled, library_address
+from beamdae.native.objects import Source, machine_code
+
+LOOP = """
+define i64 @total(ptr %numbers, i64 %count) {
+entry:
+  br label %loop
+loop:
+  %i = phi i64 [0, %entry], [%next, %loop]
+  %sum = phi i64 [0, %entry], [%more, %loop]
+  %place = getelementptr i64, ptr %numbers, i64 %i
+  %number = load i64, ptr %place
+  %more = add i64 %sum, %number
+  %next = add i64 %i, 1
+  %again = icmp slt i64 %next, %count
+  br i1 %again, label %loop, label %end
+end:
+  ret i64 %more
+}
+"""
+CALLS = """
+declare double @outside(double)
+define double @twice(double %x) {
+  %y = call double @outside(double %x)
+  %z = fadd double %y, %y
+  ret double %z
+}
+define double @half(double %x) {
+  %y = fmul double %x, 0.5
+  ret double %y
+}
+"""
+COPIES = """
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+define void @copy(ptr %to, ptr %from, i64 %size) {
+  call void @llvm.memcpy.p0.p0.i64(ptr %to, ptr %from, i64 %size, i1 false)
+  ret void
+}
+"""
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
+    monkeypatch.setattr(objects, "_said", set())
+    return tmp_path / "beamdae"
+
+
+def of_number(address):
+    return ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(address)
+
+
+def constant(value):
+    return f"define double @value(double %x) {{\n  ret double {value:e}\n}}\n"
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+def test_a_loop_is_compiled_at_each_level(level):
+    code = Loaded(compiled(LOOP, level), ["total"])
+    total = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(
+        code.addresses["total"]
+    )
+    assert total((ctypes.c_int64 * 100)(*range(100)), 100) == 4950
+
+
+def test_symbols_from_outside_are_those_given():
+    content = compiled(CALLS, 1)
+    for name in ("exp", "cos"):
+        code = Loaded(content, ("twice", "half"), {"outside": library_address(name)})
+        assert of_number(code.addresses["twice"])(0.3) == 2.0 * getattr(math, name)(0.3)
+        assert of_number(code.addresses["half"])(0.3) == 0.15
+
+
+def test_what_the_compiler_itself_calls_is_there():
+    code = Loaded(compiled(COPIES, 1), ["copy"])
+    copy = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(
+        code.addresses["copy"]
+    )
+    source, target = (ctypes.create_string_buffer(1000) for _ in range(2))
+    source.value = b"x" * 999
+    copy(target, source, 1000)
+    assert target.value == b"x" * 999
+
+
+def test_objects_with_the_same_symbols_live_side_by_side_and_one_by_one():
+    codes = [Loaded(compiled(constant(k), 0), ["value"]) for k in range(20)]
+    for k in range(0, 20, 2):
+        codes[k] = None
+    gc.collect()
+    for k in range(1, 20, 2):
+        assert of_number(codes[k].addresses["value"])(0.0) == k
+
+
+@pytest.mark.parametrize("ir", ["nonsense", "define double @f(double %x) {\n ret float 0.0\n}"])
+def test_ir_that_is_none_is_refused(ir):
+    with pytest.raises(MachineError, match=r"LLVM cannot compile kernels \(.+\)"):
+        compiled(ir, 1)
+
+
+def test_symbols_that_are_missing_are_refused(capfd):
+    content = compiled(CALLS, 1)
+    with pytest.raises(MachineError, match=r"LLVM cannot load kernels \(.*twice"):
+        Loaded(content, ["twice"])
+    with pytest.raises(MachineError, match=r"LLVM cannot load kernels \(.*nothing"):
+        Loaded(content, ["nothing"], {"outside": library_address("exp")})
+    with pytest.raises(MachineError, match="the C library has no function fourier"):
+        library_address("fourier")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_system_that_executes_nothing_from_memory_is_told(monkeypatch):
+    def forbidden():
+        raise OSError(13, "cannot allocate executable memory")
+
+    monkeypatch.setattr(machine.llvm, "check_jit_execution", forbidden)
+    with pytest.raises(MachineError, match="executes nothing that was not installed"):
+        machine._engine.__wrapped__()
+
+
+def test_code_of_any_origin_is_kept(cache, monkeypatch):
+    source = Source("calls", CALLS, ("half", "twice"), {"outside": library_address("exp")})
+    right = machine_code(source, lambda code: of_number(code.addresses["half"])(3.0) == 1.5)
+    assert set(right.addresses) == {"half", "twice"}
+    assert [file.name.split("-")[0] for file in cache.iterdir()] == ["calls"]
+    monkeypatch.setattr(machine, "compiled", None)
+    again = machine_code(source, lambda code: False)
+    assert of_number(again.addresses["twice"])(0.0) == 2.0
+
+
+def test_levels_are_told_apart_in_the_cache(cache):
+    for level in (0, 1):
+        machine_code(Source("loop", LOOP, ("total",), level=level), lambda code: True)
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_ir_that_cannot_be_compiled_is_done_without(cache):
+    with pytest.warns(KernelWarning, match="LLVM cannot compile kernels"):
+        assert machine_code(Source("none", "nonsense", ("f",)), lambda code: True) is None
+    assert list(cache.iterdir()) == []
