@@ -12,15 +12,24 @@ import ctypes
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from beamdae.native import vectors
+from beamdae.native.machine import Loaded, MachineError
+from beamdae.native.objects import Source, machine_code
 
 Array = np.ndarray
 
+_SYMBOL = "loop"
+_LEVEL = 2
+# What the machine code of a loop depends on besides its source.
+_COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
 _C_TYPES = {"d": ctypes.c_double, "p": ctypes.c_void_p, "@": ctypes.c_void_p}
 
 
@@ -50,7 +59,7 @@ class Loop:
         self._numbers = layout.numbers
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
-        self.address = _machine_code(function, work, layout.kind, arguments)
+        self.address = _machine_code(function, layout.kind, arguments)
         kinds = (_C_TYPES[kind] for kind in arguments)
         self._call = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(self.address)
         # What the table points to.
@@ -129,46 +138,39 @@ def _parts(function: Callable[..., Any], found: dict[FunctionType, None]) -> Ite
             yield f"{name} = {value!r}"
 
 
-_registered: set[FunctionType] = set()
-_made: dict[Any, Any] = {}
+@cache
+def _versions() -> str:
+    return "\n".join(
+        [f"numba {version('numba')}"]
+        + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _COMPILING]
+    )
 
 
-def _machine_code(function: Callable[..., int], work: Any, kind: Any, arguments: str) -> int:
+_loaded: dict[Any, Loaded | None] = {}
+
+
+def _machine_code(function: Callable[..., int], kind: Any, arguments: str) -> int:
     key = (function, kind, arguments)
-    if key not in _made:
-        _made[key] = _compiled(function, kind, arguments)
-    return int(_made[key].address)
+    if key not in _loaded:
+        text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
+        source = Source(
+            function.__name__,
+            text,
+            (_SYMBOL,),
+            level=_LEVEL,
+            ir=lambda: _compiled(function, kind, arguments),
+        )
+        _loaded[key] = machine_code(source, lambda code: True)
+    code = _loaded[key]
+    if code is None:
+        raise MachineError(f"{function.__name__}: it cannot be compiled")
+    return code.addresses[_SYMBOL]
 
 
-def _compiled(function: Callable[..., int], kind: Any, arguments: str) -> Any:
-    import numba
-
-    from beamdae.native import overloads, structs
+def _compiled(function: Callable[..., int], kind: Any, arguments: str) -> str:
+    """LLVM IR of a loop, with everything it needs."""
+    from beamdae.native import numba_compiler
 
     called: dict[FunctionType, None] = {}
     list(_parts(function, called))
-    for one in called:
-        if one not in _registered:
-            _registered.add(one)
-            numba.extending.register_jitable(error_model="numpy")(one)
-
-    def numba_type(kind: Any) -> Any:
-        name, what = kind
-        if isinstance(what, int):
-            return numba.types.Array(getattr(numba.types, name), what, "C")
-        numbers = {"int": numba.int64, "float": numba.float64}
-        found = {
-            field: (word, numbers[own] if isinstance(own, str) else numba_type(own))
-            for field, word, own in what
-        }
-        return structs.Struct(name, found)
-
-    names = [f"a{k}" if kind != "@" else "table" for k, kind in enumerate(arguments)]
-    given = ", ".join(name for name in names if name != "table")
-    space = {"function": function, "object_at": structs.at(numba_type(kind))}
-    exec(  # noqa: S102
-        f"def entry({', '.join(names)}):\n    return function(object_at(table), {given})\n", space
-    )
-    kinds = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
-    signature = numba.int32(*(kinds[kind] for kind in arguments))
-    return numba.cfunc(signature, error_model="numpy")(space["entry"])
+    return numba_compiler.ir(function, tuple(called), kind, arguments, _SYMBOL)

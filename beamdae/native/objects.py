@@ -31,23 +31,23 @@ class Source:
     name
         With which its files in the cache begin: letters, digits and underscores.
     text
-        Whatever the IR is made from.
-    ir
-        Makes a module of LLVM IR.
+        A module of LLVM IR, or whatever `ir` makes it of.
     symbols
         Of the module, whose addresses are wanted.
     imports
         Addresses of symbols the module takes from outside, besides those of the process itself.
     level
         Of optimization, as in O1: 0 for IR that needs none.
+    ir
+        Makes the module of LLVM IR; None: it is the text.
     """
 
     name: str
     text: str
-    ir: Callable[[], str]
     symbols: tuple[str, ...]
     imports: Mapping[str, int] = field(default_factory=dict)
     level: int = 1
+    ir: Callable[[], str] | None = None
 
     @property
     def recipe(self) -> str:
@@ -75,7 +75,7 @@ def machine_code(source: Source, is_right: Callable[[Loaded], bool]) -> Loaded |
         folder, content = _found(source)
         if content is not None:
             return source.load(content)
-        content = machine.compiled(source.ir(), source.level)
+        content = machine.compiled(source.ir() if source.ir else source.text, source.level)
         code = source.load(content)
         if not is_right(code):
             raise MachineError(f"LLVM: {source.name} does not give the right numbers")
