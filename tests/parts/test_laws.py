@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -39,7 +39,6 @@ def test_sine(amplitude, frequency, phase, t):
 
 
 @given(speed=numbers, duration=times)
-@settings(max_examples=30)
 def test_run_up_is_twice_continuously_differentiable_and_reaches_its_speed(speed, duration):
     law = bd.run_up(speed, duration)
     assert law.breakpoints == (duration,)
@@ -105,7 +104,6 @@ def test_time_scales():
     values=st.lists(numbers, min_size=7, max_size=7),
     start=numbers,
 )
-@settings(max_examples=30)
 def test_table_interpolates_and_is_constant_outside(steps, values, start):
     t = start + np.concatenate([[0.0], np.cumsum(steps)])
     y = np.array(values[: len(t)])
