@@ -284,7 +284,7 @@ def test_progress_is_told_of_ascending_times(integrator):
 # Breakpoints ----------------------------------------------------------------------------------
 
 
-@every_integrator
+@every_integrator_in_its_form
 def test_a_force_switched_off_is_met_as_well_as_one_that_stays(integrator):
     times = {"t_end": 1.0, "output_step": 0.05}
     stays = bd.simulate(guided(5.0), integrator, **times)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -18,14 +20,18 @@ times = st.floats(0.05, 10.0)
 ROUNDING = {"rtol": 1e-12, "atol": 1e-12}
 
 
-def value(law, t, phase=None, order=0):
-    """The law or its derivative at t, on the branch of `phase` (t itself where not given)."""
+@cache
+def derivative(law, order):
     time = SX.sym("time", 2)
     expression = as_law("test", law)(time)
     for _ in range(order):
         expression = ca.jtimes(expression, time, SX([1, 0]))
-    function = ca.Function("law", [time], [expression])
-    return float(function([t, t if phase is None else phase]))
+    return ca.Function("law", [time], [expression])
+
+
+def value(law, t, phase=None, order=0):
+    """The law or its derivative at t, on the branch of `phase` (t itself where not given)."""
+    return float(derivative(law, order)([t, t if phase is None else phase]))
 
 
 @given(amplitude=numbers, frequency=times, phase=numbers, t=times)
