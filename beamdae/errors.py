@@ -16,6 +16,8 @@ from typing import Any
 _LARGEST = 1e75
 _SMALLEST = 1e-75
 _LONGEST_SHOWN = 80
+# Letters of a path on any system.
+_LONGEST_PATH = 4096
 
 
 class BeamdaeError(ValueError):
@@ -72,6 +74,11 @@ def _told(text: str, longest: int = _LONGEST_SHOWN) -> str:
     whole = " ".join(re.sub(r" at 0x[0-9a-fA-F]+", "", text[: 10 * longest]).split())
     printable = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in whole)
     return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
+
+
+def may_be_path(text: str) -> bool:
+    """Whether a text may be a path on any system: not too long, and free of control characters."""
+    return text.isprintable() and len(text) <= _LONGEST_PATH
 
 
 def number(value: Any) -> float | None:

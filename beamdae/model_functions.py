@@ -182,8 +182,8 @@ def file_name(part: str, value: Any) -> str:
     fits = 0 < length <= _LONGEST_NAME and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _SEPARATING & set(value)):
         raise BeamdaeError(
-            f"{part}: its name must do as that of a folder, 1 to {_LONGEST_NAME} letters, digits, "
-            f"_ - + = , and inner dots and spaces, got {shown(value)}."
+            f"{part}: its name must do as that of a folder, 1 to {_LONGEST_NAME} bytes of letters, "
+            f"digits, _ - + = , and inner dots and spaces, got {shown(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+import pytest
 
 import beamdae as bd
 from beamdae.symbolic.sparse_sums import SparseSum
@@ -78,6 +79,8 @@ VARIANTS += [
     Variant("nonlinear", "straight", "full", "tangent", 0.03, nodes=2),
     Variant("linear", "straight", "reduced", "tangent", 0.0, nodes=2),
 ]
+# Of the product of all settings: any four of the five come in each combination among those left.
+_LATER = {v for k, v in enumerate(VARIANTS[:32]) if k.bit_count() % 2}
 # For laws of what is made of elements: sums of statements, their forms, the start. These know an
 # element by the size of its kernel and the operator of its mesh alone, and the kernels themselves
 # are tested over all variants. The four differ in everything that makes size and operator (shape,
@@ -92,6 +95,15 @@ FEW = [
 # part in that.
 MOTIONS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.values())
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
+
+
+def every(variants):
+    """These variants as a parameter of a test, one half of the product of all in the slow run."""
+    return pytest.mark.parametrize(
+        "variant",
+        [pytest.param(v, marks=[pytest.mark.slow] if v in _LATER else []) for v in variants],
+        ids=str,
+    )
 
 
 class Numeric:

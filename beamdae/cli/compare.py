@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections.abc import Callable
@@ -64,7 +63,7 @@ def compare_command(
 
     Finished cases are kept in the results folder: a second start goes on where the first one
     stopped. Ends with 0 where cases succeeded and have a reference, with 1 where not, with 2 after
-    a mistake, and with 130 after Ctrl-C.
+    a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM.
     """
     study = _study(path, model_name, assignments(settings))
     require_writable(out / study.name / "outcomes")
@@ -153,6 +152,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     from beamdae.cli.model_file import contents, load_model
     from beamdae.errors import nearest
     from beamdae.studies import Case, Study, default_integrators
+    from beamdae.studies.fingerprints import digest
 
     models, studies = contents(path)
     if name in studies or (studies and name is None):
@@ -172,8 +172,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     chosen = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{k}={v}") for k, v in values.items()]
     folder = "_".join([model.name, "compare", *chosen])
     if len(folder) > _LONGEST_NAME:
-        digest = hashlib.sha256(repr(values).encode()).hexdigest()[:8]
-        folder = f"{folder[:_LONGEST_NAME]}_{digest}"
+        folder = f"{folder[:_LONGEST_NAME]}_{digest(values)[:8]}"
     return Study(folder, cases)
 
 

@@ -13,7 +13,7 @@ from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.mistakes import explained
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, may_be_path, nearest, shown
 from beamdae.model_functions import Model, beside
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 # Bytes; compiling takes hundreds of times as much memory.
 _LARGEST = 10_000_000
-# Letters of a path on any system.
-_LONGEST_PATH = 4096
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
@@ -109,7 +107,7 @@ def _imported(path: Path) -> ModuleType:
 
 def _compiled(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
-    if not str(path).isprintable() or len(str(path)) > _LONGEST_PATH:
+    if not may_be_path(str(path)):
         raise BeamdaeError(f"path: no model file can be called {shown(str(path))}.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")

@@ -73,7 +73,7 @@ def run_command(
     """Simulate one model and write its CSV, JSON and PNG.
 
     Ends with 0 where the run reached its end, with 1 where it did not (what it reached is written),
-    with 2 after a mistake, and with 130 after Ctrl-C.
+    with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM.
     """
     model = configured(path, model_name, settings)
     method = _integrator(

@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, told
 from beamdae.report.letters import plain
 
 # Where no terminal has a say, lines are as long as they are; no table is read in less than 20.
@@ -55,5 +55,5 @@ def drawn(what: str, draw: Callable[[], list[Path]]) -> list[Path] | None:
     except BeamdaeError as problem:
         complain(f"failed: {problem}")
     except Exception as problem:  # Whatever a table holds that a picture has no answer to.
-        complain(f"failed: {what}: it cannot be drawn, {type(problem).__name__}: {problem}")
+        complain(f"failed: {what}: it cannot be drawn, {told(problem)}.")
     return None

@@ -13,7 +13,7 @@ import pandas as pd
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
@@ -44,8 +44,6 @@ class Status:
 
 # Rows that are looked at before somebody asks for them.
 _LOOKED_AT = 10_000
-# Letters of a path on any system.
-_LONGEST_PATH = 4096
 
 REACHED_END = Status("ok", "reached the end")
 
@@ -245,7 +243,7 @@ class Solution:
             **further,
         }
         text = str(path) if isinstance(path, (str, Path)) else ""
-        if not text.isprintable() or not Path(text).name or len(text) > _LONGEST_PATH:
+        if not (may_be_path(text) and Path(text).name):
             raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
         table = self.table()
         if not self.status.success:

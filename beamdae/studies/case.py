@@ -23,6 +23,10 @@ from beamdae.studies.sources import file_digest, package_digest
 # Longer texts are no labels, and two of them may look alike.
 _LONGEST = 60
 _MOST_COMBINATIONS = 1_000_000
+_TOLD_AGAIN = (
+    "what another process can tell again (numbers, texts, arrays, functions; lists, dicts, sets "
+    "and objects of these)"
+)
 # Hashes found before, with what they are of: by identity, which lasts as long as the object.
 Known = dict[int, tuple[Any, str]]
 
@@ -145,9 +149,8 @@ def _of_parameter(model: Model, name: str, value: Any, known: Known) -> str:
             return parameter_digest(value)
         except FingerprintError as problem:
             raise BeamdaeError(
-                f"{model.name}: {name} must be what another process can tell again (numbers, "
-                "texts, arrays, functions; lists, dicts, sets and objects of these), "
-                f"got {shown(value)} ({problem.place} is a {problem.kind})."
+                f"{model.name}: {name} must be {_TOLD_AGAIN}, got {shown(value)} "
+                f"({problem.place} is a {problem.kind})."
             ) from None
 
     # Defaults live as long as the model does.
@@ -158,21 +161,20 @@ def _of_model(model: Model) -> str:
     try:
         return digest([model.name, model.build])
     except FingerprintError as problem:
-        raise BeamdaeError(
-            f"{model.name}: {problem.place} must be what another process can tell again (numbers, "
-            f"texts, arrays, functions and objects of these), got a {problem.kind}; make it inside "
-            "the function."
-        ) from None
+        raise _not_told(model.name, problem, "; make it inside the function") from None
 
 
 def _of_integrator(kind: type[Integrator]) -> str:
     try:
         return digest(kind)
     except FingerprintError as problem:
-        raise BeamdaeError(
-            f"{kind.__name__}: {problem.place} must be what another process can tell again "
-            f"(numbers, texts, arrays, functions and objects of these), got a {problem.kind}."
-        ) from None
+        raise _not_told(kind.__name__, problem) from None
+
+
+def _not_told(part: str, problem: FingerprintError, remedy: str = "") -> BeamdaeError:
+    return BeamdaeError(
+        f"{part}: {problem.place} must be {_TOLD_AGAIN}, got a {problem.kind}{remedy}."
+    )
 
 
 def _of_files(model: Model) -> list[str | None]:

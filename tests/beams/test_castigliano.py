@@ -134,8 +134,15 @@ def in_load_directions(*case, **words):
     return np.abs(np.diag(errors(*case, **words)))
 
 
-@pytest.mark.parametrize("strain", ["linear", "nonlinear"])
-@pytest.mark.parametrize("frame", ["tangent", "chord"])
+@pytest.mark.parametrize(
+    ("frame", "strain"),
+    [
+        ("tangent", "nonlinear"),
+        ("chord", "linear"),
+        pytest.param("tangent", "linear", marks=pytest.mark.slow),
+        pytest.param("chord", "nonlinear", marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     ("nodes", "shape", "continuity", "bound"),
     [
@@ -220,7 +227,13 @@ def test_local_continuity_converges_with_second_order(slenderness):
 
 
 @pytest.mark.parametrize(
-    ("nodes", "quadrature"), [(2, "reduced"), (3, "reduced"), (4, "reduced"), (4, "full")]
+    ("nodes", "quadrature"),
+    [
+        (2, "reduced"),
+        (3, "reduced"),
+        (4, "reduced"),
+        pytest.param(4, "full", marks=pytest.mark.slow),
+    ],
 )
 def test_straight_elements_converge_with_second_order(nodes, quadrature):
     # 1.2e-1, 3.2e-2, 8.0e-3 (radial) with 2, 4, 8 elements: the polygon's distance to the arc.

@@ -22,6 +22,7 @@ from support import (
     Variant,
     assert_derivative,
     differences,
+    every,
     free_beam,
     random_state,
     slope,
@@ -37,7 +38,7 @@ LAWS = {
 }
 every_law = pytest.mark.parametrize("law", LAWS)
 BARE = list(dict.fromkeys(v._replace(damping=0.0) for v in VARIANTS))
-every_variant = pytest.mark.parametrize("variant", BARE, ids=str)
+every_variant = every(BARE)
 # Drag is the air's on the moving axis and knows nothing of strains.
 every_motion = pytest.mark.parametrize(
     "variant", [v._replace(damping=0.0) for v in MOTIONS], ids=str
@@ -119,11 +120,11 @@ def test_dissipated_power_is_that_of_the_forces_and_never_negative(variant, law)
 
 
 # Neither law sees the strain: Rayleigh's is of the undeformed beam. The tangents of Kelvin-Voigt
-# damping are part of those of the element, tested over all variants.
-@every_law
+# damping are part of those of the element, tested over all variants; here in the slow run.
 @pytest.mark.parametrize(
-    "variant", list({v._replace(strain=""): v for v in BARE}.values()), ids=str
+    "law", ["Rayleigh", "drag", pytest.param("Kelvin-Voigt", marks=pytest.mark.slow)]
 )
+@every({v._replace(strain=""): v for v in BARE}.values())
 def test_tangents_are_derivatives(variant, law):
     numeric = free(variant, law)
     # Drag has a second derivative that jumps where a point moves along its section: a wind on
@@ -487,7 +488,7 @@ def test_energy_that_drag_takes_from_a_stiff_pendulum():
     assert_allclose(solution.ledger["energy.dissipated [J]"], lost, rtol=0.0, atol=5e-5)
 
 
-@pytest.mark.parametrize("frame", ["tangent", "chord"])
+@pytest.mark.parametrize("frame", [pytest.param("tangent", marks=pytest.mark.slow), "chord"])
 @pytest.mark.parametrize(
     ("integrator", "bound"),
     # 2e-7 to 6e-7, 1.1e-6 and 2e-7 to 6e-7 measured.

@@ -18,6 +18,7 @@ from support import (
     Variant,
     assert_derivative,
     differences,
+    every,
     free_beam,
     random_state,
 )
@@ -31,7 +32,7 @@ from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import FIRST_ORDER, first_order
 from beamdae.equations.step_equations import step_equations
 
-every_variant = pytest.mark.parametrize("variant", VARIANTS, ids=str)
+every_variant = every(VARIANTS)
 few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
 # The inertia has points of its own and knows nothing of strains.
 every_motion = pytest.mark.parametrize("variant", MOTIONS, ids=str)
@@ -161,7 +162,7 @@ def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, node
 # Damping -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("variant", [v for v in VARIANTS if v.damping > 0.0], ids=str)
+@every(v for v in VARIANTS if v.damping > 0.0)
 def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(variant):
     damped = alone(variant)
     undamped = alone(variant._replace(damping=0.0))
@@ -174,14 +175,14 @@ def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(varia
         assert_allclose(dissipated, power, rtol=1e-11)
 
 
-@pytest.mark.parametrize("variant", [v for v in VARIANTS if v.damping == 0.0], ids=str)
+@every(v for v in VARIANTS if v.damping == 0.0)
 def test_without_damping_nothing_is_dissipated(variant):
     numeric = alone(variant)
     q, v, _ = random_state(numeric, seed=0)
     assert numeric.energies(q, v)[4] == 0.0
 
 
-@pytest.mark.parametrize("variant", [v for v in VARIANTS if v.damping > 0.0], ids=str)
+@every(v for v in VARIANTS if v.damping > 0.0)
 def test_rigid_motion_is_not_damped(variant):
     numeric = alone(variant)
     q, v, _ = random_state(numeric, seed=3)
@@ -474,14 +475,10 @@ def _set_nodes(numeric, field):
     return q
 
 
-tangent_variants = pytest.mark.parametrize(
-    "variant", [v for v in VARIANTS if v.frame == "tangent"], ids=str
-)
+tangent_variants = every(v for v in VARIANTS if v.frame == "tangent")
 
 
-@pytest.mark.parametrize(
-    "variant", [v for v in VARIANTS if v.frame == "tangent" and v.strain == "linear"], ids=str
-)
+@every(v for v in VARIANTS if v.frame == "tangent" and v.strain == "linear")
 def test_bent_cantilever_reports_its_exact_forces(variant):
     """Tip loads H, P and M on a straight Timoshenko cantilever: cubic for P, quadratic for M.
 
@@ -542,11 +539,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     assert_allclose(numeric.observed("forces 0.35", q=q, v=v), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "variant",
-    [v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved"],
-    ids=str,
-)
+@every(v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved")
 def test_blown_up_arc_shrinks_along_its_axis(variant):
     """v = w (towards the center) all along an arc: eps11 = -w/R (Green's: + (w/R)^2/2) alone."""
     numeric = _cantilever(variant, ARC, elements=6)

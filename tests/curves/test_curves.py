@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -112,7 +112,6 @@ def test_any_line(start, end):
 
 
 @given(span=lengths, slope=st.floats(-3.0, 3.0), start=places, angle=angles)
-@settings(max_examples=40)
 def test_any_parabola(span, slope, start, angle):
     """Closed forms of y = 4 d x (l - x) / l^2."""
     rise = slope * span / 4.0

@@ -199,7 +199,7 @@ def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(mo
 
 
 @pytest.mark.parametrize("breakpoints", [(0.3, np.nextafter(0.3, 1.0)), (0.1 + 0.2, 0.3)])
-@pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 * 3, 0.1 + 0.2])
+@pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 + 0.2])
 def test_regression_times_rounded_twice_are_one(breakpoints, t_end):
     """Ida ended in a KeyError, generalized-alpha with reactions of 1e18."""
     mech = bd.Mechanism()

@@ -33,6 +33,16 @@ SMOOTH = {
     "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
     "pendulum": (SWING, lambda t: pendulum_motion(9.81, 0.4 * np.pi, 0.5, t), 2.0),
 }
+# Each case and each form once, the other pairs in the slow run.
+every_smooth_case = pytest.mark.parametrize(
+    ("case", "formulation"),
+    [
+        ("Arevalo", "index3"),
+        ("pendulum", "stabilized-index2"),
+        pytest.param("Arevalo", "stabilized-index2", marks=pytest.mark.slow),
+        pytest.param("pendulum", "index3", marks=pytest.mark.slow),
+    ],
+)
 
 
 def oscillator(omega):
@@ -194,16 +204,14 @@ def observed_orders(case, steps, **settings):
     return np.log2(found[0] / found[1])
 
 
-@every_formulation
-@pytest.mark.parametrize("case", SMOOTH)
+@every_smooth_case
 @pytest.mark.parametrize("rho_inf", [0.5, 0.8])
 def test_hht_is_of_second_order(case, formulation, rho_inf):
     orders = observed_orders(case, 800, family="hht", rho_inf=rho_inf, formulation=formulation)
     assert_allclose(orders, 2.0, rtol=0.0, atol=0.1)
 
 
-@every_formulation
-@pytest.mark.parametrize("case", SMOOTH)
+@every_smooth_case
 def test_damped_newmark_is_of_first_order(case, formulation):
     orders = observed_orders(case, 800, family="newmark", rho_inf=0.8, formulation=formulation)
     assert_allclose(orders, 1.0, rtol=0.0, atol=0.1)
@@ -293,9 +301,8 @@ def marched(case, steps, family, formulation):
     return np.array([np.max(np.abs(x - y)) for x, y in pairs])
 
 
-@every_formulation
+@every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
-@pytest.mark.parametrize("case", SMOOTH)
 def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
     # Without the treatment in `Stepper.resume` q and v are between first and second order, lam of
     # first. The multipliers are still on their way down to second order.
@@ -382,9 +389,8 @@ def test_every_member_and_first_step_stays_in_bounds(case, settings):
     assert np.all(found <= 100.0 * rtols)
 
 
-@every_formulation
+@every_smooth_case
 @pytest.mark.parametrize(("family", "rho_inf"), [("generalized-alpha", 0.8), ("hht", 0.6)])
-@pytest.mark.parametrize("case", SMOOTH)
 def test_adaptive_steps_keep_second_order(case, family, rho_inf, formulation):
     equations, answer, t_end = SMOOTH[case]
     found, steps = [], []

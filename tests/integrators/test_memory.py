@@ -28,7 +28,11 @@ def pendulum():
     return bd.equations_of_motion(mech)
 
 
-INTEGRATORS = [bd.Ida(max_step=5e-4), bd.Radau(max_step=5e-4), bd.GeneralizedAlpha(step=5e-4)]
+INTEGRATORS = [
+    bd.Ida(max_step=5e-4),
+    pytest.param(bd.Radau(max_step=5e-4), marks=pytest.mark.slow),
+    bd.GeneralizedAlpha(step=5e-4),
+]
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.method)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from published_cases import (
+    CAR_AXIS,
     IFTOMM_PENDULUM,
     PENDULUM,
     PERIOD_TWO_GRAVITY,
@@ -30,7 +31,22 @@ RTOLS = (
     1e-6,
     pytest.param(1e-8, marks=pytest.mark.slow(reason="takes as long as all others together")),
 )
-every_case = pytest.mark.parametrize("case", PUBLISHED_CASES, ids=lambda c: c.name)
+
+
+def every(slow):
+    return pytest.mark.parametrize(
+        "case",
+        [
+            pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case in slow else [])
+            for case in PUBLISHED_CASES
+        ],
+    )
+
+
+# A pendulum is among the others; this one swings for ten seconds.
+every_case = every(slow=[IFTOMM_PENDULUM])
+# Of those that run down to 1e-8, where the fast springs of the car axis take as long as the rest.
+every_case_at_tight_tolerances = every(slow=[IFTOMM_PENDULUM, CAR_AXIS])
 
 
 def ida(rtol, formulation="stabilized-index1"):
@@ -88,7 +104,7 @@ def test_ida_on_index_3_meets_the_case_as_far_as_it_can(case, rtol):
 
 
 @pytest.mark.parametrize("formulation", TESTED)
-@every_case
+@every_case_at_tight_tolerances
 def test_the_error_of_ida_falls_with_its_tolerance(case, formulation):
     first, second, third = (
         relative_errors(case, ida(rtol, formulation))["q"] for rtol in (1e-4, 1e-6, 1e-8)
@@ -118,7 +134,7 @@ def test_radau_meets_the_case_to_its_tolerance(case, rtol, error_control):
     assert errors.get("lam", 0.0) < 1000.0 * rtol
 
 
-@every_case
+@every_case_at_tight_tolerances
 def test_the_error_of_radau_falls_with_its_tolerance(case):
     first, second, third = (
         relative_errors(case, bd.Radau(rtol=rtol, max_steps=10_000))["q"]
@@ -129,7 +145,7 @@ def test_the_error_of_radau_falls_with_its_tolerance(case):
 
 
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
-@pytest.mark.parametrize("step", [8e-3, 4e-3])
+@pytest.mark.parametrize("step", [8e-3, pytest.param(4e-3, marks=pytest.mark.slow)])
 @every_case
 def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, step):
     integrator = bd.GeneralizedAlpha(step=step, formulation=formulation, newton_tolerance=1e-8)

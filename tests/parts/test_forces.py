@@ -5,19 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, differences, random_state
+from support import ARC, VARIANTS, Numeric, differences, every, random_state
 
 import beamdae as bd
 
 # A load sees how a section moves; strain, quadrature and damping have no part in that.
-every_variant = pytest.mark.parametrize(
-    "variant",
-    [
-        v
-        for v in VARIANTS
-        if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
-    ],
-    ids=str,
+every_variant = every(
+    v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
 )
 # Differences of five points and step 1e-3 of positions of order one: rounding, 1e-13.
 DIFFERENCES = {"atol": 1e-11}

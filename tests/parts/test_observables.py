@@ -109,7 +109,7 @@ def test_relative_displacement_of_disks_by_hand():
     assert_allclose(numeric.observed("on ground", q=q), (0.0, 2.0, np.pi), atol=1e-14)
 
 
-@pytest.mark.parametrize("bodies", [2, 4])
+@pytest.mark.parametrize("bodies", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_beam_cut_into_bodies_moves_as_one_as_its_deformation_falls(bodies):
     """The strains hold for moderate displacements: every frame is a model of its own.
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from slow_study import slow_study
 
 import beamdae as bd
 from beamdae.results.solution import Status
@@ -286,23 +287,6 @@ if __name__ == "__main__":
     print("bye", flush=True)
     sys.stdin.read()
 """
-STUDY = """
-import time
-import beamdae as bd
-
-@bd.model(t_end=0.1)
-def slow(mass=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    time.sleep(0.3)
-    return mech
-
-@bd.study(references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)))
-def masses():
-    return [bd.Case(slow, {"mass": float(m)}, bd.Ida(rtol=1e-4)) for m in range(1, 9)]
-"""
 
 
 @pytest.mark.slow(reason="processes are interrupted as they start, work and end")
@@ -310,7 +294,7 @@ def masses():
 @pytest.mark.parametrize("presses", [1, 3])
 def test_regression_an_interrupt_is_quiet(tmp_path, line, seconds, presses):
     """Processes that import, and those that end, told tracebacks."""
-    (tmp_path / "file.py").write_text(STUDY)
+    (tmp_path / "file.py").write_text(slow_study(cases=8, seconds=0.3))
     (tmp_path / "driver.py").write_text(DRIVER)
     process = subprocess.Popen(
         [sys.executable, "driver.py"],

@@ -36,7 +36,11 @@ def balanced(pattern, nonzeros):
     return matrix @ (np.random.default_rng(1).normal(size=len(columns)) / columns)
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize(
+    "name",
+    # As the last one, with twice the beams and in the other frame.
+    [pytest.param(m, marks=[pytest.mark.slow] if m == "welded" else []) for m in MECHANISMS],
+)
 def test_factors_hold_little_more_than_the_matrix_and_solve_it(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())
     for step in STEPS:

@@ -49,16 +49,8 @@ def _attachment(world: World) -> dict[str, Any]:
 
 
 def _constrained(world: World) -> dict[str, Any]:
-    t, q, v = world.symbols
-    return {
-        "t": t,
-        "q": q,
-        "v": v,
-        "mass": [1.0, 1.0],
-        "force": ca.vertcat(0.0, -9.81),
-        "constraints": ca.dot(q, q) - 1.0,
-        "q0": [1.0, 0.0],
-        "v0": [0.0, 0.0],
+    _, q, _ = world.symbols
+    return world.circle | {
         "names": ("x", "y"),
         "units": ("m", "m"),
         "observe": {"radius": ca.dot(q, q)},

@@ -17,18 +17,7 @@ Situation = Callable[[World], Any]
 
 
 def _system(world: World, **changed: Any) -> bd.Solution:
-    t, q, v = world.symbols
-    given = {
-        "t": t,
-        "q": q,
-        "v": v,
-        "mass": [1.0, 1.0],
-        "force": ca.vertcat(0.0, -9.81),
-        "constraints": ca.dot(q, q) - 1.0,
-        "q0": [1.0, 0.0],
-        "v0": [0.0, 0.0],
-    }
-    return world.run(bd.ConstrainedSystem(**given | changed))
+    return world.run(bd.ConstrainedSystem(**world.circle | changed))
 
 
 def _again(world: World, *joints: Any) -> bd.Solution:

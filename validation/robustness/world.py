@@ -97,6 +97,21 @@ class World:
         """Time, coordinates and velocities of a constrained system."""
         return ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
 
+    @property
+    def circle(self) -> dict[str, Any]:
+        """Arguments of a constrained system: a mass on a circle."""
+        t, q, v = self.symbols
+        return {
+            "t": t,
+            "q": q,
+            "v": v,
+            "mass": [1.0, 1.0],
+            "force": ca.vertcat(0.0, -9.81),
+            "constraints": ca.dot(q, q) - 1.0,
+            "q0": [1.0, 0.0],
+            "v0": [0.0, 0.0],
+        }
+
     def write_model(self) -> None:
         """A model file, swing.py, among what may be left."""
         self.folder.mkdir(exist_ok=True)
