@@ -36,7 +36,7 @@ from beamdae.equations.sums import (
 )
 from beamdae.errors import one_of
 from beamdae.native.vectors import combine
-from beamdae.symbolic.kernel_sums import Sum, copied, evaluate
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
 
@@ -102,13 +102,13 @@ class FirstOrder:
     pattern
         CSC pattern of the Jacobian.
     sums
-        Of the residual and of the Jacobian, from (y, y'), as they are built: runs take copies.
+        Of the residual and of the Jacobian, from (y, y').
     """
 
     equations: EquationsOfMotion
     formulation: Formulation
     pattern: sp.csc_array
-    sums: tuple[Sum, Sum]
+    sums: tuple[SumPlan, SumPlan]
 
     @property
     def size(self) -> int:
@@ -134,9 +134,14 @@ class FirstOrder:
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
 
-    def buffers(self) -> FirstOrderSums:
+    @property
+    def is_native(self) -> bool:
+        """Whether it can be evaluated in machine code."""
+        return all(total.is_native for total in self.sums)
+
+    def buffers(self, native: bool = False) -> FirstOrderSums:
         """What a run evaluates R and its Jacobian with, for itself alone."""
-        residual, jacobian = map(copied, self.sums)
+        residual, jacobian = (total.sum(native) for total in self.sums)
         return FirstOrderSums(
             self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
         )
@@ -193,12 +198,12 @@ def first_order(equations: EquationsOfMotion, name: str) -> FirstOrder:
     at = Places(q=0, v=n, a=size + n, lam=held, mu=held + m)
     residual = residual_sum(equations, at, form.levels, form.stabilized, dynamic=n)
     pattern, jacobian = _jacobian_sum(equations, form, at, size)
-    return FirstOrder(equations, form, pattern, (residual.vector(size), jacobian))
+    return FirstOrder(equations, form, pattern, (residual.vector(), jacobian))
 
 
 def _jacobian_sum(
     equations: EquationsOfMotion, form: Formulation, at: Places, size: int
-) -> tuple[sp.csc_array, Sum]:
+) -> tuple[sp.csc_array, SumPlan]:
     n, m, total = equations.n, equations.m, matrix_builder()
     total.add_diagonal(n, (0, 0), C_A, 1.0)
     total.add_diagonal(n, (0, n), None, -1.0)

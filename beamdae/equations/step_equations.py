@@ -17,7 +17,7 @@ from beamdae.equations.sums import (
     residual_sum,
 )
 from beamdae.native.vectors import combine, fill
-from beamdae.symbolic.kernel_sums import Sum, copied, evaluate
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
 
@@ -41,24 +41,29 @@ class StepEquations:
         are not zero anyhow, which keeps the matrix a sum of local ones.
     sums
         Of the equations, of G(q_n)^T eta_bar, and of the iteration matrix, from
-        (q, v, a, lam, q_n, eta_bar), as they are built: runs take copies.
+        (q, v, a, lam, q_n, eta_bar).
     """
 
     equations: EquationsOfMotion
     stabilized: bool
     pattern: sp.csc_array
-    sums: tuple[Sum, Sum, Sum]
+    sums: tuple[SumPlan, SumPlan, SumPlan]
 
     @property
     def size(self) -> int:
         """Number of unknowns x."""
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
 
-    def buffers(self) -> StepSums:
+    @property
+    def is_native(self) -> bool:
+        """Whether they can be evaluated in machine code."""
+        return all(total.is_native for total in self.sums)
+
+    def buffers(self, native: bool = False) -> StepSums:
         """What a run evaluates the equations with, for itself alone."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
-        return StepSums(n, m, int(self.stabilized), motion, *map(copied, self.sums))
+        return StepSums(n, m, int(self.stabilized), motion, *(s.sum(native) for s in self.sums))
 
 
 @dataclass(slots=True)
@@ -158,9 +163,8 @@ def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
     residual = residual_sum(equations, at, levels, stabilized=False)
     held = np.unique(np.concatenate([[], *(j.operator.indices for j in equations.joints)]))
     corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
-    more = m + len(held) if stabilized else 0
     pattern, matrix = _matrix_sum(equations, at, anchor, sp.csr_array(corrected), stabilized)
-    sums = (residual.vector(n + m + more), reaction_sum(equations, anchor).vector(n), matrix)
+    sums = (residual.vector(), reaction_sum(equations, anchor).vector(), matrix)
     return StepEquations(equations, stabilized, pattern, sums)
 
 
@@ -170,7 +174,7 @@ def _matrix_sum(
     anchor: Places,
     corrected: sp.csr_array,
     stabilized: bool,
-) -> tuple[sp.csc_array, Sum]:
+) -> tuple[sp.csc_array, SumPlan]:
     """The iteration matrix; `corrected` picks r out of corrections of all coordinates."""
     n, m, total = equations.n, equations.m, matrix_builder()
     eta, r = n + m, n + 2 * m

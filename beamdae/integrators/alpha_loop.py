@@ -18,13 +18,14 @@ from beamdae.equations.step_equations import (
     step_position,
     step_residual,
 )
+from beamdae.native.codes import DONE, FULL, NEW_PIVOTS, SINGULAR
 from beamdae.native.vectors import combine, factorize, fill, largest, norm, solve
 
 Array = np.ndarray
 
-# How a loop comes back.
-DONE, FULL, ANOTHER_STEP = 0, 1, 2
-NOT_CONVERGED, NOT_FINITE, SINGULAR, TOO_SMALL = -1, -2, -3, -4
+# How else a loop comes back: for somebody to change the step, or because it cannot go on.
+NEW_STEP = 10
+NOT_CONVERGED, NOT_FINITE, ERROR_TOO_LARGE = -1, -2, -4
 
 _MAX_ITERATIONS = 12
 # The factors are kept while every iteration gains this much.
@@ -32,29 +33,28 @@ _KEEP_RATE = 0.05
 # Slower than this, and new factors are found within the iteration.
 _SLOW_RATE = 0.2
 
-@dataclass(slots=True)
-class AlphaNumbers:
-    """The member of the family, the tolerance of the iteration, the steps, and what they cost."""
+# A step grows if all of so many steps say that it may, by _LEAST_GROWTH to _MOST_GROWTH: new
+# factors cost more than a few steps, and the jerk of a vibration passes zero.
+_PATIENCE = 8
+_LEAST_GROWTH, _MOST_GROWTH = 1.2, 2.0
+_LEAST_SHRINKAGE, _MOST_SHRINKAGE = 0.9, 0.2
+# Where Newton's iteration fails nothing is known of the error.
+_FAILED_SHRINKAGE = 0.5
+_SAFETY = 0.8
+# The last step of an interval ends on its end if it comes this near.
+_NEARLY = 1.0 - 1e-9
 
-    alpha_m: float
-    gamma: float
-    beta: float
-    newton_tolerance: float
-    least: float
-    bound: float = 0.0
-    rate: float = math.inf
-    t: float = 0.0
-    branch: float = 0.0
-    start: float = 0.0
-    end: float = 0.0
+
+@dataclass(slots=True)
+class Motion:
+    """State after a step `h`; `a` is the algorithmic acceleration, `ddq` the one of the bodies."""
+
+    q: Array
+    v: Array
+    ddq: Array
+    a: Array
+    lam: Array
     h: float = 0.0
-    taken: int = 0
-    total: int = 0
-    filled: int = 0
-    residuals: int = 0
-    jacobians: int = 0
-    failures: int = 0
-    rejected: int = 0
 
 
 @dataclass(slots=True)
@@ -65,30 +65,38 @@ class AlphaRun:
     ----------
     form, linear
         Equations of a step, and the factors of their matrix.
-    s
-        Numbers.
-    q, v, ddq, a, lam
-        The motion: `a` is the algorithmic acceleration, `ddq` the one of the bodies.
-    at
-        The prediction of the step under way.
-    a_p
-        Its algorithmic acceleration.
+    alpha_m, gamma, beta, defect
+        The member of the family.
+    now
+        The motion, as the step that comes asks for it.
+    kept
+        The motion as the step left it that led to it.
+    at, a_p
+        The prediction of the step under way, and its algorithmic acceleration.
     x, start, change, nonzeros
         Unknowns, where their iteration began, a change of them, and the matrix.
     weights
         One over the scales of the coordinates.
-    rows
-        (t, q, v, ddq, lam) of the steps taken.
+    rows, filled, most
+        (t, q, v, ddq, lam) of the steps taken, how many of the rows are, and are to be at most.
+    newton_tolerance, least, bound, rate
+        What increments may be off by, relative and at least; for the step under way; and by how
+        much the last iteration shrank them.
+    t, branch, start_time, end, taken, total
+        Where the run is in its interval, and for equal steps how many there are.
+    tolerance, next, largest, smallest, seen, worst, error
+        For steps that adapt: of the error of one, the step to try and its bounds, how many steps of
+        one size were seen, and the largest of their errors.
     """
 
     form: StepSums
     linear: Any
-    s: AlphaNumbers
-    q: Array
-    v: Array
-    ddq: Array
-    a: Array
-    lam: Array
+    alpha_m: float
+    gamma: float
+    beta: float
+    defect: float
+    now: Motion
+    kept: Motion
     at: Predicted
     a_p: Array
     x: Array
@@ -97,56 +105,161 @@ class AlphaRun:
     nonzeros: Array
     weights: Array
     rows: Array
+    newton_tolerance: float
+    least: float
+    tolerance: float
+    largest: float
+    smallest: float
+    filled: int = 0
+    most: int = 0
+    bound: float = 0.0
+    rate: float = math.inf
+    t: float = 0.0
+    branch: float = 0.0
+    start_time: float = 0.0
+    end: float = 0.0
+    taken: int = 0
+    total: int = 0
+    next: float = 0.0
+    seen: int = 0
+    worst: float = 0.0
+    error: float = 0.0
+    residuals: int = 0
+    jacobians: int = 0
+    failures: int = 0
+    rejected: int = 0
+    reason: int = 0
 
 
 def fixed_steps(run: AlphaRun) -> int:
-    """Equal steps until there are no more, or no room for more rows."""
-    s = run.s
-    while s.taken < s.total:
-        if s.filled == run.rows.shape[0]:
+    """Equal steps, as many as are asked for and there are."""
+    while run.taken < run.total:
+        if run.filled == run.most:
             return FULL
-        s.taken += 1
-        last = s.taken == s.total
-        code = _advance(run, s.end if last else s.taken * s.h + s.start)
+        last = run.taken + 1 == run.total
+        t = run.end if last else (run.taken + 1) * run.now.h + run.start_time
+        code = _advance(run, t)
         if code != DONE:
             return code
+        run.taken += 1
         _store(run)
     return DONE
 
 
+def adaptive_steps(run: AlphaRun) -> int:
+    """Steps that pass the error test, as many as are asked for and there are."""
+    while run.t < run.end:
+        if run.filled == run.most:
+            return FULL
+        left = run.end - run.t
+        # The last two are equal.
+        h = left if run.next >= _NEARLY * left else min(run.next, 0.5 * left)
+        if abs(h - run.kept.h) <= 1e-9 * h:
+            h = run.kept.h
+        if h != run.now.h:
+            run.next = h
+            return NEW_STEP
+        t = run.t
+        code = _advance(run, run.end if h >= _NEARLY * left else t + h)
+        if code == NEW_PIVOTS:
+            return code
+        run.error = math.inf
+        if code == DONE:
+            run.error = abs(run.defect) * h * h * _jump(run) / run.tolerance
+            code = ERROR_TOO_LARGE
+        if run.error <= 1.0:
+            _keep(run.kept, run.now)
+            _accept(run, h)
+            _store(run)
+            continue
+        run.t = t
+        run.rejected += 1
+        run.reason = code
+        _reject(run, h)
+        _keep(run.now, run.kept)
+        # Of states beyond all numbers the step is none either.
+        if not run.next >= run.smallest:
+            return code
+        run.now.h = 0.0
+    return DONE
+
+
+def _jump(run: AlphaRun) -> float:
+    """Largest change of the algorithmic acceleration over the scales."""
+    combine(run.a_p, (1.0, -1.0), (run.now.a, run.kept.a))
+    return largest(run.a_p, run.weights)
+
+
+def _accept(run: AlphaRun, h: float) -> None:
+    """Hear of the error of a step over its tolerance; grows the step now and then."""
+    run.seen += 1
+    run.worst = max(run.worst, run.error)
+    if run.seen < _PATIENCE:
+        return
+    growth = min(_possible(run.worst), _MOST_GROWTH)
+    if growth >= _LEAST_GROWTH:
+        run.next = min(h * growth, run.largest)
+    run.seen, run.worst = 0, 0.0
+
+
+def _reject(run: AlphaRun, h: float) -> None:
+    """Shrink the step after one with too large an error, or with none."""
+    shrinkage = _FAILED_SHRINKAGE
+    if math.isfinite(run.error):
+        shrinkage = max(min(_possible(run.error), _LEAST_SHRINKAGE), _MOST_SHRINKAGE)
+    run.next = h * shrinkage
+    run.seen, run.worst = 0, 0.0
+
+
+def _possible(error: float) -> float:
+    """The factor by which a step may change that makes an error of h^3."""
+    return _SAFETY * max(error, 1e-9) ** (-1.0 / 3.0)
+
+
+def _keep(kept: Motion, now: Motion) -> None:
+    combine(kept.q, (1.0,), (now.q,))
+    combine(kept.v, (1.0,), (now.v,))
+    combine(kept.ddq, (1.0,), (now.ddq,))
+    combine(kept.a, (1.0,), (now.a,))
+    combine(kept.lam, (1.0,), (now.lam,))
+    kept.h = now.h
+
+
 def _store(run: AlphaRun) -> None:
-    s, row, n = run.s, run.rows[run.s.filled], run.q.size
-    row[0] = s.t
-    combine(row[1 : 1 + n], (1.0,), (run.q,))
-    combine(row[1 + n : 1 + 2 * n], (1.0,), (run.v,))
-    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (run.ddq,))
-    combine(row[1 + 3 * n :], (1.0,), (run.lam,))
-    s.filled += 1
+    now, row, n = run.now, run.rows[run.filled], run.now.q.size
+    row[0] = run.t
+    combine(row[1 : 1 + n], (1.0,), (now.q,))
+    combine(row[1 + n : 1 + 2 * n], (1.0,), (now.v,))
+    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (now.ddq,))
+    combine(row[1 + 3 * n :], (1.0,), (now.lam,))
+    run.filled += 1
 
 
 def _advance(run: AlphaRun, t: float) -> int:
-    """The motion one step later, at t."""
-    s, at, x, c = run.s, run.at, run.x, run.at.coefficients
-    n, end, h = run.q.size, run.q.size + run.lam.size, s.h
+    """The motion one step later, at t; as it was unless that succeeds."""
+    now, at, x, c = run.now, run.at, run.x, run.at.coefficients
+    n, end, h, beta = now.q.size, now.q.size + now.lam.size, now.h, run.beta
     # Prediction: q'' as before; d is measured from there.
-    combine(run.a_p, (1.0 / (1.0 - s.alpha_m), -s.alpha_m / (1.0 - s.alpha_m)), (run.ddq, run.a))
-    motion = (run.q, run.v, run.a, run.a_p)
-    combine(at.q, (1.0, h, h * h * (0.5 - s.beta), h * h * s.beta), motion)
-    combine(at.v, (1.0, h * (1.0 - s.gamma), h * s.gamma), motion[1:])
-    combine(at.a, (1.0,), (run.ddq,))
-    combine(at.before, (1.0,), (run.q,))
+    share = 1.0 / (1.0 - run.alpha_m)
+    combine(run.a_p, (share, -run.alpha_m * share), (now.ddq, now.a))
+    positions = (now.q, now.v, now.a, run.a_p)
+    combine(at.q, (1.0, h, h * h * (0.5 - beta), h * h * beta), positions)
+    combine(at.v, (1.0, h * (1.0 - run.gamma), h * run.gamma), (now.v, now.a, run.a_p))
+    combine(at.a, (1.0,), (now.ddq,))
+    combine(at.before, (1.0,), (now.q,))
     fill(x[:n], 0.0)
+    combine(x[n:end], (c[2],), (now.lam,))
     fill(x[end:], 0.0)
-    s.bound = max(s.newton_tolerance * c[2] * largest(run.ddq, run.weights), s.least)
+    run.bound = max(run.newton_tolerance * c[2] * largest(now.ddq, run.weights), run.least)
     code = _solve(run, t)
     if code != DONE:
         return code
-    combine(run.q, (1.0,), (step_position(run.form, at, x),))
-    combine(run.v, (1.0, c[0]), (at.v, x[:n]))
-    combine(run.ddq, (1.0, c[1]), (at.a, x[:n]))
-    combine(run.a, (1.0, 1.0 / c[2]), (run.a_p, x[:n]))
-    combine(run.lam, (1.0 / c[2],), (x[n:end],))
-    s.t = t
+    combine(now.q, (1.0,), (step_position(run.form, at, x),))
+    combine(now.v, (1.0, c[0]), (at.v, x[:n]))
+    combine(now.ddq, (1.0, c[1]), (at.a, x[:n]))
+    combine(now.a, (1.0, 1.0 / c[2]), (run.a_p, x[:n]))
+    combine(now.lam, (1.0 / c[2],), (x[n:end],))
+    run.t = t
     return DONE
 
 
@@ -157,42 +270,44 @@ def _solve(run: AlphaRun, t: float) -> int:
     the accelerations of light, stiff coordinates are huge for an instant, and it is the better
     guess.
     """
-    s, x, n = run.s, run.x, run.q.size
+    x, n = run.x, run.now.q.size
     combine(run.start, (1.0,), (x,))
-    if s.rate <= _KEEP_RATE:
+    if run.rate <= _KEEP_RATE:
         code = _iterate(run, t, False)
         if code == DONE or code == NOT_FINITE:
             return code
-        s.failures += 1
+        run.failures += 1
+    code = SINGULAR
     for attempt in range(2):
         combine(x, (1.0,), (run.start,))
         if attempt == 1:
-            combine(x[:n], (1.0, s.h, -1.0), (run.q, run.v, run.at.q))
-        code = SINGULAR
-        if _factorize(run, t):
+            combine(x[:n], (1.0, run.now.h, -1.0), (run.now.q, run.now.v, run.at.q))
+        code = _factorize(run, t)
+        if code == DONE:
             code = _iterate(run, t, True)
-            if code == DONE or code == NOT_FINITE:
-                return code
-        s.failures += 1
+        if code == DONE or code == NOT_FINITE or code == NEW_PIVOTS:
+            return code
+        run.failures += 1
+    run.linear.singular = 0
     return code
 
 
-def _factorize(run: AlphaRun, t: float) -> bool:
-    s = run.s
-    step_matrix(run.form, t, s.branch, run.at, run.x, run.nonzeros)
-    s.jacobians += 1
-    s.rate = 0.0
-    return factorize(run.linear, run.nonzeros)
+def _factorize(run: AlphaRun, t: float) -> int:
+    step_matrix(run.form, t, run.branch, run.at, run.x, run.nonzeros)
+    run.jacobians += 1
+    code = factorize(run.linear, run.nonzeros)
+    run.rate = 0.0 if code == DONE else math.inf
+    return code
 
 
 def _iterate(run: AlphaRun, t: float, renew: bool) -> int:
-    s, x, change = run.s, run.x, run.change
+    x, change = run.x, run.change
     own = change[: x.size]
-    moved = change[: run.q.size]
+    moved = change[: run.now.q.size]
     previous = math.inf
     for k in range(_MAX_ITERATIONS):
-        step_residual(run.form, t, s.branch, run.at, x, change)
-        s.residuals += 1
+        step_residual(run.form, t, run.branch, run.at, x, change)
+        run.residuals += 1
         solve(run.linear, change)
         combine(x, (1.0, -1.0), (x, own))
         size = norm(moved, run.weights)
@@ -201,11 +316,13 @@ def _iterate(run: AlphaRun, t: float, renew: bool) -> int:
         if not size <= 2.0 * previous:
             return NOT_CONVERGED
         if k > 0:
-            s.rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
-        rate = s.rate if k > 0 else max(s.rate, 1e-2)
-        if rate < 1.0 and size * rate <= s.bound * (1.0 - rate):
+            run.rate = max(size / previous, 1e-4) if previous > 0.0 else 0.0
+        rate = run.rate if k > 0 else max(run.rate, 1e-2)
+        if rate < 1.0 and size * rate <= run.bound * (1.0 - rate):
             return DONE
-        if renew and rate > _SLOW_RATE and not _factorize(run, t):
-            return SINGULAR
+        if renew and rate > _SLOW_RATE:
+            code = _factorize(run, t)
+            if code != DONE:
+                return code
         previous = size
     return NOT_CONVERGED

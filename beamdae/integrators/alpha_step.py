@@ -1,16 +1,15 @@
-"""One step of the generalized-alpha family: its members, its start, its changes of the step."""
+"""The generalized-alpha family: its members, its start, its changes of the step."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
-from beamdae.integrators.modified_newton import ModifiedNewton
-from beamdae.results.solution import Statistics
+from beamdae.integrators.alpha_loop import Motion
 
 Array = np.ndarray
 
@@ -40,6 +39,12 @@ class Parameters(NamedTuple):
         """What a step of q lacks, over h^3 q''': 1/6 - shift/2 - beta.
 
         From a_n = q'' + shift h q''' and a_{n+1} = q'' + (1 + shift) h q''' in the second formula.
+        As h q''' is a_{n+1} - a_n it also estimates the error of a step. Without shift that is the
+        estimate of Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871; Negrut, Rampalli,
+        Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, have its like for HHT on index 3.
+        Velocities lack h^3 q'''' and add as much to positions in the course of time: the period of
+        an oscillation is wrong by 1 to 1.4 times (beta + shift/2 - 1/6) (h w)^2. Modes that a step
+        passes over are in it with the amplitude they have in q, and rho_inf damps them.
         """
         return 1.0 / 6.0 - 0.5 * self.shift - self.beta
 
@@ -74,51 +79,46 @@ def parameters(family: str, rho_inf: float) -> Parameters:
     return Parameters(alpha_m, alpha_f, gamma, beta, shift)
 
 
-class Motion(NamedTuple):
-    """State after a step `h`; `a` is the algorithmic acceleration, `ddq` the one of the bodies."""
+@dataclass(frozen=True)
+class StepChange:
+    """Motions to go on from with another step.
 
-    q: Array
-    v: Array
-    ddq: Array
-    a: Array
-    lam: Array
-    h: float
+    Attributes
+    ----------
+    member, starter
+        The member of the family, and what joints ask of motions.
+    index3, cured
+        Whether it integrates the index-3 form, and whether starts are cured.
+    """
 
-    @property
-    def state(self) -> State:
-        """What of it is a row of the trajectory."""
-        return State(self.q, self.v, self.ddq, self.lam)
+    member: Parameters
+    starter: Starter
+    index3: bool
+    cured: bool
 
+    def coefficients(self, h: float) -> Array:
+        """(c_v, c_a, c_f) of the step equations."""
+        s = self.member
+        c_f = h**2 * s.beta
+        share = (1.0 - s.alpha_f) / (1.0 - s.alpha_m)
+        return np.array([s.gamma / (h * s.beta), 1.0 / (c_f * share), c_f])
 
-class Stepper:
-    """Steps of one member on one form of the equations; keeps its factors while the step stays."""
-
-    def __init__(
-        self, member: Parameters, newton: ModifiedNewton, starter: Starter, index3: bool
-    ) -> None:
-        self._member = member
-        self._newton = newton
-        self._starter = starter
-        self._index3 = index3
-        self._x = np.zeros(newton.size)
-        self._h = 0.0
-
-    def start(self, time: Array, state: State, h: float, cured: bool) -> Motion:
+    def started(self, time: Array, state: State, h: float) -> Motion:
         """Motion to start from at time = (t, branch) with the step `h`.
 
         Of the jerk only what the joints prescribe enters, and modes too stiff for the step respond
         to a load that is there at once as they would after the step: both would ring otherwise.
         """
-        self._restart(h, state.lam)
-        if not cured:
-            return Motion(state.q, state.v, state.a, state.a, state.lam, h)
-        jerk = self._starter.normal_jerk(time, state, 1e-2 * h)
-        ddq, _ = self._starter.acceleration(time, state.q, state.v, stiff_time=0.5 * h)
-        a = ddq + self._member.shift * h * jerk
-        v = state.v + h**2 * self._member.defect * jerk if self._index3 else state.v
-        return Motion(state.q, v, ddq, a, state.lam, h)
+        q, v, ddq, lam = (x.copy() for x in state)
+        if not self.cured:
+            return Motion(q, v, ddq, ddq.copy(), lam, h)
+        jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
+        ddq, _ = self.starter.acceleration(time, state.q, state.v, stiff_time=0.5 * h)
+        if self.index3:
+            v += h**2 * self.member.defect * jerk
+        return Motion(q, v, ddq, ddq + self.member.shift * h * jerk, lam, h)
 
-    def resume(self, time: Array, motion: Motion, h: float) -> Motion:
+    def resumed(self, time: Array, kept: Motion, h: float) -> Motion:
         """The motion as steps `h` would have brought it about; keeps second order.
 
         a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
@@ -134,75 +134,10 @@ class Stepper:
         BeamdaeError
             If the joints have become dependent on each other.
         """
-        if math.isclose(h, motion.h):
-            h = motion.h
-        if h != self._h:
-            self._restart(h, motion.lam)
-        if h == motion.h:
-            return motion
-        a = motion.ddq + h / motion.h * (motion.a - motion.ddq)
-        v = motion.v
-        if self._index3:
-            jerk = self._starter.normal_jerk(time, motion.state, 1e-2 * h)
-            v = v + (h**2 - motion.h**2) * self._member.defect * jerk
-        return motion._replace(v=v, a=a, h=h)
-
-    def advance(self, time: Array, motion: Motion) -> Motion:
-        """The motion one step later, at time = (t, branch).
-
-        Raises
-        ------
-        NewtonError
-            If the step equations cannot be solved.
-        """
-        s, h, x, c = self._member, self._h, self._x, self._coefficients
-        q, v, ddq, a, lam, _ = motion
-        n, end = len(q), len(q) + len(lam)
-        # Prediction: q'' as before; d is measured from there.
-        a_p = (ddq - s.alpha_m * a) / (1.0 - s.alpha_m)
-        q_p = q + h * v + h**2 * ((0.5 - s.beta) * a + s.beta * a_p)
-        v_p = v + h * ((1.0 - s.gamma) * a + s.gamma * a_p)
-        x[:n] = 0.0
-        x[end:] = 0.0
-        self._newton.aim(c[2], ddq)
-        # Under a violent load the accelerations of light, stiff coordinates are huge for an
-        # instant: then uniform motion is the better guess.
-        self._newton.solve(x, time, q_p, v_p, ddq, q, c, second_guess=q + h * v - q_p)
-        return Motion(
-            self._newton.position(x, time, q_p, q),
-            v_p + c[0] * x[:n],
-            ddq + c[1] * x[:n],
-            a_p + x[:n] / c[2],
-            x[n:end] / c[2],
-            h,
-        )
-
-    def error(self, before: Motion, after: Motion) -> float:
-        """Largest local error of a coordinate over its scale.
-
-        What a step of q lacks is defect h^3 q''', and h q''' is a_{n+1} - a_n:
-        e = h^2 (beta + shift/2 - 1/6) (a_{n+1} - a_n). Without shift that is the estimate of
-        Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871; Negrut, Rampalli, Ottarsson &
-        Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, have its like for HHT on index 3. Velocities
-        lack h^3 q'''' and add as much to positions in the course of time: the period of an
-        oscillation is wrong by 1 to 1.4 times (beta + shift/2 - 1/6) (h w)^2. Modes that a step
-        passes over are in it with the amplitude they have in q, and rho_inf damps them.
-        """
-        jump = (after.a - before.a) * self._newton.weights
-        return abs(self._member.defect) * self._h**2 * float(np.max(np.abs(jump)))
-
-    @property
-    def counts(self) -> Statistics:
-        """What it cost."""
-        return self._newton.counts
-
-    def _restart(self, h: float, lam: Array) -> None:
-        """Set the step, forget the factors, and guess the multipliers."""
-        s = self._member
-        share = (1.0 - s.alpha_f) / (1.0 - s.alpha_m)
-        c_q = h**2 * s.beta
-        self._h = h
-        self._coefficients = np.array([s.gamma / (h * s.beta), 1.0 / (c_q * share), c_q])
-        n = self._newton.coordinates
-        self._x[n : n + len(lam)] = c_q * lam
-        self._newton.restart()
+        v = kept.v
+        if self.index3 and h != kept.h:
+            state = State(kept.q, kept.v, kept.ddq, kept.lam)
+            jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
+            v = v + (h**2 - kept.h**2) * self.member.defect * jerk
+        a = kept.ddq + h / kept.h * (kept.a - kept.ddq)
+        return Motion(kept.q, v, kept.ddq, a, kept.lam, h)

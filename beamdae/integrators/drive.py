@@ -9,7 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -53,7 +53,10 @@ Taken = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
 
 class Method(Protocol):
-    """What a drive asks of a method; one object a run."""
+    """What a drive asks of a method; one object a run.
+
+    It has `step`, or `advance` where it takes many at once.
+    """
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -70,6 +73,10 @@ class Method(Protocol):
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval at a consistent state."""
 
+
+class StepMethod(Method, Protocol):
+    """A method that is asked for one step after the other."""
+
     def step(self) -> Taken:
         """Time and state after one more step, at most at the end of the interval.
 
@@ -81,6 +88,27 @@ class Method(Protocol):
         ------
         StepError
             If there is none.
+        """
+
+
+class LoopMethod(Method, Protocol):
+    """A method that takes many steps at once.
+
+    Attributes
+    ----------
+    rows_per_step
+        1, and the number of stages inside a step.
+    """
+
+    rows_per_step: int
+
+    def advance(self, most: int) -> Array:
+        """Rows (t, q, v, a, lam) of one to `most` more steps, up to the end of the interval.
+
+        Raises
+        ------
+        StepError
+            If there is not one.
         """
 
 
@@ -155,20 +183,13 @@ class _Run:
 
     def _over(self, start: float, end: float, branch: float) -> Status:
         """Step over one interval."""
-        method, limits, rows, t = self.method, self._limits, self._rows, start
+        method, limits, rows = self.method, self._limits, self._rows
         between_looks = method.steps_between_looks
         try:
             method.begin(start, end, branch, rows.last)
-            while t < end:
-                t_next, state, *inside = method.step()
-                if t_next <= t:
-                    raise StepError(STUCK)
-                if not t_next <= end:
-                    raise StepError(f"a step went to t = {t_next:g} s, {_PAST}")
-                if not rows.append(t_next, state, *inside):
-                    raise StepError(_STAGES)
-                t = t_next
-                self.steps += 1
+            while rows.end < end:
+                self.steps += self._taken(limits.steps_left(self.steps, between_looks), end)
+                t = rows.end
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
         except StepError as problem:
@@ -180,8 +201,30 @@ class _Run:
             return self._failed(problem)
         except MemoryError as problem:
             told = problem if isinstance(problem, NoRoomError) else _NO_MEMORY
-            return Status("limited", f"{told}, stopped at t = {t:.6g} s")
+            return Status("limited", f"{told}, stopped at t = {rows.end:.6g} s")
         return REACHED_END
+
+    def _taken(self, most: int, end: float) -> int:
+        """Take up to so many steps; how many they were."""
+        rows, method = self._rows, self.method
+        if not hasattr(method, "advance"):
+            t, state, *inside = cast(StepMethod, method).step()
+            self._require_ahead(t, end)
+            if not rows.append(t, state, *inside):
+                raise StepError(_STAGES)
+            return 1
+        loop = cast(LoopMethod, method)
+        found = loop.advance(most)
+        self._require_ahead(found[-1, 0], end)
+        if not rows.extend(found, loop.rows_per_step):
+            raise StepError(STUCK)
+        return len(found) // loop.rows_per_step
+
+    def _require_ahead(self, t: float, end: float) -> None:
+        if t <= self._rows.end:
+            raise StepError(STUCK)
+        if not t <= end:
+            raise StepError(f"a step went to t = {t:g} s, {_PAST}")
 
 
 def _scouted(

@@ -36,7 +36,7 @@ class Rows:
         # Raised last: an interrupt leaves no row without its values.
         self._count = 0
         self._per_step = 1
-        self._write([(t, state)])
+        self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
         """Add a step with the stages inside it; whether they go with it and with those before.
@@ -46,24 +46,36 @@ class Rows:
         NoRoomError
             If there is no memory for more of them, and for the result they are made into.
         """
-        rows = [*stages, (t, state)]
-        times = [self.end, *(time for time, _ in rows)]
-        if any(b <= a for a, b in pairwise(times)):
+        rows = [np.concatenate(((time,), *of)) for time, of in [*stages, (t, state)]]
+        return self.extend(np.array(rows), len(rows))
+
+    def extend(self, rows: Array, per_step: int = 1) -> bool:
+        """Add rows (t, q, v, a, lam) of some steps; whether they go with each other and before.
+
+        Raises
+        ------
+        NoRoomError
+            As above.
+        """
+        if not (rows[0, 0] > self.end and np.all(rows[1:, 0] > rows[:-1, 0])):
             return False
-        if self._count > 1 and len(rows) != self._per_step:
+        if self._count > 1 and per_step != self._per_step:
             return False
-        self._per_step = len(rows)
+        self._per_step = per_step
         self._write(rows)
         return True
 
-    def _write(self, rows: list[tuple[float, State]]) -> None:
-        for k, (t, state) in enumerate(rows, self._count):
-            block, row = divmod(k, self._at_once)
+    def _write(self, rows: Array) -> None:
+        written = 0
+        while written < len(rows):
+            block, row = divmod(self._count + written, self._at_once)
             if block == len(self._blocks):
                 self._require_room()
                 self._blocks.append(np.empty((self._at_once, self._ends[-1])))
-            np.concatenate(((t,), *state), out=self._blocks[block][row])
-        self._count += len(rows)
+            some = min(len(rows) - written, self._at_once - row)
+            self._blocks[block][row : row + some] = rows[written : written + some]
+            written += some
+        self._count += written
 
     def _require_room(self) -> None:
         stored = sum(block.nbytes for block in self._blocks)

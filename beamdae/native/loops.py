@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.native import vectors
+from beamdae.native import elimination, vectors
 from beamdae.native.machine import Loaded, MachineError
 from beamdae.native.objects import Source, machine_code
 
@@ -30,6 +30,11 @@ _SYMBOL = "loop"
 _LEVEL = 2
 # What the machine code of a loop depends on besides its source.
 _COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
+# What stands behind functions of `vectors` that are more than a loop.
+_BEHIND = {
+    vectors.factorize: elimination.factorize_linear,
+    vectors.solve: elimination.solve_linear,
+}
 _C_TYPES = {"d": ctypes.c_double, "p": ctypes.c_void_p, "@": ctypes.c_void_p}
 
 
@@ -44,7 +49,7 @@ class Loop:
         Numbers and addresses.
     """
 
-    def __init__(self, function: Callable[..., int], work: Any, arguments: str = "@") -> None:
+    def __init__(self, function: Any, work: Any, arguments: str = "@") -> None:
         """`function(work, *arguments)` in machine code.
 
         Parameters
@@ -103,37 +108,41 @@ class _Layout:
 
     def _of(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
         start, found = len(self.words), []
-        for field in fields(owner):
-            value, word = getattr(owner, field.name), len(self.words)
-            if isinstance(value, tuple):
+        for name in _names(owner):
+            value, word = getattr(owner, name), len(self.words)
+            if type(value) is tuple:
                 continue
             kind: Any = type(value).__name__
             if isinstance(value, (bool, int, float)):
                 number = float if isinstance(value, float) else int
-                self.numbers.append((owner, field.name, word, number))
+                self.numbers.append((owner, name, word, number))
                 self.words.append(0)
                 kind = number.__name__
             elif isinstance(value, np.ndarray):
-                assert value.flags.c_contiguous, field.name
+                assert value.flags.c_contiguous, name
                 self.words += [value.ctypes.data, *value.shape]
                 kind = (str(value.dtype), value.ndim)
             else:
                 kind = self._of(value)
-            found.append((field.name, word - start, kind))
+            found.append((name, word - start, kind))
         return type(owner).__name__, tuple(found)
 
 
-def _parts(function: Callable[..., Any], found: dict[FunctionType, None]) -> Iterator[str]:
+def _names(owner: Any) -> tuple[str, ...]:
+    """Fields of a dataclass, or of a named tuple."""
+    return getattr(owner, "_fields", None) or tuple(field.name for field in fields(owner))
+
+
+def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[str]:
     """What a function consists of: its source, that of those it calls, and the constants."""
-    if not isinstance(function, FunctionType) or function in found:
+    if function in found or function.__module__ == vectors.__name__:
         return
     found[function] = None
     yield inspect.getsource(function)
     for name in function.__code__.co_names:
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
-            if value.__module__ != vectors.__name__:
-                yield from _parts(value, found)
+            yield from _parts(_BEHIND.get(value, value), found)
         elif isinstance(value, (int, float)):
             yield f"{name} = {value!r}"
 
@@ -149,7 +158,7 @@ def _versions() -> str:
 _loaded: dict[Any, Loaded | None] = {}
 
 
-def _machine_code(function: Callable[..., int], kind: Any, arguments: str) -> int:
+def _machine_code(function: Any, kind: Any, arguments: str) -> int:
     key = (function, kind, arguments)
     if key not in _loaded:
         text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
@@ -167,7 +176,7 @@ def _machine_code(function: Callable[..., int], kind: Any, arguments: str) -> in
     return code.addresses[_SYMBOL]
 
 
-def _compiled(function: Callable[..., int], kind: Any, arguments: str) -> str:
+def _compiled(function: Any, kind: Any, arguments: str) -> str:
     """LLVM IR of a loop, with everything it needs."""
     from beamdae.native import numba_compiler
 

@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from beamdae.native import vectors
+from beamdae.native import elimination, vectors
 
 
 @overload(vectors.combine)
@@ -138,5 +138,21 @@ def _call_kernels(kernels, shared, local, out):
                 _start_of(out[kernels[k, 2] :]),
                 kernels[k, 3],
             )
+
+    return loop
+
+
+@overload(vectors.factorize)
+def _factorize(linear, nonzeros):
+    def loop(linear, nonzeros):
+        return elimination.factorize_linear(linear, nonzeros)
+
+    return loop
+
+
+@overload(vectors.solve)
+def _solve(linear, right):
+    def loop(linear, right):
+        elimination.solve_linear(linear, right)
 
     return loop

@@ -6,6 +6,7 @@ shape, objects inside objects follow in place. Importing this module imports num
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,8 @@ class Struct(types.Type):
     def __init__(self, name: str, fields: dict[str, tuple[int, types.Type]]) -> None:
         self.fields = fields
         told = ", ".join(f"{field} {first} {kind}" for field, (first, kind) in fields.items())
-        super().__init__(f"{name}({told})")
+        # Names of types become names of functions, over and over.
+        super().__init__(f"{name}{hashlib.sha256(told.encode()).hexdigest()[:8]}")
 
 
 @register_model(Struct)

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.native.codes import DONE, SINGULAR
+
 Array = np.ndarray
 
 
@@ -57,9 +59,9 @@ def call_kernels(kernels: Any, shared: Array, local: Array, out: Array) -> None:
         kernel(shared, local, out)
 
 
-def factorize(linear: Any, nonzeros: Array) -> bool:
-    """Factorize a matrix; whether that is possible."""
-    return bool(linear.factorized(nonzeros))
+def factorize(linear: Any, nonzeros: Array) -> int:
+    """Factorize a matrix: DONE, SINGULAR, or NEW_PIVOTS in machine code."""
+    return DONE if linear.factorized(nonzeros) else SINGULAR
 
 
 def solve(linear: Any, right: Array) -> None:

@@ -9,14 +9,15 @@ are laid out for machine code with a copy a lane: component by component, copies
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.native.lanes import WIDTH, lane_kernel
+from beamdae.native.lanes import LaneKernel, lane_kernel, padded
 from beamdae.native.vectors import call_kernels, combine, gather, pick, scatter
 from beamdae.symbolic.compiled import Compiled
 
@@ -38,6 +39,11 @@ class Kernel:
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
+
+    @cached_property
+    def native(self) -> LaneKernel | None:
+        """In machine code, if that can be had."""
+        return lane_kernel(self.function)
 
     @classmethod
     def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
@@ -67,8 +73,6 @@ class Sum:
         local[more_at] += more_weights x[more_of], for what is not.
     rows, columns, weights
         result[rows] += weights out[columns].
-    counts
-        How often it was evaluated, (1,).
     alive
         What the addresses of `kernels` belong to.
     """
@@ -85,8 +89,7 @@ class Sum:
     rows: Array
     columns: Array
     weights: Array
-    counts: Array
-    alive: tuple[Any, ...] = ()
+    alive: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -121,29 +124,29 @@ class SumBuilder:
     _local: int = 0
     _out: int = 0
     _data: list[tuple[int, Array]] = field(default_factory=list)
-    _calls: list[tuple[Kernel, int, int, int, int]] = field(default_factory=list)
+    _calls: list[Call] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
     def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: Array, count: int) -> Copies:
         """Add `count` copies of a kernel with these local inputs, the last of them `data`."""
-        padded = -(-count // WIDTH) * WIDTH
+        room = padded(count)
         row = 0
         for gathered in inputs:
             operator = sp.coo_array(gathered.operator)
             height = operator.shape[0] // count
             copy, own = np.divmod(operator.coords[0], max(height, 1))
-            at = self._local + (row + own) * padded + copy
+            at = self._local + (row + own) * room + copy
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
-        self._data.append((self._local + row * padded, _spread(data, padded)))
+        self._data.append((self._local + row * room, _spread(data, room)))
         row += data.shape[0]
         assert row == kernel.function.numel_in(1)
-        starts = self._out + padded * np.cumsum([0, *(s.nnz() for s in kernel.outputs)])
-        self._calls.append((kernel, self._local, self._out, padded, count))
-        self._local += row * padded
+        starts = self._out + room * np.cumsum([0, *(s.nnz() for s in kernel.outputs)])
+        self._calls.append(Call(kernel, self._local, self._out, room, count))
+        self._local += row * room
         self._out = int(starts[-1])
-        return Copies(kernel, count, padded, tuple(starts[:-1].tolist()))
+        return Copies(kernel, count, room, tuple(starts[:-1].tolist()))
 
     def add_column(self, copies: Copies, output: int, operator: sp.csr_array, row: int) -> None:
         """Add operator^T (columns of all copies) to the rows from `row` on; columns are dense."""
@@ -188,12 +191,12 @@ class SumBuilder:
         source = np.full(size, -1 if shared is None else shared - self.n_shared - 1)
         self._entries.append((index + place[0], index + place[1], source, np.full(size, value)))
 
-    def vector(self, size: int) -> Sum:
+    def vector(self) -> SumPlan:
         """The sum as a column."""
         rows, _, source, weight = self._collected()
-        return self._sum(rows, source, weight)
+        return self._plan(rows, source, weight)
 
-    def matrix(self, shape: tuple[int, int]) -> tuple[sp.csc_array, Sum]:
+    def matrix(self, shape: tuple[int, int]) -> tuple[sp.csc_array, SumPlan]:
         """The pattern of the sum as a matrix, with ones, and the sum as its CSC non-zeros."""
         i, j, source, weight = self._collected()
         pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=shape))
@@ -201,58 +204,105 @@ class SumBuilder:
         pattern.data[:] = 1.0
         position = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
         target = np.searchsorted(position + pattern.indices, j.astype(np.int64) * shape[0] + i)
-        return pattern, self._sum(target, source, weight)
+        return pattern, self._plan(target, source, weight)
 
     def _collected(self) -> tuple[Array, ...]:
         none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
         return tuple(np.concatenate(x) for x in zip(*(self._entries or none), strict=True))
 
-    def _sum(self, rows: Array, source: Array, weight: Array) -> Sum:
-        out = np.zeros(self._out + self.n_shared + 1)
-        out[-1] = 1.0
+    def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
+        size = self._out + self.n_shared + 1
         # Shared numbers and the one are counted from the end.
-        columns = np.where(source < 0, source + len(out), source)
+        columns = np.where(source < 0, source + size, source)
         order = np.argsort(rows, kind="stable")
         at, of, weights = self._collected_gathers()
         picked = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
-        shared, local = np.zeros(self.n_shared), np.zeros(self._local)
+        local = np.zeros(self._local)
         for start, values in self._data:
             local[start : start + values.size] = values
-        kernels, alive = self._kernels()
-        return Sum(
-            shared,
+        index = (
+            *(at[picked], of[picked], at[~picked], of[~picked]),
+            *(rows[order], columns[order]),
+        )
+        return SumPlan(
+            self.n_shared,
+            size,
             local,
-            out,
-            kernels,
-            *(np.ascontiguousarray(x, np.int64) for x in (at[picked], of[picked])),
-            *(np.ascontiguousarray(x, np.int64) for x in (at[~picked], of[~picked])),
-            weights[~picked],
-            *(np.ascontiguousarray(x[order], np.int64) for x in (rows, columns)),
-            weight[order],
-            np.zeros(1, np.int64),
-            alive,
+            tuple(self._calls),
+            *(np.ascontiguousarray(x, np.int64) for x in index),
+            np.ascontiguousarray(weights[~picked]),
+            np.ascontiguousarray(weight[order]),
         )
 
     def _collected_gathers(self) -> tuple[Array, ...]:
         none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
         return tuple(np.concatenate(x) for x in zip(*(self._gathers or none), strict=True))
 
-    def _kernels(self) -> tuple[Any, tuple[Any, ...]]:
-        """In machine code with what it belongs to, or all of them as they are."""
-        found = [lane_kernel(kernel.function) for kernel, *_ in self._calls]
-        if all(found):
-            rows = [
-                (native.address, local, out, padded)
-                for native, (_, local, out, padded, _) in zip(found, self._calls, strict=True)
-            ]
-            return np.array(rows, np.int64).reshape(-1, 4), tuple(found)
-        return [_Evaluated(*call) for call in self._calls], ()
+
+class Call(NamedTuple):
+    """Copies of a kernel in a sum, and where their numbers begin in `local` and `out`."""
+
+    kernel: Kernel
+    local: int
+    out: int
+    padded: int
+    count: int
+
+
+@dataclass(frozen=True)
+class SumPlan:
+    """A sum without buffers, see `Sum`; what it has of constants is shared by all of them."""
+
+    n_shared: int
+    n_out: int
+    local: Array
+    calls: tuple[Call, ...]
+    at: Array
+    of: Array
+    more_at: Array
+    more_of: Array
+    rows: Array
+    columns: Array
+    more_weights: Array
+    weights: Array
+
+    @property
+    def is_native(self) -> bool:
+        """Whether all kernels can be had in machine code."""
+        return all(call.kernel.native is not None for call in self.calls)
+
+    def sum(self, native: bool) -> Sum:
+        """The sum with buffers, with kernels in machine code or by the virtual machine."""
+        out = np.zeros(self.n_out)
+        out[-1] = 1.0
+        kernels: Any = [_Evaluated(call) for call in self.calls]
+        alive: tuple[Any, ...] = ()
+        if native:
+            alive = tuple(call.kernel.native for call in self.calls)
+            rows = [(k.address, *call[1:4]) for k, call in zip(alive, self.calls, strict=True)]
+            kernels = np.array(rows, np.int64).reshape(-1, 4)
+        return Sum(
+            np.zeros(self.n_shared),
+            self.local.copy(),
+            out,
+            kernels,
+            self.at,
+            self.of,
+            self.more_at,
+            self.more_of,
+            self.more_weights,
+            self.rows,
+            self.columns,
+            self.weights,
+            alive,
+        )
 
 
 class _Evaluated:
     """A kernel for all copies, by CasADi's virtual machine."""
 
-    def __init__(self, kernel: Kernel, local: int, out: int, padded: int, count: int) -> None:
+    def __init__(self, call: Call) -> None:
+        kernel, local, out, padded, count = call
         function = kernel.function
         many = function.map("copies", "serial", count, [0], []) if count > 1 else function
         self._compiled = Compiled(many)
@@ -266,17 +316,6 @@ class _Evaluated:
         own = local[self._local].reshape(self._in)[:, : self._count]
         (found,) = self._compiled(shared, own.T.ravel())
         out[self._out].reshape(self._entries)[:, : self._count] = found.reshape(self._count, -1).T
-
-
-def copied(total: Sum) -> Sum:
-    """The sum with buffers of its own."""
-    return replace(
-        total,
-        shared=total.shared.copy(),
-        local=total.local.copy(),
-        out=total.out.copy(),
-        counts=np.zeros(1, np.int64),
-    )
 
 
 def _spread(data: Array, padded: int) -> Array:
@@ -308,4 +347,3 @@ def evaluate(total: Sum, x: Array, result: Array) -> None:
     n_shared = total.shared.size
     combine(total.out[-1 - n_shared : -1], (1.0,), (total.shared,))
     scatter(result, total.rows, total.weights, total.out, total.columns)
-    total.counts[0] += 1

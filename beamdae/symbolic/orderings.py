@@ -46,7 +46,9 @@ def bordered(pattern: sp.csc_array) -> Elimination:
     diagonal = rows.diagonal() != 0.0
     defined = diagonal & (np.diff(rows.indptr) <= _DEFINITION)
     rest = np.flatnonzero(~defined)
-    coupled = sp.csr_array(rows + rows.T)[rest][:, rest]
+    # As it is once the definitions are eliminated: what is defined stands for what defines it.
+    left = rows[rest][:, rest] + rows[rest][:, defined] @ rows[defined][:, rest]
+    coupled = sp.csr_array(left + left.T)
     couplings = np.diff(coupled.indptr)
     last = ~diagonal[rest]
     if len(rest):

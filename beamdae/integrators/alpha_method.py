@@ -1,0 +1,210 @@
+"""Runs of the generalized-alpha family: what a drive asks of its loops."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from beamdae.equations.formulations import State
+from beamdae.equations.step_equations import Predicted, StepEquations
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.alpha_loop import (
+    ERROR_TOO_LARGE,
+    NEW_STEP,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    AlphaRun,
+    Motion,
+    adaptive_steps,
+    fixed_steps,
+)
+from beamdae.integrators.alpha_step import StepChange
+from beamdae.integrators.drive import StepError
+from beamdae.integrators.looping import Matrix, Running
+from beamdae.native.codes import SINGULAR
+from beamdae.results.solution import Statistics
+
+Array = np.ndarray
+
+# What rounding leaves of an increment relative to the scale of its coordinate, and relative to the
+# size of the mechanism where that is much larger.
+_ROUNDING, _ROUNDING_OF_SIZE = 1e-14, 1e-15
+# Smallest step over the length of the run.
+_SMALLEST = 1e-9
+_LOOKS = 64
+_REASONS = {
+    NOT_CONVERGED: "Newton's iteration did not converge",
+    NOT_FINITE: "the residual is not finite",
+    SINGULAR: "the matrix is singular or not finite",
+    ERROR_TOO_LARGE: "the error test failed",
+}
+_ADVICE = {NOT_FINITE: "check laws and start values"}
+
+
+class Steps:
+    """What fixed and adaptive steps have in common."""
+
+    rows_per_step: ClassVar[int] = 1
+    steps_between_looks: ClassVar[int] = _LOOKS
+    _loop: ClassVar[Any]
+
+    def __init__(
+        self,
+        form: StepEquations,
+        change: StepChange,
+        scales: Array,
+        newton_tolerance: float,
+        linear_solver: str,
+        bounds: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    ) -> None:
+        """`bounds` are the tolerance of a step, the largest and the smallest one."""
+        self._change = change
+        n, m = form.equations.n, form.equations.m
+        matrix, weights = Matrix.of(form.pattern), 1.0 / scales
+        size = float(np.max(form.equations.position_scales * weights))
+
+        def motion() -> Motion:
+            return Motion(*(np.zeros(n) for _ in range(4)), np.zeros(m))
+
+        def make(native: bool) -> AlphaRun:
+            member = change.member
+            return AlphaRun(
+                form.buffers(native),
+                matrix.linear(native, linear_solver),
+                member.alpha_m,
+                member.gamma,
+                member.beta,
+                member.defect,
+                motion(),
+                motion(),
+                Predicted(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
+                np.zeros(n),
+                np.zeros(form.size),
+                np.zeros(form.size),
+                np.zeros(form.pattern.shape[0]),
+                matrix.nonzeros,
+                weights,
+                np.zeros((_LOOKS, 1 + 3 * n + m)),
+                newton_tolerance,
+                max(_ROUNDING, _ROUNDING_OF_SIZE * size),
+                *bounds,
+            )
+
+        def matrices(run: AlphaRun) -> list[tuple[Any, Matrix]]:
+            return [(run.linear, matrix)]
+
+        self._running = Running(type(self)._loop, make, matrices, form.is_native)
+        self._run = self._running.work
+        self._code = 0
+
+    @property
+    def counts(self) -> Statistics:
+        """What it cost."""
+        run = self._run
+        return Statistics(
+            rejected_steps=run.rejected,
+            residual_calls=run.residuals,
+            jacobian_calls=run.jacobians,
+            factorizations=run.linear.factorizations,
+            solves=run.linear.solves,
+            newton_failures=run.failures,
+        )
+
+    def advance(self, most: int) -> Array:
+        """Rows of one to `most` more steps.
+
+        Raises
+        ------
+        StepError
+            If there is none.
+        """
+        run = self._run
+        run.most, run.filled = min(most, _LOOKS), 0
+        if self._code >= 0:
+            while (code := self._running()) == NEW_STEP:
+                self._set_step(run.next)
+            # What went before a failure is not lost.
+            self._code = code
+        if run.filled == 0:
+            raise StepError(self._reason(self._code))
+        return run.rows[: run.filled]
+
+    def _begin(self, start: float, end: float, branch: float, state: State) -> None:
+        run = self._run
+        run.t = run.start_time = start
+        run.end, run.branch = end, branch
+        self._code, self._start = 0, state
+
+    def _set_step(self, h: float) -> None:
+        """Go on with steps h, from the start of the interval or from where the run is."""
+        run, change = self._run, self._change
+        time = np.array([run.t, run.branch])
+        try:
+            if run.kept.h == 0.0:
+                found = change.started(time, self._start, h)
+            else:
+                found = change.resumed(time, run.kept, h)
+        except BeamdaeError as problem:
+            raise StepError(str(problem)) from problem
+        for name in ("q", "v", "ddq", "a", "lam"):
+            getattr(run.now, name)[:] = getattr(found, name)
+        run.now.h, run.rate = h, np.inf
+        run.at.coefficients[:] = change.coefficients(h)
+
+    def _reason(self, code: int) -> str:
+        return f"{_REASONS[code]}; {_ADVICE.get(code, 'take a smaller step')}"
+
+
+class FixedSteps(Steps):
+    """Steps of equal length in each interval, as near to the one wanted as its end allows."""
+
+    _loop = staticmethod(fixed_steps)
+    resolved: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, *form: Any, step: float) -> None:
+        super().__init__(*form)
+        self._step = step
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval."""
+        self._begin(start, end, branch, state)
+        run = self._run
+        run.taken, run.total = 0, max(int(np.ceil((end - start) / self._step - 1e-6)), 1)
+        run.kept.h = 0.0
+        self._set_step((end - start) / run.total)
+
+
+class AdaptiveSteps(Steps):
+    """Steps that keep the estimated error of each below a tolerance.
+
+    They begin with `first` in every interval and stay between a billionth of the run and the
+    largest one.
+    """
+
+    _loop = staticmethod(adaptive_steps)
+
+    def __init__(
+        self, *form: Any, first: float, largest: float, duration: float, tolerance: float
+    ) -> None:
+        super().__init__(*form, (tolerance, largest, _SMALLEST * duration))
+        self._first = first
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The tolerance of a step."""
+        return {"local_tolerance": self._run.tolerance}
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval."""
+        self._begin(start, end, branch, state)
+        run = self._run
+        run.next = min(self._first, run.largest)
+        run.seen, run.worst = 0, 0.0
+        run.kept.h = run.now.h = 0.0
+
+    def _reason(self, code: int) -> str:
+        return (
+            f"{_REASONS[code]} even with a step of {self._run.next:.2g} s; "
+            "check laws and start values, or loosen rtol"
+        )

@@ -1,0 +1,128 @@
+"""Runs of loops, compiled where they can be, and what Python does for them in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.linear.analysis import plans
+from beamdae.native.codes import NEW_PIVOTS
+from beamdae.native.elimination import Linear, Plan
+from beamdae.native.loops import Loop
+from beamdae.native.machine import MachineError
+from beamdae.symbolic.factorizations import SingularMatrixError, factorization
+
+Array = np.ndarray
+W = TypeVar("W")
+
+
+class PlainLinear:
+    """What plain Python factorizes and solves with in the place of `Linear`."""
+
+    def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:
+        self._factors = factorization(pattern, method, dtype)
+        self.singular = self.factorizations = self.solves = 0
+
+    def factorized(self, nonzeros: Array) -> bool:
+        """Factorize a matrix; whether that is possible."""
+        self.factorizations += 1
+        try:
+            self._factors.factorize(nonzeros)
+        except SingularMatrixError:
+            return False
+        return True
+
+    def solve(self, right: Array) -> Array:
+        """Solution of matrix @ x = right."""
+        self.solves += 1
+        return self._factors.solve(right)
+
+
+@dataclass
+class Matrix:
+    """A matrix that a loop factorizes: its CSC pattern, and where the loop puts its numbers."""
+
+    pattern: sp.csc_array
+    nonzeros: Array
+    _plans: Iterator[Plan] = field(default_factory=lambda: iter(()), init=False)
+
+    @classmethod
+    def of(cls, pattern: sp.csc_array, dtype: type = float) -> Matrix:
+        """A matrix of this pattern."""
+        return cls(pattern, np.zeros(pattern.nnz, dtype))
+
+    def linear(self, native: bool, method: str) -> Any:
+        """What is to factorize it; `method` is "auto", "dense" or "sparse" in plain Python."""
+        dtype = self.nonzeros.dtype.type
+        return Linear.empty(dtype) if native else PlainLinear(self.pattern, method, dtype)
+
+    def renew(self, linear: Linear) -> None:
+        """Give `linear` pivots that may serve the numbers there are, or tell it there are none."""
+        linear.asks = 0
+        try:
+            if not linear.fresh:
+                self._plans = plans(self.pattern, self.nonzeros)
+            plan = next(self._plans, None)
+        except SingularMatrixError:
+            plan = None
+        if plan is None:
+            linear.singular, linear.fresh = 1, 0
+        else:
+            linear.take(plan)
+
+
+class Running(Generic[W]):
+    """A loop and what it works on.
+
+    Attributes
+    ----------
+    work
+        Numbers and arrays; what Python sets between calls has to be set in place.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[W], int],
+        make: Callable[[bool], W],
+        matrices: Callable[[W], Sequence[tuple[Any, Matrix]]],
+        native: bool,
+    ) -> None:
+        """Prepare a loop.
+
+        Parameters
+        ----------
+        make
+            Makes what it works on, for machine code or for plain Python.
+        matrices
+            What of it factorizes which matrix.
+        native
+            Whether machine code is possible.
+        """
+        self._function = function
+        self._loop: Callable[[], int] | None = None
+        if native:
+            self.work = make(True)
+            try:
+                self._loop = Loop(function, self.work)
+            except MachineError:
+                native = False
+        if not native:
+            self.work = make(False)
+        self.is_native = native
+        self._matrices = matrices(self.work)
+
+    def __call__(self) -> int:
+        """Run the loop until it comes back with anything but a wish for other pivots."""
+        if self._loop is None:
+            return self._function(self.work)
+        while (code := self._loop()) == NEW_PIVOTS:
+            for linear, matrix in self._matrices:
+                if linear.asks:
+                    matrix.renew(linear)
+            # The arrays of a plan are of its own size.
+            self._loop = Loop(self._function, self.work)
+        return code

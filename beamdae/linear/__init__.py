@@ -1,0 +1,1 @@
+"""Linear systems of fixed sparsity: orders of elimination, pivots, factors."""
