@@ -73,6 +73,10 @@ DYNAMIC = NUMBER | {
     "helper_py": 'import importlib\nP = importlib.import_module("par" + "ams")\n'
     "def mass():\n    return P.MASS\n"
 }
+GUARDED = {
+    "guarded_py": "from threading import Lock\nfrom types import SimpleNamespace\n"
+    'CONFIG = {"lock": Lock(), "mass": {}}\nOBJECT = SimpleNamespace(**CONFIG)\n'
+}
 ELSEWHERE = {
     "helper_py": "import sys\nfrom pathlib import Path\n"
     'sys.path.insert(0, str(Path(__file__).parent / "more"))\nimport faraway\n'
@@ -88,6 +92,14 @@ BEFORE_THE_RUN = {
     "dynamic": ("from helper import mass", "mass()", DYNAMIC),
     "a default": ("def mass(x={}):\n    return x", "mass()", {}),
     "in a class": ("class A:\n    @property\n    def m(self):\n        return {}", "A().m", {}),
+    "of a private name": ("__MASS = {}", "__MASS", {}),
+    "of a helper's private name": (
+        "import params",
+        "params.__MASS",
+        {"params_py": "__MASS = {}\n"},
+    ),
+    "beside a lock": ("import guarded", 'guarded.CONFIG["mass"]', GUARDED),
+    "beside a lock, in an object": ("import guarded", "guarded.OBJECT.mass", GUARDED),
     "in a lambda": ("mass = lambda: (lambda: {})()", "mass()", {}),
 }
 
