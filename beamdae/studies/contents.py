@@ -221,7 +221,10 @@ def _is_foreign(module: ModuleType | None) -> bool:
     if file is not None:
         return is_installed(file)
     origin = getattr(getattr(module, "__spec__", None), "origin", None)
-    return origin in ("built-in", "frozen") or hasattr(module, "__path__")
+    folders = list(getattr(module, "__path__", ()))
+    return origin in ("built-in", "frozen") or (
+        bool(folders) and all(is_installed(str(folder)) for folder in folders)
+    )
 
 
 def _versioned(name: str | None) -> str:

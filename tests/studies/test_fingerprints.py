@@ -127,6 +127,22 @@ def test_regression_a_study_follows_modules_on_paths_of_a_helper(tmp_path):
     assert keys[0] != keys[1]
 
 
+@pytest.mark.parametrize(
+    ("head", "mass"),
+    [("import sizes.arm", "sizes.arm.MASS"), ("from sizes import arm", "arm.MASS")],
+)
+def test_regression_a_study_takes_folders_without_init_along(tmp_path, head, mass):
+    """It could be run, and in a study the module was not there."""
+    keys = []
+    for value in ("1.5", "2.5"):
+        (tmp_path / value / "sizes").mkdir(parents=True)
+        (tmp_path / value / "sizes" / "arm.py").write_text(f"MASS = {value}\n")
+        study = written(tmp_path / value, head, mass)
+        keys.append(key(study))
+        assert kept(study, tmp_path / value / "out") == (0, 4)
+    assert keys[0] != keys[1]
+
+
 def test_regression_a_global_changed_at_run_time_is_followed(tmp_path):
     study = written(tmp_path, "MASS = 1.0")
     before = key(study)
