@@ -20,6 +20,7 @@ Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -133,6 +134,22 @@ class FirstOrder:
         q, v, lam = self._parts
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
+
+    @cached_property
+    def _own(self) -> FirstOrderSums:
+        return self.buffers()
+
+    def residual(self, time: Array, y: Array, yp: Array) -> Array:
+        """R at time = (t, branch), for whoever needs it once; runs have `buffers` of their own."""
+        result = np.zeros(self.size)
+        first_order_residual(self._own, *time, y, yp, result)
+        return result
+
+    def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
+        """Non-zeros of dR/dy + c dR/dy' on `pattern`, likewise."""
+        result = np.zeros(self.pattern.nnz)
+        first_order_jacobian(self._own, *time, c, y, yp, result)
+        return result
 
     @property
     def is_native(self) -> bool:

@@ -170,6 +170,7 @@ RUN_MISTAKES = {
     "max_order": (["--integrator", "ida", "--max-order", "7"], "max_order", "7"),
     "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
     "output_step": (["--output-step", "0"], "output_step must be positive"),
+    "letters of --out": (["--out", "a\nb"], "--out: no folder of results can be called 'a\\nb'"),
 }
 
 
