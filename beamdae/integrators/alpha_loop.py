@@ -71,8 +71,8 @@ class AlphaRun:
         The motion, as the step that comes asks for it.
     kept
         The motion as the step left it that led to it.
-    at, a_p
-        The prediction of the step under way, and its algorithmic acceleration.
+    at, a_p, a_n
+        The prediction of the step under way, its algorithmic acceleration, and the one before.
     x, start, change, nonzeros
         Unknowns, where their iteration began, a change of them, and the matrix.
     weights
@@ -99,6 +99,7 @@ class AlphaRun:
     kept: Motion
     at: Predicted
     a_p: Array
+    a_n: Array
     x: Array
     start: Array
     change: Array
@@ -186,7 +187,7 @@ def adaptive_steps(run: AlphaRun) -> int:
 
 def _jump(run: AlphaRun) -> float:
     """Largest change of the algorithmic acceleration over the scales."""
-    combine(run.a_p, (1.0, -1.0), (run.now.a, run.kept.a))
+    combine(run.a_p, (1.0, -1.0), (run.now.a, run.a_n))
     return largest(run.a_p, run.weights)
 
 
@@ -247,6 +248,7 @@ def _advance(run: AlphaRun, t: float) -> int:
     combine(at.v, (1.0, h * (1.0 - run.gamma), h * run.gamma), (now.v, now.a, run.a_p))
     combine(at.a, (1.0,), (now.ddq,))
     combine(at.before, (1.0,), (now.q,))
+    combine(run.a_n, (1.0,), (now.a,))
     fill(x[:n], 0.0)
     combine(x[n:end], (c[2],), (now.lam,))
     fill(x[end:], 0.0)

@@ -80,6 +80,7 @@ class Steps:
                 motion(),
                 Predicted(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
                 np.zeros(n),
+                np.zeros(n),
                 np.zeros(form.size),
                 np.zeros(form.size),
                 np.zeros(form.pattern.shape[0]),
