@@ -216,11 +216,11 @@ def _measure(
             row = positions[e]
             left[row] -= matrix[e] * value
             sizes[row] += _size(matrix[e]) * size
+    little = True
     for k in range(len(x)):
-        # Written so that what is not a number is not little.
-        if not _size(left[k]) <= _ACCURATE * sizes[k]:
-            return False
-    return True
+        # What is not a number is not little.
+        little &= _size(left[k]) <= _ACCURATE * sizes[k]
+    return little
 
 
 def _size(value: complex) -> float:
