@@ -8,7 +8,6 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core import config
 
 from beamdae.native import overloads, structs
 
@@ -46,7 +45,7 @@ def ir(
     names = [f"a{k}" if kind != "@" else "table" for k, kind in enumerate(arguments)]
     given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
     space = {"function": function, "object_at": structs.at(_numba_type(kind))}
-    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)  # noqa: S102
+    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
     signature = numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
     compiled = numba.cfunc(signature, error_model="numpy")(space["entry"])
     text = compiled.inspect_llvm()

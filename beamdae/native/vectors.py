@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 def combine(out: Array, factors: tuple[float, ...], vectors: tuple[Array, ...]) -> None:
-    """out = sum of factors times vectors; `out` may be one of these."""
+    """Out = sum of factors times vectors; `out` may be one of these."""
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 
 
@@ -49,7 +49,7 @@ def gather(out: Array, at: Array, weights: Array, vector: Array, of: Array) -> N
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
-    """out = 0, then out[rows] += weights vector[of]."""
+    """Out = 0, then out[rows] += weights vector[of]."""
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 

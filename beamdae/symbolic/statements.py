@@ -18,7 +18,6 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.native import native
 
 SX = ca.SX
 
@@ -178,7 +177,7 @@ class ForceKernel:
     @cached_property
     def force_function(self) -> ca.Function:
         """(time, q, v, a, data) -> F."""
-        return self._final(ca.Function("force", self.inputs, [ca.densify(self.force)]))
+        return ca.Function("force", self.inputs, [ca.densify(self.force)])
 
     @cached_property
     def tangent_function(self) -> ca.Function:
@@ -190,7 +189,7 @@ class ForceKernel:
         )
         damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
         outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
-        return self._final(ca.Function("tangent", [*self.inputs, c_v, c_a], outputs))
+        return ca.Function("tangent", [*self.inputs, c_v, c_a], outputs)
 
     @cached_property
     def force_kernel(self) -> Kernel:
@@ -212,15 +211,21 @@ class ForceKernel:
         local = ca.vertcat(x.q, x.v, x.a, x.data)
         return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
 
-    def _final(self, function: ca.Function) -> ca.Function:
-        return native(function) if self.reused else function
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, a, data) -> F, F at a = 0, (energies, powers)."""
+        x = self.local
+        local = ca.vertcat(x.time, x.q, x.v, x.a, x.data)
+        still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
+        outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
 
     @cached_property
     def energy_function(self) -> ca.Function:
         """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
         x = self.local
         values = ca.densify(ca.vertcat(self.energies, self.powers))
-        return self._final(ca.Function("energy", [x.time, x.q, x.v, x.data], [values]))
+        return ca.Function("energy", [x.time, x.q, x.v, x.data], [values])
 
 
 @dataclass(frozen=True)
@@ -364,6 +369,15 @@ class ConstraintKernel:
         level = x.ddot(self.constraint)
         outputs = [ca.jacobian(level, x.q), ca.jacobian(level, x.v)]
         return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
+
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, lam, data) -> G^T lam, g, g_dot and the power of a driver."""
+        x = self.local
+        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
+        outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
+        local = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
 
     @cached_property
     def power_function(self) -> ca.Function:

@@ -13,10 +13,10 @@ import pytest
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.integrators import limits, radau
+from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
-from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.results.solution import Solution, Statistics
 from beamdae.results.trajectory import Trajectory
