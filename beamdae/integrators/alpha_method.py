@@ -73,6 +73,7 @@ class Steps:
                 form.buffers(native),
                 matrix.linear(native, linear_solver),
                 member.alpha_m,
+                member.alpha_f,
                 member.gamma,
                 member.beta,
                 member.defect,
@@ -81,6 +82,8 @@ class Steps:
                 Predicted(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
                 np.zeros(n),
                 np.zeros(n),
+                np.zeros(n),
+                np.zeros(m),
                 np.zeros(form.size),
                 np.zeros(form.size),
                 np.zeros(form.pattern.shape[0]),
@@ -151,6 +154,7 @@ class Steps:
         for name in ("q", "v", "ddq", "a", "lam"):
             getattr(run.now, name)[:] = getattr(found, name)
         run.now.h, run.rate = h, np.inf
+        run.trend = h / run.kept.h if run.kept.h > 0.0 else 0.0
         run.at.coefficients[:] = change.coefficients(h)
 
     def _reason(self, code: int) -> str:
