@@ -301,14 +301,15 @@ STORED = {
 
 @pytest.mark.parametrize(("formulation", "rho_inf"), STORED)
 def test_fixed_steps_of_generalized_alpha_are_what_they_were(formulation, rho_inf):
-    integrator = bd.GeneralizedAlpha(step=1e-2, rho_inf=rho_inf, formulation=formulation)
+    integrator = bd.GeneralizedAlpha(1e-2, rho_inf, formulation, newton_tolerance=1e-12)
     solution = bd.simulate(SLIDER_CRANK.equations, integrator, 1.0)
     last = solution.trajectory.intervals[0].state
     assert solution.statistics.steps == 100
     assert solution.statistics.rejected_steps == 0
-    # To the last bit on the machine it came from; elsewhere LAPACK rounds otherwise.
+    # The stored ones have what Newton's iteration left at its tolerance of then, 1e-7 of the largest
+    # acceleration.
     found = [*last.q[-1], *last.lam[-1]]
-    assert_allclose(found, STORED[formulation, rho_inf], rtol=1e-9)
+    assert_allclose(found, STORED[formulation, rho_inf], rtol=2e-7)
 
 
 # Steps that change ----------------------------------------------------------------------------
@@ -331,8 +332,8 @@ def marched(case, steps, family, formulation):
 @every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
 def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
-    # Without the treatment in `StepChange.resumed` q and v are between first and second order, lam of
-    # first. The multipliers are still on their way down to second order.
+    # Without the treatment in `StepChange.resumed` q and v are between first and second order, lam
+    # of first. The multipliers are still on their way down to second order.
     coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
     orders = np.log2(coarse / fine)
     assert_allclose(orders[:2], 2.0, rtol=0.0, atol=0.1)
