@@ -153,10 +153,11 @@ class ForceKernel:
         """(force, energies, powers)."""
         return [self.force, self.energies, self.powers]
 
-    def restated(self, local: Local, outputs: list[SX]) -> ForceKernel:
-        """The same in other symbols."""
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ForceKernel:
+        """The kernel of these `outputs`."""
         force, energies, powers = outputs
-        return ForceKernel(local, force, energies, powers, self.reused)
+        return cls(local, force, energies, powers)
 
     @cached_property
     def misfit(self) -> str:
@@ -253,6 +254,7 @@ class ConstraintKernel:
 
     local: Local
     constraint: SX
+    _kernels: dict[Any, Kernel] = field(default_factory=dict, init=False, repr=False)
     reused: ClassVar[bool] = False
 
     @property
@@ -265,10 +267,11 @@ class ConstraintKernel:
         """The constraints alone."""
         return [self.constraint]
 
-    def restated(self, local: Local, outputs: list[SX]) -> ConstraintKernel:
-        """The same in other symbols."""
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
+        """The kernel of these `outputs`."""
         (constraint,) = outputs
-        return ConstraintKernel(local, constraint)
+        return cls(local, constraint)
 
     @property
     def size(self) -> int:
@@ -309,6 +312,17 @@ class ConstraintKernel:
         v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
         return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
 
+    def _kept(
+        self,
+        make: Callable[[tuple[int, ...], bool], Kernel],
+        levels: tuple[int, ...],
+        stabilized: bool,
+    ) -> Kernel:
+        key = (make.__name__, levels, stabilized)
+        if key not in self._kernels:
+            self._kernels[key] = make(levels, stabilized)
+        return self._kernels[key]
+
     def _mu(self, stabilized: bool) -> SX:
         return SX.sym("mu", self.local.n_multipliers if stabilized else 0)
 
@@ -318,6 +332,9 @@ class ConstraintKernel:
         Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
         or 2, a with level 2, mu and G^T mu if `stabilized`.
         """
+        return self._kept(self._residual_kernel, levels, stabilized)
+
+    def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu = self.local, self._mu(stabilized)
         reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
         stated = (self.constraint, self._g_dot, x.ddot(self.constraint) if 2 in levels else None)
@@ -330,6 +347,9 @@ class ConstraintKernel:
         G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
         level 2 d g_ddot/dq, d g_ddot/dv and c_a G.
         """
+        return self._kept(self._matrices_kernel, levels, stabilized)
+
+    def _matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu, c = self.local, self._mu(stabilized), SX.sym("c", 5)
         outputs = [self._jacobian, c[3] * self._jacobian]
         outputs += [

@@ -306,7 +306,7 @@ def test_fixed_steps_of_generalized_alpha_are_what_they_were(formulation, rho_in
     last = solution.trajectory.intervals[0].state
     assert solution.statistics.steps == 100
     assert solution.statistics.rejected_steps == 0
-    # The stored ones have what Newton's iteration left at its tolerance of then, 1e-7 of the largest
+    # The stored ones have what iteration left at its tolerance of then, 1e-7 of the largest
     # acceleration.
     found = [*last.q[-1], *last.lam[-1]]
     assert_allclose(found, STORED[formulation, rho_inf], rtol=2e-7)
