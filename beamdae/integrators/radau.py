@@ -66,6 +66,4 @@ class Radau(ByTolerance):
 
     def method_on(self, route: Route) -> Collocating:
         """What takes its steps."""
-        return Collocating(
-            self.rtol, self.error_control, self.max_step, self.linear_solver, route
-        )
+        return Collocating(self.rtol, self.error_control, self.max_step, self.linear_solver, route)
