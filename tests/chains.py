@@ -7,7 +7,7 @@ import beamdae as bd
 from beamdae.equations.consistent_start import _saddle_function
 from beamdae.equations.formulations import first_order
 from beamdae.equations.step_equations import Predicted, step_equations
-from beamdae.integrators.radau_newton import GAMMA, PAIR
+from beamdae.integrators.radau_coefficients import GAMMA, PAIR
 from beamdae.symbolic.compiled import Compiled
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)

@@ -10,7 +10,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import SCOUTING_RTOL, Method, drive
 from beamdae.integrators.ida import Bdf, Ida
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.radau import Collocating, Radau
+from beamdae.integrators.radau import Radau
 from beamdae.integrators.route import Route
 from beamdae.results.solution import Solution
 
@@ -58,4 +58,4 @@ class Auto(ByTolerance):
         bdf = Bdf(Ida(self.rtol, max_step=self.max_step), route)
         if not bdf.loses:
             return bdf
-        return Collocating(Radau(self.rtol, max_step=self.max_step), route)
+        return Radau(self.rtol, max_step=self.max_step).method_on(route)

@@ -64,9 +64,9 @@ class Limits:
     pace: Pace | None = None
 
     def steps_left(self, steps: int, between_looks: int) -> int:
-        """How many steps may be taken after so many until somebody has to look."""
+        """How many steps may be taken after so many until somebody has to look, at least one."""
         left = between_looks - steps % between_looks
-        return left if self.max_steps is None else min(left, self.max_steps - steps)
+        return left if self.max_steps is None else max(min(left, self.max_steps - steps), 1)
 
     def reason(self, t: float, steps: int, between_looks: int) -> str | None:
         """Why the run has to stop at time `t` [s] after so many steps, or None."""

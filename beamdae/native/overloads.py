@@ -46,6 +46,25 @@ def _fill(out, value):
     return loop
 
 
+@overload(vectors.minimum)
+def _minimum(out, vector, factor, other):
+    def loop(out, vector, factor, other):
+        for i in range(out.size):
+            out[i] = min(vector[i], factor * other[i])
+
+    return loop
+
+
+@overload(vectors.parts)
+def _parts(real, imaginary, vector):
+    def loop(real, imaginary, vector):
+        for i in range(real.size):
+            real[i] = vector[i].real
+            imaginary[i] = vector[i].imag
+
+    return loop
+
+
 @overload(vectors.largest)
 def _largest(vector, weights):
     def loop(vector, weights):

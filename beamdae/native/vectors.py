@@ -26,6 +26,16 @@ def fill(out: Array, value: float) -> None:
     out[:] = value
 
 
+def minimum(out: Array, vector: Array, factor: float, other: Array) -> None:
+    """The smaller ones of `vector` and factor times `other`."""
+    np.minimum(vector, factor * other, out=out)
+
+
+def parts(real: Array, imaginary: Array, vector: Array) -> None:
+    """Take a complex vector apart."""
+    real[:], imaginary[:] = vector.real, vector.imag
+
+
 def largest(vector: Array, weights: Array) -> float:
     """Largest |vector * weights|, 0 of none, not a number if one of them is none."""
     return float(np.max(np.abs(vector * weights), initial=0.0))

@@ -8,12 +8,14 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
-from beamdae.equations.formulations import first_order
-from beamdae.integrators import radau_newton
+from beamdae.integrators import looping, radau_loop
 from beamdae.integrators.error_control import Scales
-from beamdae.integrators.radau_newton import GAMMA, PAIR, A, C, Collocation, T
-from beamdae.integrators.radau_steps import Tolerance
+from beamdae.integrators.radau_coefficients import GAMMA, PAIR, A, C, T
+from beamdae.integrators.radau_loop import estimate_error, solve_stages
+from beamdae.integrators.radau_method import Tolerance
+from beamdae.integrators.route import plan
+from beamdae.native.codes import DONE
+from beamdae.native.machine import MachineError
 
 
 def oscillator(omega, damping=0.0):
@@ -32,16 +34,28 @@ def pushed(law):
     return mech
 
 
+@pytest.fixture
+def plain(monkeypatch):
+    """Loops as the Python they are stated in."""
+
+    def none(*_):
+        raise MachineError("it is not wanted")
+
+    monkeypatch.setattr(looping, "Loop", none)
+
+
 def one_step(equations, h):
-    """A step of the stages from the start: the collocation, y and y' there."""
-    form = first_order(equations, "stabilized-index1")
-    newton = Collocation(form, "dense")
-    time = np.array([0.0, 0.5 * h])
-    y, yp = form.pack(Starter(equations).state(time, equations.q0, equations.v0))
-    newton.restart(time[1])
-    weights = np.full(2 * equations.n, 1e13) / np.maximum(np.abs(yp[: 2 * equations.n]) * h, 1.0)
-    assert newton.solve(0.0, y, yp, h, weights, renew=True)
-    return newton, y, yp
+    """A step of the stages from the start, as exact as can be: the run after it."""
+    route = plan(equations, np.array([0.0, h]))
+    method = bd.Radau(linear_solver="dense").method_on(route)
+    method.begin(0.0, h, 0.5 * h, route.state)
+    run = method._run
+    known = run.yp[: 2 * equations.n]
+    run.bounds[:] = 1e13 / np.maximum(np.abs(known) * h, 1.0)
+    run.velocity_bounds[:] = run.bounds[equations.n :]
+    run.velocity_rounding[:] = np.inf
+    assert solve_stages(run, h, True) == DONE
+    return run
 
 
 # The method --------------------------------------------------------------------------------------
@@ -70,10 +84,10 @@ def test_the_transformation_decouples_the_stages():
 
 
 @pytest.mark.parametrize("z", [0.1, 1.0, 10.0, 1e3, 1e6])
-def test_a_step_multiplies_an_oscillation_by_the_stability_function(z):
+def test_a_step_multiplies_an_oscillation_by_the_stability_function(z, plain):
     omega = 50.0
-    newton, y, _ = one_step(oscillator(omega), z / omega)
-    y, _ = newton.end(y, z / omega)
+    run = one_step(oscillator(omega), z / omega)
+    y = run.y + T[2] @ run.w
     # v + i omega q goes as exp(i omega t). Hairer & Wanner, IV.3: R(z) of the method, L-stable.
     x = 1j * z
     factor = (1.0 + 0.4 * x + 0.05 * x**2) / (1.0 - 0.6 * x + 0.15 * x**2 - x**3 / 60.0)
@@ -83,10 +97,11 @@ def test_a_step_multiplies_an_oscillation_by_the_stability_function(z):
 
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 @pytest.mark.parametrize("z", [0.1, 3.0, 1e4])
-def test_the_error_estimate_is_that_of_radau5(z, damping):
+def test_the_error_estimate_is_that_of_radau5(z, damping, plain):
     omega = 50.0
     h = z / omega
-    newton, y, yp = one_step(oscillator(omega, damping), h)
+    run = one_step(oscillator(omega, damping), h)
+    y = run.y
     jacobian = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
     stages = np.linalg.solve(
         np.eye(6) - h * np.kron(A, jacobian), np.kron(A, h * jacobian) @ np.tile(y, 3)
@@ -96,8 +111,8 @@ def test_the_error_estimate_is_that_of_radau5(z, damping):
     e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * GAMMA)
     matrix = GAMMA / h * np.eye(2) - jacobian
     expected = np.linalg.solve(matrix, jacobian @ y + GAMMA / h * e @ stages)
-    found = newton.error(yp, h)
-    assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
+    estimate_error(run, h)
+    assert_allclose(run.error, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
 
 
 def test_a_force_of_degree_three_is_met_exactly():
@@ -134,23 +149,29 @@ def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
     scales = Scales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
     tolerance = Tolerance(1e-4, scales, velocities)
     assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
-    tested = tolerance.norm(np.array([0.0, 0.0, 1.0, 0.0]))
-    assert_allclose(tested, 1e3 if velocities else 0.0, rtol=1e-14)
-    assert_allclose(tolerance.iteration_weights(1e-3), tolerance.weights / 0.03, rtol=1e-14)
-    # Rounding of the positions over the shortest steps.
-    bounds = 1.0 / tolerance.iteration_weights(1e-11)
-    assert_allclose(bounds[2:], 1e-3 * scales.size, rtol=1e-14)
+    assert_allclose(tolerance.tested, tolerance.weights[: 4 if velocities else 2], rtol=0.0)
+    bounds = np.concatenate(tolerance.of_iteration)
+    assert_allclose(bounds, tolerance.weights / 0.03, rtol=1e-14)
+
+
+def test_rounding_of_the_positions_bounds_the_iteration_over_the_shortest_steps(plain):
+    run = one_step(oscillator(50.0), 1e-3)
+    run.velocity_bounds[:], run.velocity_rounding[:] = 7.0, 1e10
+    for h, bound in ((1e-3, 7.0), (1e-11, 0.1)):
+        solve_stages(run, h, True)
+        assert_allclose(run.bounds[1:], bound, rtol=1e-14)
 
 
 def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
     tolerance = Tolerance(1e-9, Scales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False)
     assert_allclose(1.0 / tolerance.weights[:2], [1e-14, 1e-9], rtol=1e-14)
-    assert np.all(1.0 / tolerance.iteration_weights(1.0) >= 1e-14 * (1.0 - 1e-12))
+    assert_allclose(tolerance.rounding, 1e14, rtol=1e-14)
+    assert np.all(1.0 / tolerance.of_iteration[0] >= 1e-14 * (1.0 - 1e-12))
 
 
-def test_iterations_that_fail_halve_the_step_and_are_told(monkeypatch):
+def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
     usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
-    monkeypatch.setattr(radau_newton, "MAX_ITERATIONS", 3)
+    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 3)
     impatient = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
     assert impatient.status.success
     assert impatient.statistics.newton_failures > usual.statistics.newton_failures > 0
@@ -158,9 +179,9 @@ def test_iterations_that_fail_halve_the_step_and_are_told(monkeypatch):
     assert_allclose(impatient.q, usual.q, rtol=0.0, atol=1e-4)
 
 
-def test_an_iteration_that_never_converges_is_a_status(monkeypatch):
-    monkeypatch.setattr(radau_newton, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(radau_newton, "_UNKNOWN_RATE", 1.0)
+def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
+    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(radau_loop, "UNKNOWN_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
     assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence

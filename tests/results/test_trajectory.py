@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.formulations import State
-from beamdae.integrators.radau_newton import C
+from beamdae.integrators.radau_coefficients import C
 from beamdae.integrators.route import plan
 from beamdae.results.trajectory import Interval, Trajectory
 

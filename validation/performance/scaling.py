@@ -25,7 +25,7 @@ import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import first_order
 from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.radau_newton import GAMMA
+from beamdae.integrators.radau_coefficients import GAMMA
 from beamdae.symbolic.compiled import Compiled
 from beamdae.symbolic.factorizations import SparseFactorization, single_threaded
 
