@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import threading
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
@@ -171,21 +172,24 @@ def _versions() -> str:
 
 
 _loaded: dict[Any, Loaded | None] = {}
+# Of two threads that load the same, the second would take the place of what the first runs.
+_loading = threading.Lock()
 
 
 def _machine_code(function: Any, kind: Any, arguments: str) -> int:
     key = (function, kind, arguments)
-    if key not in _loaded:
-        text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
-        source = Source(
-            function.__name__,
-            text,
-            (_SYMBOL,),
-            level=_LEVEL,
-            ir=lambda: _compiled(function, kind, arguments),
-        )
-        _loaded[key] = machine_code(source, lambda code: True)
-    code = _loaded[key]
+    with _loading:
+        if key not in _loaded:
+            text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
+            source = Source(
+                function.__name__,
+                text,
+                (_SYMBOL,),
+                level=_LEVEL,
+                ir=lambda: _compiled(function, kind, arguments),
+            )
+            _loaded[key] = machine_code(source, lambda code: True)
+        code = _loaded[key]
     if code is None:
         raise MachineError(f"{function.__name__}: it cannot be compiled")
     return code.addresses[_SYMBOL]

@@ -237,8 +237,8 @@ def test_failures_before_a_restart_are_counted():
     first, both = (bd.simulate(equations, bd.Ida(1e-3), t_end) for t_end in (0.5, 1.0))
     assert len(both.trajectory.intervals) == 2
     failures = both.integrator["error_test_failures"]
-    assert failures > 3
-    assert_allclose(failures, first.integrator["error_test_failures"], rtol=0.0, atol=3)
+    # In the second interval nothing happens.
+    assert failures > 0.5 * first.integrator["error_test_failures"] > 10
 
 
 class Counted:
