@@ -152,6 +152,13 @@ class FirstOrder:
         return result
 
     @property
+    def names(self) -> list[str]:
+        """What the unknowns are, in words where they are not coordinates or multipliers."""
+        q, lam = self.equations.q_names, self.equations.lam_names
+        mu = lam if self.formulation.stabilized else ()
+        return [*q, *(f"velocity of {x}" for x in q), *lam, *(f"correction of {x}" for x in mu)]
+
+    @property
     def is_native(self) -> bool:
         """Whether it can be evaluated in machine code."""
         return all(total.is_native for total in self.sums)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import threading
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
@@ -61,10 +62,10 @@ class Loop:
             is given as an integer, "@" for the table.
         """
         layout = _Layout(work)
-        self._numbers = layout.numbers
+        self._numbers, self._kind = layout.numbers, layout.kind
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
-        self.address = _machine_code(function, layout.kind, arguments)
+        self.address = self.callback(function, arguments)
         kinds = (_C_TYPES[kind] for kind in arguments)
         self._call = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(self.address)
         # What the table points to.
@@ -76,6 +77,21 @@ class Loop:
         code = self._call(self.table.ctypes.data)
         self.unload()
         return int(code)
+
+    def callback(self, function: Any, arguments: str) -> int:
+        """Address of another C function, `function(work, *arguments)`, of the same table."""
+        return _machine_code(function, self._kind, arguments)
+
+    def bind(self) -> None:
+        """Numbers and arrays of the object, which may be others now, into the table.
+
+        The table stays where it is: a C function of it may do this while it runs.
+        """
+        layout = _Layout(self._work)
+        assert layout.kind == self._kind
+        self._numbers = layout.numbers
+        self.table[:] = layout.words
+        self.load()
 
     def load(self) -> None:
         """The numbers of the object, into the table."""
@@ -158,21 +174,24 @@ def _versions() -> str:
 
 
 _loaded: dict[Any, Loaded | None] = {}
+# Of two threads that load the same, the second would take the place of what the first runs.
+_loading = threading.Lock()
 
 
 def _machine_code(function: Any, kind: Any, arguments: str) -> int:
     key = (function, kind, arguments)
-    if key not in _loaded:
-        text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
-        source = Source(
-            function.__name__,
-            text,
-            (_SYMBOL,),
-            level=_LEVEL,
-            ir=lambda: _compiled(function, kind, arguments),
-        )
-        _loaded[key] = machine_code(source, lambda code: True)
-    code = _loaded[key]
+    with _loading:
+        if key not in _loaded:
+            text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
+            source = Source(
+                function.__name__,
+                text,
+                (_SYMBOL,),
+                level=_LEVEL,
+                ir=lambda: _compiled(function, kind, arguments),
+            )
+            _loaded[key] = machine_code(source, lambda code: True)
+        code = _loaded[key]
     if code is None:
         raise MachineError(f"{function.__name__}: it cannot be compiled")
     return code.addresses[_SYMBOL]

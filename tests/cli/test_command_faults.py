@@ -101,13 +101,13 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 
 AT_STEP = """
 from beamdae.integrators import ida
-taken, step = [], ida.Bdf.step
-def striking(self):
+taken, advance = [], ida.Bdf.advance
+def striking(self, most):
     taken.append(None)
     if len(taken) in {at}:
         strike()
-    return step(self)
-ida.Bdf.step = striking
+    return advance(self, 1)
+ida.Bdf.advance = striking
 """
 WHILE_WRITING = """
 import pandas as pd

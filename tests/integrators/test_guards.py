@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from support import by_class
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.integrators import limits, radau
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.drive import drive
+from beamdae.integrators.ida import Bdf
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
 from beamdae.integrators.preconditioned import PreconditionedResidual
@@ -290,8 +292,7 @@ class Once:
 @pytest.mark.parametrize(
     ("integrator", "owner", "name"),
     [
-        (bd.Ida(), PreconditionedResidual, "residual"),
-        (bd.Ida(), PreconditionedResidual, "jacobian"),
+        (bd.Ida(), Bdf, "advance"),
         (bd.Radau(), radau.Collocation, "solve"),
         (bd.GeneralizedAlpha(), FixedSteps, "advance"),
         (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveSteps, "advance"),
@@ -303,6 +304,17 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 ):
     monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
     solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
+    assert solution.status.kind == "interrupted"
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
+@pytest.mark.parametrize("name", ["residual", "jacobian"])
+@pytest.mark.parametrize("n", [1, 20])
+def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
+    by_class(monkeypatch)
+    called = getattr(PreconditionedResidual, name)
+    monkeypatch.setattr(PreconditionedResidual, name, Once(called, n))
+    solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
 
