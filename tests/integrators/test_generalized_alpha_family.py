@@ -331,8 +331,8 @@ def marched(case, steps, family, formulation):
 @every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
 def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
-    # Without the treatment in `StepChange.resumed` q and v are between first and second order, lam of
-    # first. The multipliers are still on their way down to second order.
+    # Without the treatment in `StepChange.resumed` q and v are between first and second order, lam
+    # of first. The multipliers are still on their way down to second order.
     coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
     orders = np.log2(coarse / fine)
     assert_allclose(orders[:2], 2.0, rtol=0.0, atol=0.1)
