@@ -142,13 +142,15 @@ class FirstOrder:
     def residual(self, time: Array, y: Array, yp: Array) -> Array:
         """R at time = (t, branch), for whoever needs it once; runs have `buffers` of their own."""
         result = np.zeros(self.size)
-        first_order_residual(self._own, *time, y, yp, result)
+        t, branch = time
+        first_order_residual(self._own, t, branch, y, yp, result)
         return result
 
     def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
         """Non-zeros of dR/dy + c dR/dy' on `pattern`, likewise."""
         result = np.zeros(self.pattern.nnz)
-        first_order_jacobian(self._own, *time, c, y, yp, result)
+        t, branch = time
+        first_order_jacobian(self._own, t, branch, c, y, yp, result)
         return result
 
     @property

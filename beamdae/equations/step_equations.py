@@ -62,13 +62,15 @@ class StepEquations:
     def residual(self, time: Array, at: Predicted, x: Array) -> Array:
         """The equations at time = (t, branch), for whoever needs them once."""
         result = np.zeros(self.pattern.shape[0])
-        step_residual(self._own, *time, at, x, result)
+        t, branch = time
+        step_residual(self._own, t, branch, at, x, result)
         return result[: self.size]
 
     def jacobian(self, time: Array, at: Predicted, x: Array) -> Array:
         """Non-zeros of the iteration matrix on `pattern`, likewise."""
         result = np.zeros(self.pattern.nnz)
-        step_matrix(self._own, *time, at, x, result)
+        t, branch = time
+        step_matrix(self._own, t, branch, at, x, result)
         return result
 
     @property

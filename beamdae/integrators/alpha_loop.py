@@ -289,7 +289,7 @@ def _solve(run: AlphaRun, t: float) -> int:
     combine(run.start, (1.0,), (x,))
     if run.rate <= _KEEP_RATE:
         code = _iterate(run, t, False)
-        if code == DONE or code == NOT_FINITE:
+        if code in (DONE, NOT_FINITE):
             return code
         run.failures += 1
     code = SINGULAR
@@ -300,7 +300,7 @@ def _solve(run: AlphaRun, t: float) -> int:
         code = _factorize(run, t)
         if code == DONE:
             code = _iterate(run, t, True)
-        if code == DONE or code == NOT_FINITE or code == NEW_PIVOTS:
+        if code in (DONE, NOT_FINITE, NEW_PIVOTS):
             return code
         run.failures += 1
     run.linear.singular = 0

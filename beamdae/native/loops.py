@@ -14,16 +14,17 @@ import threading
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
+from beamdae.errors import told
 from beamdae.native import elimination, vectors
 from beamdae.native.machine import Loaded, MachineError
-from beamdae.native.objects import Source, machine_code
+from beamdae.native.objects import Source, is_on, machine_code
 
 Array = np.ndarray
 
@@ -32,7 +33,7 @@ _LEVEL = 2
 # What the machine code of a loop depends on besides its source.
 _COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
 # What stands behind functions of `vectors` that are more than a loop.
-_BEHIND = {
+_BEHIND: dict[Any, Any] = {
     vectors.factorize: elimination.factorize_linear,
     vectors.solve: elimination.solve_linear,
 }
@@ -168,9 +169,16 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
 @cache
 def _versions() -> str:
     return "\n".join(
-        [f"numba {version('numba')}"]
+        [f"numba {_numba_version()}"]
         + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _COMPILING]
     )
+
+
+def _numba_version() -> str:
+    try:
+        return version("numba")
+    except PackageNotFoundError:
+        return "none"
 
 
 _loaded: dict[Any, Loaded | None] = {}
@@ -179,6 +187,8 @@ _loading = threading.Lock()
 
 
 def _machine_code(function: Any, kind: Any, arguments: str) -> int:
+    if not is_on():
+        raise MachineError("machine code is not wanted")
     key = (function, kind, arguments)
     with _loading:
         if key not in _loaded:
@@ -199,8 +209,10 @@ def _machine_code(function: Any, kind: Any, arguments: str) -> int:
 
 def _compiled(function: Any, kind: Any, arguments: str) -> str:
     """LLVM IR of a loop, with everything it needs."""
-    from beamdae.native import numba_compiler
-
+    try:
+        from beamdae.native import numba_compiler
+    except ImportError as problem:
+        raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
     called: dict[FunctionType, None] = {}
     list(_parts(function, called))
     return numba_compiler.ir(function, tuple(called), kind, arguments, _SYMBOL)

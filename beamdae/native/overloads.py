@@ -16,8 +16,8 @@ from beamdae.native import elimination, structs, vectors
 
 
 @overload(vectors.combine)
-def _combine(out, factors, vectors):  # type: ignore[no-untyped-def]
-    def one(out, factors, vectors):  # type: ignore[no-untyped-def]
+def _combine(out, factors, vectors):
+    def one(out, factors, vectors):
         for i in range(out.size):
             out[i] = factors[0] * vectors[0][i]
 
@@ -137,7 +137,7 @@ def _scatter(out, rows, weights, vector, of):
 
 
 @intrinsic
-def _call_kernel(typing, address, shared, local, out, padded):  # type: ignore[no-untyped-def]
+def _call_kernel(typing, address, shared, local, out, padded):
     """Call machine code void f(double *shared, double *local, double *out, int64 padded)."""
 
     def code(context, builder, signature, arguments):

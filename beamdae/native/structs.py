@@ -102,8 +102,8 @@ def at(struct: Struct) -> Any:
     """Function of a table that gives the object in it."""
 
     @intrinsic
-    def object_at(typing, table):  # type: ignore[no-untyped-def]
-        def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def object_at(typing, table):
+        def code(context, builder, signature, arguments):
             return arguments[0]
 
         return struct(table), code

@@ -337,7 +337,9 @@ class ConstraintKernel:
     def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu = self.local, self._mu(stabilized)
         reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
-        stated = (self.constraint, self._g_dot, x.ddot(self.constraint) if 2 in levels else None)
+        stated = [self.constraint, self._g_dot]
+        if 2 in levels:
+            stated.append(x.ddot(self.constraint))
         outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
         return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
 
