@@ -134,18 +134,21 @@ class Collocating:
         positions, velocities_of_iteration = tolerance.of_iteration
 
         def make(native: bool) -> RadauRun:
+            vectors: list[Any] = [np.zeros(unknowns) for _ in range(2)]
+            stages: list[Any] = [np.zeros((3, unknowns)) for _ in range(5)]
+            changes: list[Any] = [np.zeros(unknowns), np.zeros(unknowns, complex)]
+            changes += [np.zeros(unknowns) for _ in range(2)]
+            matrices: list[Any] = [np.zeros(form.pattern.nnz) for _ in range(2)]
             return RadauRun(
                 form.buffers(native),
                 real.linear(native, solver),
                 pair.linear(native, solver),
                 StepSize(longest),
-                *(np.zeros(unknowns) for _ in range(2)),
-                *(np.zeros((3, unknowns)) for _ in range(5)),
-                np.zeros(unknowns),
-                np.zeros(unknowns, complex),
-                *(np.zeros(unknowns) for _ in range(2)),
+                *vectors,
+                *stages,
+                *changes,
                 np.zeros((3, 3)),
-                *(np.zeros(form.pattern.nnz) for _ in range(2)),
+                *matrices,
                 real.nonzeros,
                 pair.nonzeros,
                 form.pattern.indices.astype(np.int64),
