@@ -134,31 +134,42 @@ class Collocating:
         positions, velocities_of_iteration = tolerance.of_iteration
 
         def make(native: bool) -> RadauRun:
-            vectors: list[Any] = [np.zeros(unknowns) for _ in range(2)]
-            stages: list[Any] = [np.zeros((3, unknowns)) for _ in range(5)]
-            changes: list[Any] = [np.zeros(unknowns), np.zeros(unknowns, complex)]
-            changes += [np.zeros(unknowns) for _ in range(2)]
-            matrices: list[Any] = [np.zeros(form.pattern.nnz) for _ in range(2)]
+            def vector(dtype: type = float) -> Array:
+                return np.zeros(unknowns, dtype)
+
+            def stages() -> Array:
+                return np.zeros((3, unknowns))
+
             return RadauRun(
-                form.buffers(native),
-                real.linear(native, solver),
-                pair.linear(native, solver),
-                StepSize(longest),
-                *vectors,
-                *stages,
-                *changes,
-                np.zeros((3, 3)),
-                *matrices,
-                real.nonzeros,
-                pair.nonzeros,
-                form.pattern.indices.astype(np.int64),
-                columns,
-                *(np.zeros(unknowns) for _ in range(2)),
-                tolerance.tested,
-                np.concatenate([positions, positions]),
-                velocities_of_iteration,
-                tolerance.rounding,
-                np.zeros((3 * _LOOKS, 1 + 3 * n + m)),
+                form=form.buffers(native),
+                real=real.linear(native, solver),
+                pair=pair.linear(native, solver),
+                size=StepSize(longest),
+                y=vector(),
+                yp=vector(),
+                before=stages(),
+                w=stages(),
+                stages=stages(),
+                rates=stages(),
+                residuals_at=stages(),
+                change=vector(),
+                pair_change=vector(complex),
+                pair_real=vector(),
+                pair_imaginary=vector(),
+                ahead=np.zeros((3, 3)),
+                stiffness=np.zeros(form.pattern.nnz),
+                inertia=np.zeros(form.pattern.nnz),
+                real_nonzeros=real.nonzeros,
+                pair_nonzeros=pair.nonzeros,
+                of_row=form.pattern.indices.astype(np.int64),
+                of_column=columns,
+                error=vector(),
+                right=vector(),
+                tested=tolerance.tested,
+                bounds=np.concatenate([positions, positions]),
+                velocity_bounds=velocities_of_iteration,
+                velocity_rounding=tolerance.rounding,
+                rows=np.zeros((3 * _LOOKS, 1 + 3 * n + m)),
             )
 
         def matrices(run: RadauRun) -> list[tuple[Any, Matrix]]:
