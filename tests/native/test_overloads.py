@@ -27,10 +27,13 @@ from beamdae.native.vectors import (
     fill,
     gather,
     largest,
+    minimum,
     norm,
+    parts,
     pick,
     scatter,
     solve,
+    where_largest,
 )
 
 pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")
@@ -109,6 +112,17 @@ def scatter_some(o):
     return 0
 
 
+def minimum_of(o):
+    minimum(o.out, o.x, o.factor, o.y)
+    return 0
+
+
+def where_largest_of(o):
+    # There is always one.
+    o.answer = float(where_largest(o.x, o.y)) if o.x.size > 0 else 0.0
+    return 0
+
+
 def operands(size, count, specials, seed):
     """Random ones, some of them special; `at` has each index once, `of` has some again."""
     random = np.random.default_rng(seed)
@@ -142,6 +156,8 @@ def operands(size, count, specials, seed):
         pick_some,
         gather_some,
         scatter_some,
+        minimum_of,
+        where_largest_of,
     ],
 )
 @given(
@@ -176,7 +192,32 @@ def test_every_overload_is_tried():
     """A new function of `vectors` has a test here, or one of its own."""
     named = {f for f in vars(vectors).values() if getattr(f, "__module__", "") == vectors.__name__}
     tried = {combine, fill, largest, norm, pick, gather, scatter, call_kernels, factorize, solve}
-    assert named == tried
+    tried |= {minimum, where_largest, parts}
+    # These have tests in test_c_calls.
+    elsewhere = {"array_at", "call_for_int", "call_for_pointer", "_c_function"}
+    assert {f.__name__ for f in named - tried} == elsewhere
+
+
+@dataclass(slots=True)
+class Complex:
+    z: np.ndarray
+    real: np.ndarray
+    imaginary: np.ndarray
+
+
+def parts_of(o):
+    parts(o.real, o.imaginary, o.z)
+    return 0
+
+
+def test_complex_vectors_are_taken_apart():
+    z = np.array([1.0 - 2.0j, np.nan + 1.0j, complex(0.0, -np.inf)])
+    plain, work = (Complex(z, np.zeros(3), np.zeros(3)) for _ in range(2))
+    parts_of(plain)
+    in_silence(parts_of, work)()
+    for own in (plain, work):
+        assert_array_equal(own.real, z.real)
+        assert_array_equal(own.imaginary, z.imag)
 
 
 # Kernels.
