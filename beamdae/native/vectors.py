@@ -16,7 +16,7 @@ from beamdae.native.codes import DONE, SINGULAR
 Array = np.ndarray
 
 
-def combine(out: Array, factors: tuple[float, ...], vectors: tuple[Array, ...]) -> None:
+def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]) -> None:
     """out = sum of factors times vectors; `out` may be one of these."""
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 

@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.integrators import looping, radau_loop
+from beamdae.integrators import looping, radau_loop, radau_stages
 from beamdae.integrators.error_control import Scales
 from beamdae.integrators.radau_coefficients import GAMMA, PAIR, A, C, T
-from beamdae.integrators.radau_loop import estimate_error, solve_stages
 from beamdae.integrators.radau_method import Tolerance
+from beamdae.integrators.radau_stages import estimate_error, solve_stages
 from beamdae.integrators.route import plan
 from beamdae.native.codes import DONE
 from beamdae.native.machine import MachineError
@@ -171,7 +171,8 @@ def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
 
 def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
     usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
-    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 3)
+    for module in (radau_loop, radau_stages):
+        monkeypatch.setattr(module, "MAX_ITERATIONS", 3)
     impatient = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
     assert impatient.status.success
     assert impatient.statistics.newton_failures > usual.statistics.newton_failures > 0
@@ -180,8 +181,8 @@ def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
 
 
 def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
-    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(radau_loop, "UNKNOWN_RATE", 1.0)
+    monkeypatch.setattr(radau_stages, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(radau_stages, "UNKNOWN_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
     assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence
