@@ -256,9 +256,16 @@ def beside(folder: Path) -> Iterator[None]:
     finally:
         with suppress(ValueError):
             sys.path.remove(str(folder))
-        for name in list(sys.modules):
+        for name, module in list(sys.modules.items()):
             top = name.partition(".")[0]
-            file = getattr(sys.modules[name], "__file__", None)
             own = (folder / f"{top}.py", folder / top)
-            if top not in before and file and any(Path(file).is_relative_to(x) for x in own):
+            if top not in before and any(
+                Path(file).is_relative_to(x) for x in own for file in _places(module)
+            ):
                 del sys.modules[name]
+
+
+def _places(module: Any) -> list[str]:
+    """The file of a module, or the folders of a package without one."""
+    file = getattr(module, "__file__", None)
+    return [file] if file else [str(x) for x in getattr(module, "__path__", ())]

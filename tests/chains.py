@@ -6,7 +6,7 @@ import scipy.sparse as sp
 import beamdae as bd
 from beamdae.equations.consistent_start import _saddle_function
 from beamdae.equations.formulations import first_order
-from beamdae.equations.step_equations import step_equations
+from beamdae.equations.step_equations import Predicted, step_equations
 from beamdae.integrators.radau_coefficients import GAMMA, PAIR
 from beamdae.symbolic.compiled import Compiled
 
@@ -40,12 +40,10 @@ def matrices(equations, step):
     q, v, a, lam = state(equations)
     time, still = np.zeros(2), np.zeros(equations.m)
     form = first_order(equations, "stabilized-index1")
-    jacobian = Compiled(form.jacobian, equations.p, np.zeros(1))
 
     def at(c):
-        jacobian.inputs[-1][0] = c
         y, yp = np.concatenate([q, v, still, still]), np.concatenate([v, a, lam, still])
-        return jacobian(time, y, yp)[0].copy()
+        return form.jacobian(time, y, yp, c)
 
     stiffness, inertia = at(0.0), at(1.0) - at(0.0)
     found = {
@@ -58,8 +56,8 @@ def matrices(equations, step):
         x = np.zeros(form.size)
         x[equations.n :][: equations.m] = step**2 * lam
         coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
-        nonzeros = Compiled(form.jacobian, equations.p)(x, time, q, v, a, q, coefficients)[0]
-        found[name] = (form.pattern, nonzeros.copy())
+        predicted = Predicted(q, v, a, q, coefficients)
+        found[name] = (form.pattern, form.jacobian(time, predicted, x))
     function, pattern = _saddle_function(equations)
     inertia_alone = np.array([0.0, 0.0, 1.0])
     nonzeros = Compiled(function, equations.p)(time, q, v, a, inertia_alone)[1]

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.integrators import ida
+from beamdae.sundials.library import UnavailableError
 from beamdae.symbolic.sparse_sums import SparseSum
 
 # Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
@@ -259,3 +261,12 @@ def random_state(numeric, seed, size=0.15):
     rng = np.random.default_rng(seed)
     q = numeric.equations.q0 + size * rng.standard_normal(numeric.n)
     return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
+
+
+def by_class(monkeypatch):
+    """Have Ida run by scikit-sundae's class, as where its libraries cannot be had."""
+
+    def unavailable(*arguments):
+        raise UnavailableError("they cannot be had")
+
+    monkeypatch.setattr(ida, "CompiledIda", unavailable)

@@ -119,6 +119,9 @@ def _do(work: _Work, executor: Any, parquet: bool) -> None:
     from beamdae.studies.page_data import page
     from beamdae.studies.pictures import plots
 
+    if interrupts.heard():
+        # One that was lost, as in a callback of other code, is made up for.
+        raise KeyboardInterrupt
     with interrupts.held(through=1):
         with study_progress() as progress:
 

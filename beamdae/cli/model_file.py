@@ -32,12 +32,13 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     Raises
     ------
     BeamdaeError
-        If the file does not import, or does not hold that one model.
+        If the file does not import, or does not hold that one model, or another by its name.
     """
     if not isinstance(path, (str, Path)):
         raise BeamdaeError(f"load_model: path must be that of a model file, got {shown(path)}.")
     path = Path(path)
-    models = models_in(path)
+    module = _imported(path)
+    models = _models(module, path)
     if not models:
         raise BeamdaeError(
             f"{path}: it holds no model, decorate a function with @bd.model(t_end=)."
@@ -51,18 +52,19 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
             f"{path}: no model {shown(name)}{nearest(name, models)}, "
             f"the models are {', '.join(models)}."
         )
-    return models[name or next(iter(models))]
+    chosen = name or next(iter(models))
+    # The same under two names is one.
+    called_so = {id(x.build) for x in _held(module) if x.name == chosen}
+    if len(called_so) > 1:
+        raise BeamdaeError(
+            f"{path}: it holds {len(called_so)} models called {shown(chosen)}, give each a name of "
+            "its own; that of a model is the name of its function."
+        )
+    return models[chosen]
 
 
-def models_in(path: Path) -> dict[str, Model]:
-    """The models of a file by name; a mistake in them is told with its line.
-
-    Raises
-    ------
-    BeamdaeError
-        If the file is missing or does not import.
-    """
-    return _models(_imported(path), path)
+def _held(module: ModuleType) -> list[Model]:
+    return [value for value in vars(module).values() if isinstance(value, Model)]
 
 
 def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
@@ -82,8 +84,7 @@ def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
 
 
 def _models(module: ModuleType, path: Path) -> dict[str, Model]:
-    found = [value for value in vars(module).values() if isinstance(value, Model)]
-    return {model.name: replace(model, build=_located(model, path)) for model in found}
+    return {x.name: replace(x, build=_located(x, path)) for x in _held(module)}
 
 
 def _imported(path: Path) -> ModuleType:

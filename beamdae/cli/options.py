@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
 ModelName = Annotated[
@@ -46,6 +46,8 @@ def require_writable(folder: Path, files: tuple[str, ...] = ()) -> None:
 
     Folders in the place of files count as such.
     """
+    if not str(folder).isprintable():
+        raise BeamdaeError(f"--out: no folder of results can be called {shown(str(folder))}.")
     try:
         there = folder.absolute()
         while not there.exists():

@@ -20,6 +20,7 @@ Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -133,6 +134,31 @@ class FirstOrder:
         q, v, lam = self._parts
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
+
+    @cached_property
+    def _own(self) -> FirstOrderSums:
+        return self.buffers()
+
+    def residual(self, time: Array, y: Array, yp: Array) -> Array:
+        """R at time = (t, branch), for whoever needs it once; runs have `buffers` of their own."""
+        result = np.zeros(self.size)
+        t, branch = time
+        first_order_residual(self._own, t, branch, y, yp, result)
+        return result
+
+    def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
+        """Non-zeros of dR/dy + c dR/dy' on `pattern`, likewise."""
+        result = np.zeros(self.pattern.nnz)
+        t, branch = time
+        first_order_jacobian(self._own, t, branch, c, y, yp, result)
+        return result
+
+    @property
+    def names(self) -> list[str]:
+        """What the unknowns are, in words where they are not coordinates or multipliers."""
+        q, lam = self.equations.q_names, self.equations.lam_names
+        mu = lam if self.formulation.stabilized else ()
+        return [*q, *(f"velocity of {x}" for x in q), *lam, *(f"correction of {x}" for x in mu)]
 
     @property
     def is_native(self) -> bool:

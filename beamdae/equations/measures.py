@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
+import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.sums import data_of
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.kernel_rows import KernelRows
 
 MX = ca.MX
+Array = np.ndarray
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
@@ -33,25 +39,53 @@ def observed(e: EquationsOfMotion) -> RowFunction:
     return _of_rows("observed", symbols, e.observed(time, q, v, p, lam))
 
 
+@dataclass(frozen=True)
+class BalanceRows:
+    """What keeps the books of a run, see `balance`."""
+
+    equations: EquationsOfMotion
+    forces: tuple[KernelRows, ...]
+    joints: tuple[KernelRows, ...]
+
+    def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+        """Rows (energies, powers, norms) of states at (t, branch)."""
+        e = self.equations
+        force, still, reaction = (np.zeros((len(q), e.n)) for _ in range(3))
+        energies, drivers = np.zeros((len(q), 5)), np.zeros(len(q))
+        levels = [np.zeros((len(q), e.m)) for _ in range(2)]
+        for term, rows in zip(e.forces, self.forces, strict=True):
+            own_force, own_still, own_energies = rows(times, (q, v, a))
+            force += own_force @ term.operator
+            still += own_still @ term.operator
+            energies += own_energies.reshape(len(q), term.count, 5).sum(axis=1)
+        for joint, rows in zip(e.joints, self.joints, strict=True):
+            own_reaction, *own_levels, power = rows(times, (q, v, lam))
+            reaction += own_reaction @ joint.operator
+            for level, own in zip(levels, own_levels, strict=True):
+                level += own @ joint.rows
+            drivers += power.sum(axis=1)
+        norms = [np.abs(x).max(axis=1, initial=0.0) for x in (force + reaction, reaction, still)]
+        norms += [np.abs(x).max(axis=1, initial=0.0) for x in levels]
+        return np.column_stack([energies[:, :3], energies[:, 3], drivers, energies[:, 4], *norms])
+
+
 @once
-def balance(e: EquationsOfMotion) -> RowFunction:
+def balance(e: EquationsOfMotion) -> BalanceRows:
     """(3) `ENERGIES` [J], (3) powers of `WORKS` [W], and what shows how good a state is.
 
     The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
-    symbols = _symbols(e)
-    time, q, v, a, p, lam = symbols
-    energies = e.energies(time, q, v, p)
-    reaction, force = e.reaction(time, q, p, lam), e.force(time, q, v, a, p)
-    norms = ca.vertcat(
-        _largest(force + reaction),
-        _largest(reaction),
-        _largest(e.force(time, q, v, MX.zeros(e.n), p)),
-        _largest(e.level(0, time, q, v, a, p)),
-        _largest(e.level(1, time, q, v, a, p)),
+    forces = (
+        KernelRows(t.kernel.balance_kernel, (t.operator,) * 3, data_of(e, t), t.count)
+        for t in e.forces
     )
-    power = ca.vertcat(energies[3], e.driver_power(time, q, p, lam), energies[4])
-    return _of_rows("balance", symbols, ca.vertcat(energies[:3], power, norms))
+    joints = (
+        KernelRows(
+            t.kernel.balance_kernel, (t.operator, t.operator, t.rows), data_of(e, t), t.count
+        )
+        for t in e.joints
+    )
+    return BalanceRows(e, tuple(forces), tuple(joints))
 
 
 @once

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,6 +54,24 @@ class StepEquations:
     def size(self) -> int:
         """Number of unknowns x."""
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
+
+    @cached_property
+    def _own(self) -> StepSums:
+        return self.buffers()
+
+    def residual(self, time: Array, at: Predicted, x: Array) -> Array:
+        """The equations at time = (t, branch), for whoever needs them once."""
+        result = np.zeros(self.pattern.shape[0])
+        t, branch = time
+        step_residual(self._own, t, branch, at, x, result)
+        return result[: self.size]
+
+    def jacobian(self, time: Array, at: Predicted, x: Array) -> Array:
+        """Non-zeros of the iteration matrix on `pattern`, likewise."""
+        result = np.zeros(self.pattern.nnz)
+        t, branch = time
+        step_matrix(self._own, t, branch, at, x, result)
+        return result
 
     @property
     def is_native(self) -> bool:

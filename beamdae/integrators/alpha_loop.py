@@ -65,7 +65,7 @@ class AlphaRun:
     ----------
     form, linear
         Equations of a step, and the factors of their matrix.
-    alpha_m, gamma, beta, defect
+    alpha_m, alpha_f, gamma, beta, defect
         The member of the family.
     now
         The motion, as the step that comes asks for it.
@@ -73,6 +73,10 @@ class AlphaRun:
         The motion as the step left it that led to it.
     at, a_p
         The prediction of the step under way, and its algorithmic acceleration.
+    ddq_n, a_n, lam_n
+        What it begins with.
+    trend
+        Its length over that of the step before, or 0 if there is none to go on from.
     x, start, change, nonzeros
         Unknowns, where their iteration began, a change of them, and the matrix.
     weights
@@ -92,6 +96,7 @@ class AlphaRun:
     form: StepSums
     linear: Any
     alpha_m: float
+    alpha_f: float
     gamma: float
     beta: float
     defect: float
@@ -99,6 +104,9 @@ class AlphaRun:
     kept: Motion
     at: Predicted
     a_p: Array
+    ddq_n: Array
+    a_n: Array
+    lam_n: Array
     x: Array
     start: Array
     change: Array
@@ -111,6 +119,7 @@ class AlphaRun:
     largest: float
     smallest: float
     filled: int = 0
+    trend: float = 0.0
     most: int = 0
     bound: float = 0.0
     rate: float = math.inf
@@ -186,7 +195,7 @@ def adaptive_steps(run: AlphaRun) -> int:
 
 def _jump(run: AlphaRun) -> float:
     """Largest change of the algorithmic acceleration over the scales."""
-    combine(run.a_p, (1.0, -1.0), (run.now.a, run.kept.a))
+    combine(run.a_p, (1.0, -1.0), (run.now.a, run.a_n))
     return largest(run.a_p, run.weights)
 
 
@@ -239,16 +248,21 @@ def _advance(run: AlphaRun, t: float) -> int:
     """The motion one step later, at t; as it was unless that succeeds."""
     now, at, x, c = run.now, run.at, run.x, run.at.coefficients
     n, end, h, beta = now.q.size, now.q.size + now.lam.size, now.h, run.beta
-    # Prediction: q'' as before; d is measured from there.
+    # Prediction: q'' and the multipliers go on as in the step before; d is measured from there.
     share = 1.0 / (1.0 - run.alpha_m)
-    combine(run.a_p, (share, -run.alpha_m * share), (now.ddq, now.a))
+    trend = (1.0 + run.trend, -run.trend)
+    combine(at.a, trend, (now.ddq, run.ddq_n))
+    shares = (share * (1.0 - run.alpha_f), share * run.alpha_f, -share * run.alpha_m)
+    combine(run.a_p, shares, (at.a, now.ddq, now.a))
     positions = (now.q, now.v, now.a, run.a_p)
     combine(at.q, (1.0, h, h * h * (0.5 - beta), h * h * beta), positions)
     combine(at.v, (1.0, h * (1.0 - run.gamma), h * run.gamma), (now.v, now.a, run.a_p))
-    combine(at.a, (1.0,), (now.ddq,))
+    combine(run.ddq_n, (1.0,), (now.ddq,))
     combine(at.before, (1.0,), (now.q,))
+    combine(run.a_n, (1.0,), (now.a,))
     fill(x[:n], 0.0)
-    combine(x[n:end], (c[2],), (now.lam,))
+    combine(x[n:end], (c[2] * trend[0], c[2] * trend[1]), (now.lam, run.lam_n))
+    combine(run.lam_n, (1.0,), (now.lam,))
     fill(x[end:], 0.0)
     run.bound = max(run.newton_tolerance * c[2] * largest(now.ddq, run.weights), run.least)
     code = _solve(run, t)
@@ -260,6 +274,7 @@ def _advance(run: AlphaRun, t: float) -> int:
     combine(now.a, (1.0, 1.0 / c[2]), (run.a_p, x[:n]))
     combine(now.lam, (1.0 / c[2],), (x[n:end],))
     run.t = t
+    run.trend = 1.0
     return DONE
 
 
@@ -274,7 +289,7 @@ def _solve(run: AlphaRun, t: float) -> int:
     combine(run.start, (1.0,), (x,))
     if run.rate <= _KEEP_RATE:
         code = _iterate(run, t, False)
-        if code == DONE or code == NOT_FINITE:
+        if code in (DONE, NOT_FINITE):
             return code
         run.failures += 1
     code = SINGULAR
@@ -285,7 +300,7 @@ def _solve(run: AlphaRun, t: float) -> int:
         code = _factorize(run, t)
         if code == DONE:
             code = _iterate(run, t, True)
-        if code == DONE or code == NOT_FINITE or code == NEW_PIVOTS:
+        if code in (DONE, NOT_FINITE, NEW_PIVOTS):
             return code
         run.failures += 1
     run.linear.singular = 0

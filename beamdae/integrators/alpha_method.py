@@ -56,6 +56,7 @@ class Steps:
         scales: Array,
         newton_tolerance: float,
         linear_solver: str,
+        *,
         bounds: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> None:
         """`bounds` are the tolerance of a step, the largest and the smallest one."""
@@ -65,21 +66,27 @@ class Steps:
         size = float(np.max(form.equations.position_scales * weights))
 
         def motion() -> Motion:
-            return Motion(*(np.zeros(n) for _ in range(4)), np.zeros(m))
+            q, v, ddq, a = np.zeros((4, n))
+            return Motion(q, v, ddq, a, np.zeros(m))
 
         def make(native: bool) -> AlphaRun:
             member = change.member
+            q, v, a, before = np.zeros((4, n))
             return AlphaRun(
                 form.buffers(native),
                 matrix.linear(native, linear_solver),
                 member.alpha_m,
+                member.alpha_f,
                 member.gamma,
                 member.beta,
                 member.defect,
                 motion(),
                 motion(),
-                Predicted(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
+                Predicted(q, v, a, before, np.zeros(3)),
                 np.zeros(n),
+                np.zeros(n),
+                np.zeros(n),
+                np.zeros(m),
                 np.zeros(form.size),
                 np.zeros(form.size),
                 np.zeros(form.pattern.shape[0]),
@@ -150,6 +157,7 @@ class Steps:
         for name in ("q", "v", "ddq", "a", "lam"):
             getattr(run.now, name)[:] = getattr(found, name)
         run.now.h, run.rate = h, np.inf
+        run.trend = h / run.kept.h if run.kept.h > 0.0 else 0.0
         run.at.coefficients[:] = change.coefficients(h)
 
     def _reason(self, code: int) -> str:
@@ -187,7 +195,7 @@ class AdaptiveSteps(Steps):
     def __init__(
         self, *form: Any, first: float, largest: float, duration: float, tolerance: float
     ) -> None:
-        super().__init__(*form, (tolerance, largest, _SMALLEST * duration))
+        super().__init__(*form, bounds=(tolerance, largest, _SMALLEST * duration))
         self._first = first
 
     @property

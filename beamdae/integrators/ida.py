@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.sparse as sp
-from sksundae.ida import IDA
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import FIRST_ORDER, State, first_order
+from beamdae.equations.formulations import (
+    FIRST_ORDER,
+    FirstOrder,
+    State,
+    first_order,
+    first_order_residual,
+)
 from beamdae.errors import one_of
 from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, StepError, drive
 from beamdae.integrators.error_control import (
@@ -22,13 +25,15 @@ from beamdae.integrators.error_control import (
     resolve,
     scales,
 )
+from beamdae.integrators.ida_compiled import CompiledIda
+from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.preconditioned import PreconditionedResidual
+from beamdae.integrators.preconditioned import WrappedIda
 from beamdae.integrators.route import Route
-from beamdae.integrators.silence import silent
+from beamdae.native.machine import MachineError
 from beamdae.results.solution import Solution, Statistics
-from beamdae.symbolic.factorizations import DENSE_LIMIT
-from beamdae.symbolic.memory import require_memory
+from beamdae.sundials.library import UnavailableError
+from beamdae.sundials.solver import reason
 
 Array = np.ndarray
 
@@ -40,8 +45,6 @@ _LOSES = (
 )
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
 _SHORTER, _SHORTEST = 1e-4, 1e-300
-# What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
-_FULL = 8.0
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
 _NONE = 1e-15
 
@@ -105,34 +108,15 @@ class Ida(ByTolerance):
         )
 
 
-def _solver(newton: PreconditionedResidual, size: int, **options: Any) -> IDA:
-    """IDA with a solver for the identity, which is all that is left for it to solve.
-
-    For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
-    and memory than all the rest, and SuperLU, where it is built in, takes over.
-    """
-    options["jacfn"] = newton.jacobian
-    if size > DENSE_LIMIT:
-        with warnings.catch_warnings(), contextlib.suppress(ValueError):
-            # It says that the pattern goes with the Jacobian given.
-            warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
-            pattern = sp.eye_array(size, format="csc")
-            return IDA(newton.residual, linsolver="sparse", sparsity=pattern, **options)
-    what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
-    remedy = "install one that has it, take fewer elements, or another integrator"
-    require_memory("Ida", what, _FULL * size**2, remedy)
-    return IDA(newton.residual, linsolver="band", lband=0, uband=0, **options)
-
-
 class Bdf:
-    """IDA, a step at a time."""
+    """IDA, many steps at a time."""
 
+    rows_per_step: ClassVar[int] = 1
     steps_between_looks: ClassVar[int] = 64
 
     def __init__(self, settings: Ida, route: Route) -> None:
         self._rtol = settings.rtol
         self._form = first_order(route.equations, settings.formulation)
-        self._newton = PreconditionedResidual(self._form, settings.linear_solver)
         self._scales = size = scales(route)
         self._control = resolve(
             settings.error_control,
@@ -145,12 +129,13 @@ class Bdf:
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = route.longest_step("Ida", settings.max_step)
-        self._options = {
+        options = {
             "rtol": _NONE,
             "atol": self._control.absolute(self._tolerance, size, self._form),
             "max_order": self._control.max_order,
             "max_step": self._longest,
         }
+        self._ida = _made(self._form, settings.linear_solver, options)
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -162,6 +147,8 @@ class Bdf:
             "auto": self._control.reason,
             "local_tolerance": float(self._tolerance),
             "method": "Ida",
+            "ida": self._ida.name,
+            **self._ida.told,
             **({"note": note} if note else {}),
         }
 
@@ -173,12 +160,11 @@ class Bdf:
     @property
     def counts(self) -> Statistics:
         """What it cost."""
-        return self._newton.counts
+        return self._ida.counts
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval."""
-        self._t, self._end = start, end
-        self._newton.restart(branch)
+        self._t, self._end, self._branch = start, end, branch
         # IDA's own guess knows no accelerations, and fails where they are huge for an instant.
         first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
         self._start(first, state)
@@ -187,35 +173,49 @@ class Bdf:
         """Begin with a step of this length [s]."""
         self._first = first
         self._state: State | None = state
-        self._solver = _solver(self._newton, self._form.size, first_step=first, **self._options)
-        self._solver.init_step(self._t, *self._form.pack(state))
+        self._ida.start((self._t, self._end), self._branch, *self._form.pack(state), first)
 
-    def step(self) -> tuple[float, State]:
-        """One step of IDA."""
-        # SUNDIALS prints its errors; the status says them.
-        while True:
-            with silent:
-                result = self._solver.step(self._end, "onestep", self._end)
-            if result.success and result.t > self._t:
-                break
+    def advance(self, most: int) -> Array:
+        """Rows of one to `most` more steps.
+
+        Raises
+        ------
+        StepError
+            If there is none.
+        """
+        while not len(rows := self._ida.advance(most)):
             shorter = _SHORTER * self._first
             if self._state is None or self._t + shorter == self._t or shorter < _SHORTEST:
-                raise StepError(self._reason(result))
+                raise StepError(self._reason)
             self._start(shorter, self._state)
-        self._t = result.t
+        self._t = float(rows[-1, 0])
         self._state = None
-        self._newton.accepted += 1
-        return result.t, self._form.unpack(result.y, result.yp)
+        return rows
 
-    def _reason(self, result: Any) -> str:
+    @property
+    def _reason(self) -> str:
         # Steps shrink to nothing before a time from which on there is no residual.
         ahead = self._t + _AHEAD * (self._end - self._t)
-        if not self._newton.is_finite(ahead, result.y, result.yp):
+        y, yp, last = self._ida.last
+        there = np.zeros(self._form.size)
+        first_order_residual(self._form.buffers(), ahead, self._branch, y, yp, there)
+        if not (np.isfinite(last).all() and np.isfinite(there).all()):
             return "the residual is not finite; check laws and start values"
-        if result.success:
+        code = self._ida.code
+        if code == NO_ADVANCE:
             return STUCK
         return {
             -3: "the error test failed at the smallest step; loosen rtol or test positions only",
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
-        }.get(result.status, str(result.message).rstrip("."))
+        }.get(code, reason(code))
+
+
+def _made(
+    form: FirstOrder, linear_solver: str, options: dict[str, Any]
+) -> CompiledIda | WrappedIda:
+    """IDA with everything in machine code, or as it can be had."""
+    if form.is_native:
+        with contextlib.suppress(MachineError, UnavailableError):
+            return CompiledIda(form, options)
+    return WrappedIda(form, linear_solver, options)

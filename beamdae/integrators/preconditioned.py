@@ -1,41 +1,42 @@
-"""The linear algebra of IDA's Newton iteration, done outside IDA."""
+"""IDA by scikit-sundae's class, where its libraries or machine code cannot be had."""
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from sksundae.ida import IDA
 
 from beamdae.equations.formulations import FirstOrder
 from beamdae.errors import BeamdaeError
+from beamdae.integrators.ida_loop import NO_ADVANCE, Newton, preconditioned, setup
+from beamdae.integrators.looping import Matrix
+from beamdae.integrators.silence import silent
+from beamdae.native.codes import DONE
 from beamdae.results.solution import Statistics
-from beamdae.symbolic.compiled import Compiled
-from beamdae.symbolic.factorizations import SingularMatrixError, factorization
+from beamdae.symbolic.factorizations import DENSE_LIMIT
+from beamdae.symbolic.memory import require_memory
 
 Array = np.ndarray
 
 # What rounding leaves of an iterate, relative to its size.
 _SHARED = 1e-9
+# What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
+_FULL = 8.0
 
 
 class PreconditionedResidual:
-    """The linear algebra of IDA's Newton iteration, done here.
-
-    IDA is given the residual multiplied by the inverse of the Jacobian of its last setup, and the
-    identity as Jacobian: its own (diagonal) solver then does nothing but its scaling by
-    2 / (1 + c / c_setup). That leaves factorization and solution to LAPACK or SuperLU by size,
-    without the cost of a Krylov iteration around them. When IDA asks for a new Jacobian it has
-    just evaluated the residual at the same point: that one is multiplied again, with the new
-    factors, in the vector IDA passed in for it.
-    """
+    """What scikit-sundae's class calls: `ida_loop` has the mathematics."""
 
     def __init__(self, form: FirstOrder, linear_solver: str) -> None:
-        p = form.equations.p
-        self._residual = Compiled(form.residual, p)
-        self._jacobian = Compiled(form.jacobian, p, np.zeros(1))
-        self._linear = factorization(form.pattern, linear_solver)
-        self._time = np.zeros(2)
-        self._ready = False
+        matrix = Matrix.of(form.pattern)
+        linear = matrix.linear(False, linear_solver)
+        self.newton = Newton(form.buffers(), linear, np.zeros(form.size), matrix.nonzeros)
+        self._t = np.nan
         self._pending = np.zeros(form.size)
         # Whether IDA has been seen to read what is written into its vector, and until then what
         # the next iterate (time, y) has to be if it does.
@@ -45,46 +46,32 @@ class PreconditionedResidual:
         self._attempts = self._setups = self._attempts_with_setup = self._last_setup = 0
 
     def restart(self, branch: float) -> None:
-        """Begin a smooth interval, without factors."""
-        self._time[:] = np.nan, branch
-        self._ready = False
+        """Begin anew, without factors."""
+        self.newton.branch, self.newton.ready = branch, 0
+        self._t = np.nan
         self._expected = None
-
-    def is_finite(self, t: float, y: Array, yp: Array) -> bool:
-        """Whether the residual evaluated last is finite, and the one at time `t`."""
-        last = bool(np.isfinite(self._residual.outputs[0]).all())
-        self._time[0] = t
-        return last and bool(np.isfinite(self._residual(self._time, y, yp)[0]).all())
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """Residual for IDA, multiplied by the inverse of the last Jacobian."""
         # Every attempt at a step has a time of its own.
-        if t != self._time[0]:
+        if t != self._t:
             self._attempts += 1
-        self._time[0] = t
+        self._t = t
         if self._expected is not None:
             self._check_shared(t, y)
         self._pending = out
-        (raw,) = self._residual(self._time, y, yp)
-        out[:] = self._linear.solve(raw) if self._ready else raw
+        preconditioned(self.newton, t, y, yp, out)
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
         """Factorize dR/dy + c dR/dy' and give IDA the identity."""
-        self._time[0] = t
         self._setups += 1
         if self._last_setup != self._attempts:
             self._attempts_with_setup += 1
             self._last_setup = self._attempts
-        self._jacobian.inputs[-1][0] = c
-        (nonzeros,) = self._jacobian(self._time, y, yp)
-        try:
-            self._linear.factorize(nonzeros)
-        except SingularMatrixError:
+        if setup(self.newton, t, c, y, yp, self._pending) != DONE:
             # IDA retries with a smaller step, and reports where it had to give up.
             self._pending[:] = np.nan
             return
-        self._ready = True
-        self._pending[:] = self._linear.solve(self._residual.outputs[0])
         if not self._shared and np.isfinite(self._pending).all():
             self._expected = t, y - self._pending
         # The diagonal of a full matrix, or all there is of a sparse one.
@@ -116,11 +103,79 @@ class PreconditionedResidual:
     @property
     def counts(self) -> Statistics:
         """What it cost."""
+        newton = self.newton
         return Statistics(
             rejected_steps=max(self._attempts - self.accepted, 0),
-            residual_calls=self._residual.calls,
-            jacobian_calls=self._jacobian.calls,
-            factorizations=self._linear.factorizations,
-            solves=self._linear.solves,
+            residual_calls=newton.residuals,
+            jacobian_calls=newton.jacobians,
+            factorizations=newton.linear.factorizations,
+            solves=newton.linear.solves,
             newton_failures=self._setups - self._attempts_with_setup,
         )
+
+
+class WrappedIda:
+    """IDA by scikit-sundae's class, a step at a time; see `ida_compiled.CompiledIda`."""
+
+    name = "scikit-sundae"
+
+    def __init__(self, form: FirstOrder, linear_solver: str, options: dict[str, Any]) -> None:
+        self._form, self._options = form, options
+        self._called = PreconditionedResidual(form, linear_solver)
+        self.code = DONE
+        # It tells nothing of its steps.
+        self.told: dict[str, Any] = {}
+
+    def start(
+        self, span: tuple[float, float], branch: float, y: Array, yp: Array, first: float
+    ) -> None:
+        """Begin anew, for steps from the start to the end of a span, the first one of a length."""
+        self._called.restart(branch)
+        self._t, self._end = span
+        self._solver = _solver(self._called, self._form.size, first_step=first, **self._options)
+        self._solver.init_step(self._t, y, yp)
+        self.code = DONE
+
+    def advance(self, most: int) -> Array:
+        """One row, or none."""
+        with silent:
+            # SUNDIALS prints its errors; the status says them.
+            result = self._solver.step(self._end, "onestep", self._end)
+        self._y, self._yp = result.y, result.yp
+        self.code = DONE if result.t > self._t else NO_ADVANCE
+        if not result.success:
+            self.code = int(result.status)
+        if self.code != DONE:
+            return np.zeros((0, 0))
+        self._t = result.t
+        self._called.accepted += 1
+        return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
+
+    @property
+    def last(self) -> tuple[Array, Array, Array]:
+        """(y, y', R) where it stopped."""
+        return self._y, self._yp, self._called.newton.raw
+
+    @property
+    def counts(self) -> Statistics:
+        """What it cost."""
+        return self._called.counts
+
+
+def _solver(called: PreconditionedResidual, size: int, **options: Any) -> IDA:
+    """IDA with a solver for the identity, which is all that is left for it to solve.
+
+    For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
+    and memory than all the rest, and SuperLU, where it is built in, takes over.
+    """
+    options["jacfn"] = called.jacobian
+    if size > DENSE_LIMIT:
+        with warnings.catch_warnings(), contextlib.suppress(ValueError):
+            # It says that the pattern goes with the Jacobian given.
+            warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
+            pattern = sp.eye_array(size, format="csc")
+            return IDA(called.residual, linsolver="sparse", sparsity=pattern, **options)
+    what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
+    remedy = "install one that has it, take fewer elements, or another integrator"
+    require_memory("Ida", what, _FULL * size**2, remedy)
+    return IDA(called.residual, linsolver="band", lband=0, uband=0, **options)

@@ -216,11 +216,11 @@ def _measure(
             row = positions[e]
             left[row] -= matrix[e] * value
             sizes[row] += _size(matrix[e]) * size
+    little = True
     for k in range(len(x)):
-        # Written so that what is not a number is not little.
-        if not _size(left[k]) <= _ACCURATE * sizes[k]:
-            return False
-    return True
+        # What is not a number is not little.
+        little &= _size(left[k]) <= _ACCURATE * sizes[k]
+    return little
 
 
 def _size(value: complex) -> float:
@@ -274,14 +274,11 @@ def no_plan() -> Plan:
 
 def factors_of(plan: Plan, dtype: Any) -> Factors:
     """Room for the factors."""
-    size = len(plan.rows)
     entries = (plan.sources, plan.upper_rows, plan.lower_rows)
-    return Factors(
-        *(np.zeros(len(rows), dtype) for rows in entries),
-        *(np.zeros(size, dtype) for _ in range(4)),
-        np.zeros(size),
-        np.zeros(1, np.int64),
-    )
+    matrix, upper, lower = (np.zeros(len(rows), dtype) for rows in entries)
+    inverse, x, right, left = np.zeros((4, len(plan.rows)), dtype)
+    sizes, refinements = np.zeros(len(plan.rows)), np.zeros(1, np.int64)
+    return Factors(matrix, upper, lower, inverse, x, right, left, sizes, refinements)
 
 
 def factorize_linear(linear: Linear, nonzeros: Array) -> int:

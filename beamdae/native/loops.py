@@ -10,19 +10,21 @@ from __future__ import annotations
 
 import ctypes
 import inspect
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
+from beamdae.errors import told
 from beamdae.native import elimination, vectors
 from beamdae.native.machine import Loaded, MachineError
-from beamdae.native.objects import Source, machine_code
+from beamdae.native.objects import Source, is_on, machine_code
 
 Array = np.ndarray
 
@@ -31,7 +33,7 @@ _LEVEL = 2
 # What the machine code of a loop depends on besides its source.
 _COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
 # What stands behind functions of `vectors` that are more than a loop.
-_BEHIND = {
+_BEHIND: dict[Any, Any] = {
     vectors.factorize: elimination.factorize_linear,
     vectors.solve: elimination.solve_linear,
 }
@@ -61,10 +63,10 @@ class Loop:
             is given as an integer, "@" for the table.
         """
         layout = _Layout(work)
-        self._numbers = layout.numbers
+        self._numbers, self._kind = layout.numbers, layout.kind
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
-        self.address = _machine_code(function, layout.kind, arguments)
+        self.address = self.callback(function, arguments)
         kinds = (_C_TYPES[kind] for kind in arguments)
         self._call = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(self.address)
         # What the table points to.
@@ -76,6 +78,21 @@ class Loop:
         code = self._call(self.table.ctypes.data)
         self.unload()
         return int(code)
+
+    def callback(self, function: Any, arguments: str) -> int:
+        """Address of another C function, `function(work, *arguments)`, of the same table."""
+        return _machine_code(function, self._kind, arguments)
+
+    def bind(self) -> None:
+        """Numbers and arrays of the object, which may be others now, into the table.
+
+        The table stays where it is: a C function of it may do this while it runs.
+        """
+        layout = _Layout(self._work)
+        assert layout.kind == self._kind
+        self._numbers = layout.numbers
+        self.table[:] = layout.words
+        self.load()
 
     def load(self) -> None:
         """The numbers of the object, into the table."""
@@ -152,27 +169,39 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
 @cache
 def _versions() -> str:
     return "\n".join(
-        [f"numba {version('numba')}"]
+        [f"numba {_numba_version()}"]
         + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _COMPILING]
     )
 
 
+def _numba_version() -> str:
+    try:
+        return version("numba")
+    except PackageNotFoundError:
+        return "none"
+
+
 _loaded: dict[Any, Loaded | None] = {}
+# Of two threads that load the same, the second would take the place of what the first runs.
+_loading = threading.Lock()
 
 
 def _machine_code(function: Any, kind: Any, arguments: str) -> int:
+    if not is_on():
+        raise MachineError("machine code is not wanted")
     key = (function, kind, arguments)
-    if key not in _loaded:
-        text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
-        source = Source(
-            function.__name__,
-            text,
-            (_SYMBOL,),
-            level=_LEVEL,
-            ir=lambda: _compiled(function, kind, arguments),
-        )
-        _loaded[key] = machine_code(source, lambda code: True)
-    code = _loaded[key]
+    with _loading:
+        if key not in _loaded:
+            text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
+            source = Source(
+                function.__name__,
+                text,
+                (_SYMBOL,),
+                level=_LEVEL,
+                ir=lambda: _compiled(function, kind, arguments),
+            )
+            _loaded[key] = machine_code(source, lambda code: True)
+        code = _loaded[key]
     if code is None:
         raise MachineError(f"{function.__name__}: it cannot be compiled")
     return code.addresses[_SYMBOL]
@@ -180,8 +209,10 @@ def _machine_code(function: Any, kind: Any, arguments: str) -> int:
 
 def _compiled(function: Any, kind: Any, arguments: str) -> str:
     """LLVM IR of a loop, with everything it needs."""
-    from beamdae.native import numba_compiler
-
+    try:
+        from beamdae.native import numba_compiler
+    except ImportError as problem:
+        raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
     called: dict[FunctionType, None] = {}
     list(_parts(function, called))
     return numba_compiler.ir(function, tuple(called), kind, arguments, _SYMBOL)

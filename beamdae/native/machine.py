@@ -13,8 +13,7 @@ from itertools import count
 from types import MappingProxyType
 from typing import Any
 
-import llvmlite
-import llvmlite.binding as llvm
+from beamdae.errors import told
 
 _numbers = count()
 
@@ -25,7 +24,15 @@ class MachineError(Exception):
 
 @cache
 def recipe() -> tuple[str, ...]:
-    """What an object depends on besides IR and level: system, processor and compiler."""
+    """What an object depends on besides IR and level: system, processor and compiler.
+
+    Raises
+    ------
+    MachineError
+        If there is no compiler.
+    """
+    llvmlite = _llvmlite()
+    llvm = llvmlite.binding
     cpu, features = _host()
     version = ".".join(map(str, llvm.llvm_version_info))
     return (llvm.get_process_triple(), cpu, features, f"llvmlite {llvmlite.__version__}", version)
@@ -44,6 +51,7 @@ def compiled(ir: str, level: int) -> bytes:
     MachineError
         If LLVM cannot compile it.
     """
+    llvm = _llvmlite().binding
     try:
         target = _target()
         # Of its own context, which goes with it: the global one keeps every constant.
@@ -89,7 +97,7 @@ class Loaded:
         MachineError
             If a symbol is missing, or nothing may be executed from memory.
         """
-        engine = _engine()
+        llvm, engine = _llvmlite().binding, _engine()
         builder = llvm.JITLibraryBuilder().add_object_img(content).add_current_process()
         for name, address in imports.items():
             builder.import_symbol(name, address)
@@ -132,13 +140,24 @@ def _mathematics() -> ctypes.CDLL:
     return ctypes.CDLL(None)
 
 
+def _llvmlite() -> Any:
+    try:
+        import llvmlite.binding
+    # The latter of a library of it that is not there.
+    except (ImportError, OSError) as problem:
+        raise MachineError(f"llvmlite cannot be imported ({told(problem)})") from problem
+    return llvmlite
+
+
 @cache
 def _host() -> tuple[str, str]:
+    llvm = _llvmlite().binding
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 @cache
 def _target() -> Any:
+    llvm = _llvmlite().binding
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = _host()
@@ -150,6 +169,7 @@ def _target() -> Any:
 
 @cache
 def _engine() -> Any:
+    llvm = _llvmlite().binding
     try:
         llvm.check_jit_execution()
         return llvm.create_lljit_compiler(_target(), suppress_errors=True)

@@ -8,9 +8,10 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core import config
 
+from beamdae.errors import told
 from beamdae.native import overloads, structs
+from beamdae.native.machine import MachineError
 
 _NUMBERS = {"int": numba.int64, "float": numba.float64}
 _ARGUMENTS = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
@@ -38,6 +39,11 @@ def ir(
         The function and all functions it calls.
     kind
         Of the object it works on, see `loops`.
+
+    Raises
+    ------
+    MachineError
+        If this numba cannot compile it.
     """
     for part in parts:
         if part not in _registered:
@@ -46,9 +52,12 @@ def ir(
     names = [f"a{k}" if kind != "@" else "table" for k, kind in enumerate(arguments)]
     given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
     space = {"function": function, "object_at": structs.at(_numba_type(kind))}
-    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)  # noqa: S102
+    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
     signature = numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
-    compiled = numba.cfunc(signature, error_model="numpy")(space["entry"])
+    try:
+        compiled = numba.cfunc(signature, error_model="numpy")(space["entry"])
+    except numba.errors.NumbaError as problem:
+        raise MachineError(f"numba cannot compile loops ({told(problem)})") from problem
     text = compiled.inspect_llvm()
     text = re.sub(rf'@"?{re.escape(compiled.native_name)}"?(?=\W)', f"@{symbol}", text)
     text = _RAISING.sub(r"define internal \1@\2(\3) {\n  unreachable\n}", text)

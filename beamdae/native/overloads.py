@@ -9,14 +9,15 @@ import math
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
-from beamdae.native import elimination, vectors
+from beamdae.native import elimination, structs, vectors
 
 
 @overload(vectors.combine)
-def _combine(out, factors, vectors):  # type: ignore[no-untyped-def]
-    def one(out, factors, vectors):  # type: ignore[no-untyped-def]
+def _combine(out, factors, vectors):
+    def one(out, factors, vectors):
         for i in range(out.size):
             out[i] = factors[0] * vectors[0][i]
 
@@ -91,6 +92,19 @@ def _norm(vector, weights):
     return loop
 
 
+@overload(vectors.where_largest)
+def _where_largest(vector, weights):
+    def loop(vector, weights):
+        at, most = 0, -1.0
+        for i in range(vector.size):
+            size = abs(vector[i] * weights[i])
+            if size > most:
+                at, most = i, size
+        return at
+
+    return loop
+
+
 @overload(vectors.pick)
 def _pick(out, at, vector, of):
     def loop(out, at, vector, of):
@@ -123,7 +137,7 @@ def _scatter(out, rows, weights, vector, of):
 
 
 @intrinsic
-def _call_kernel(typing, address, shared, local, out, padded):  # type: ignore[no-untyped-def]
+def _call_kernel(typing, address, shared, local, out, padded):
     """Call machine code void f(double *shared, double *local, double *out, int64 padded)."""
 
     def code(context, builder, signature, arguments):
@@ -173,5 +187,60 @@ def _factorize(linear, nonzeros):
 def _solve(linear, right):
     def loop(linear, right):
         elimination.solve_linear(linear, right)
+
+    return loop
+
+
+@intrinsic
+def _numbers_at(typing, address, size):
+    """The array of so many numbers at an address."""
+    kind = types.Array(types.float64, 1, "C")
+
+    def code(context, builder, signature, arguments):
+        data = builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
+        return structs.array(context, builder, kind, data, [arguments[1]])
+
+    return kind(types.int64, types.int64), code
+
+
+@overload(vectors.array_at)
+def _array_at(address, size):
+    def loop(address, size):
+        return _numbers_at(address, size)
+
+    return loop
+
+
+def _c_function(result):
+    """Calls C functions that give a result of this type."""
+
+    @intrinsic
+    def call(typing, address, arguments):
+        def code(context, builder, signature, given):
+            values = cgutils.unpack_tuple(builder, given[1])
+            kinds = [value.type for value in values]
+            kind = ir.FunctionType(context.get_value_type(result), kinds)
+            return builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
+
+        return result(types.int64, arguments), code
+
+    return call
+
+
+_call_for_int, _call_for_pointer = _c_function(types.int32), _c_function(types.int64)
+
+
+@overload(vectors.call_for_int)
+def _int_of(address, arguments):
+    def loop(address, arguments):
+        return _call_for_int(address, arguments)
+
+    return loop
+
+
+@overload(vectors.call_for_pointer)
+def _pointer_of(address, arguments):
+    def loop(address, arguments):
+        return _call_for_pointer(address, arguments)
 
     return loop

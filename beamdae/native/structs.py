@@ -66,21 +66,27 @@ def _get(context: Any, builder: Any, struct: Struct, pointer: Any, name: str) ->
     shape = [
         builder.load(_place(builder, pointer, word + 1 + k, _integer)) for k in range(kind.ndim)
     ]
+    number = context.get_data_type(kind.dtype).as_pointer()
+    data = builder.load(_place(builder, pointer, word, number))
+    return array(context, builder, kind, data, shape)
+
+
+def array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[Any]) -> Any:
+    """The array that starts at a pointer."""
     size = np.dtype(str(kind.dtype)).itemsize
     strides = [ir.Constant(_integer, size)]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
-    array = make_array(kind)(context, builder)
-    number = context.get_data_type(kind.dtype).as_pointer()
+    made = make_array(kind)(context, builder)
     populate_array(
-        array,
-        data=builder.load(_place(builder, pointer, word, number)),
+        made,
+        data=data,
         shape=shape,
         strides=strides,
         itemsize=ir.Constant(_integer, size),
         meminfo=None,
     )
-    return array._getvalue()
+    return made._getvalue()
 
 
 @lower_setattr_generic(Struct)
@@ -96,8 +102,8 @@ def at(struct: Struct) -> Any:
     """Function of a table that gives the object in it."""
 
     @intrinsic
-    def object_at(typing, table):  # type: ignore[no-untyped-def]
-        def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def object_at(typing, table):
+        def code(context, builder, signature, arguments):
             return arguments[0]
 
         return struct(table), code

@@ -6,6 +6,7 @@ arrays they do by these functions: numpy computes them where nothing is compiled
 
 from __future__ import annotations
 
+import ctypes
 import math
 from typing import Any
 
@@ -17,7 +18,7 @@ Array = np.ndarray
 
 
 def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]) -> None:
-    """out = sum of factors times vectors; `out` may be one of these."""
+    """Out = sum of factors times vectors; `out` may be one of these."""
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 
 
@@ -47,6 +48,11 @@ def norm(vector: Array, weights: Array) -> float:
     return math.sqrt(scaled @ scaled)
 
 
+def where_largest(vector: Array, weights: Array) -> int:
+    """Index of the largest |vector * weights|."""
+    return int(np.argmax(np.abs(vector * weights)))
+
+
 def pick(out: Array, at: Array, vector: Array, of: Array) -> None:
     """out[at] = vector[of]."""
     out[at] = vector[of]
@@ -59,7 +65,7 @@ def gather(out: Array, at: Array, weights: Array, vector: Array, of: Array) -> N
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
-    """out = 0, then out[rows] += weights vector[of]."""
+    """Out = 0, then out[rows] += weights vector[of]."""
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 
@@ -77,3 +83,23 @@ def factorize(linear: Any, nonzeros: Array) -> int:
 def solve(linear: Any, right: Array) -> None:
     """Solve with the last factors, in place."""
     right[:] = linear.solve(right)
+
+
+def array_at(address: int, size: int) -> Array:
+    """The numbers at an address, which stay there."""
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+
+
+def call_for_int(address: int, arguments: tuple[float, ...]) -> int:
+    """Call a C function that gives an int: of doubles, and of pointers and ints as integers."""
+    return int(_c_function(ctypes.c_int32, address, arguments)(*arguments))
+
+
+def call_for_pointer(address: int, arguments: tuple[float, ...]) -> int:
+    """The same for one that gives a pointer."""
+    return int(_c_function(ctypes.c_void_p, address, arguments)(*arguments) or 0)
+
+
+def _c_function(result: Any, address: int, arguments: tuple[float, ...]) -> Any:
+    kinds = (ctypes.c_double if isinstance(x, float) else ctypes.c_int64 for x in arguments)
+    return ctypes.CFUNCTYPE(result, *kinds)(address)

@@ -23,8 +23,9 @@ _ROUNDING = 1e-12
 # Letters of a line of a header.
 _HEADER = 12
 
-# Settings of a run that have rows of their own.
-_TOLD_APART = ("integrator", "amplitudes")
+# Settings of a run that only files tell, and those that have rows of their own.
+_IN_FILES = ("orders", "error_test_failures")
+_TOLD_APART = ("integrator", "amplitudes", "limited_by", *_IN_FILES)
 
 # What the terminal shows of a column of a comparison; the least of it goes first.
 _COMPARED = {
@@ -81,6 +82,8 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     amplitudes = settings.get("amplitudes", {})
     moves = ", ".join(f"{name} {number(value)}" for name, value in amplitudes.items())
     scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
+    shares = settings.get("limited_by", {})
+    limits = ", ".join(f"{name} in {share:.0%} of the steps" for name, share in shares.items())
     return {
         "status": str(s["reason"]),
         "time reached": f"{number(summary['last_time'], 6)} s",
@@ -89,6 +92,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         **scaled,
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
         f"{s['newton_failures']} Newton failures",
+        **({"limited by": limits} if limits else {}),
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
         "wall time": f"{s['wall_time']} s, and {s['setup_time']} s to build",

@@ -88,7 +88,7 @@ class EnergyLedger:
         work = np.zeros(3)
         for interval in trajectory.intervals:
             q, v, a, lam = interval.rows
-            values = function(interval.times, q, v, a, equations.p, lam)
+            values = function(interval.times, q, v, a, lam)
             if rows:
                 # A law whose rate jumps at a breakpoint changes the velocities at once.
                 work = work + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])

@@ -60,7 +60,8 @@ class Statistics:
         Calls of the compiled residual and Jacobian, LU factorizations and solutions.
     newton_failures
         Newton iterations that did not converge with the Jacobian of an earlier step, which is then
-        renewed, or for good. IDA does not tell: for it these are Jacobians renewed within a step.
+        renewed, or for good. scikit-sundae's class does not tell: there these are Jacobians renewed
+        within a step.
     setup_time, wall_time
         Building and compiling; integration alone [s].
     """

@@ -37,6 +37,9 @@ from beamdae.studies.sources import PACKAGE, is_installed
 _MADE = {"__dict__", "__weakref__", "__module__", "__slotnames__", "__abstractmethods__"}
 _MADE |= {"_abc_impl", "__firstlineno__", "__static_attributes__", "__annotations_cache__"}
 _MADE |= {"__annotate_func__", "__classcell__"}
+# Globals that Python makes of each module, and of each place it is in.
+_OF_MODULES = {"__annotations__", "__builtins__", "__cached__", "__doc__", "__file__"}
+_OF_MODULES |= {"__loader__", "__name__", "__package__", "__path__", "__spec__"}
 _READING = {"LOAD_GLOBAL", "LOAD_NAME"}
 # What a value consists of: names of its parts, and the parts.
 Parts = Iterable[tuple[str, Any]]
@@ -172,7 +175,7 @@ def _globals_of(code: CodeType) -> tuple[str, ...]:
     """Names of globals the code reads, and that inside it, but those Python makes."""
     read = {x.argval for x in dis.get_instructions(code) if x.opname in _READING}
     found = read.union(*(_globals_of(c) for c in code.co_consts if isinstance(c, CodeType)))
-    return tuple(sorted(name for name in found if not name.startswith("__")))
+    return tuple(sorted(found - _OF_MODULES))
 
 
 @cache
@@ -208,7 +211,7 @@ def _of_class(value: type) -> tuple[str, Parts]:
 def _of_module(value: ModuleType) -> tuple[str, Parts]:
     if _is_foreign(value):
         return f"module {_versioned(value.__name__)}", ()
-    members = {k: x for k, x in vars(value).items() if not k.startswith("__")}
+    members = {k: x for k, x in vars(value).items() if k not in _OF_MODULES}
     return "module", [(k, members[k]) for k in sorted(members)]
 
 
@@ -218,7 +221,10 @@ def _is_foreign(module: ModuleType | None) -> bool:
     if file is not None:
         return is_installed(file)
     origin = getattr(getattr(module, "__spec__", None), "origin", None)
-    return origin in ("built-in", "frozen") or hasattr(module, "__path__")
+    folders = list(getattr(module, "__path__", ()))
+    return origin in ("built-in", "frozen") or (
+        bool(folders) and all(is_installed(str(folder)) for folder in folders)
+    )
 
 
 def _versioned(name: str | None) -> str:

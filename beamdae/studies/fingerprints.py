@@ -49,24 +49,29 @@ class _Walk:
     def __init__(self) -> None:
         self._above: dict[int, int] = {}
         # With the values, for their addresses are theirs as long as they live.
-        self._known: dict[int, tuple[bytes, Any]] = {}
+        self._known: dict[tuple[int, bool], tuple[bytes, Any]] = {}
+        self._in_module = False
 
     def digest(self, value: Any) -> bytes:
         text = plain(value)
         if text is not None:
             return hashlib.sha256(text).digest()
-        key = id(value)
+        in_module = self._in_module
+        key = (id(value), in_module)
         if key in self._known:
             return self._known[key][0]
-        if key in self._above:
-            return hashlib.sha256(b"cycle %d" % (len(self._above) - self._above[key])).digest()
-        self._above[key] = len(self._above)
+        if id(value) in self._above:
+            above = len(self._above) - self._above[id(value)]
+            return hashlib.sha256(b"cycle %d" % above).digest()
+        self._above[id(value)] = len(self._above)
+        self._in_module = in_module or isinstance(value, ModuleType)
         try:
             found = self._content(value)
         except RecursionError:
             raise FingerprintError(value) from None
         finally:
-            del self._above[key]
+            del self._above[id(value)]
+            self._in_module = in_module
         self._known[key] = (found, value)
         return found
 
@@ -77,8 +82,8 @@ class _Walk:
             try:
                 digests.append(hashlib.sha256(name.encode()).digest() + self.digest(part))
             except FingerprintError as problem:
-                if isinstance(value, ModuleType):
-                    # Of all a module has, it is not known what is used.
+                if self._in_module:
+                    # Of all a module has, it is not known what is used; what is beside this counts.
                     digests.append(f"{name} {problem.kind}".encode())
                     continue
                 problem.inside.append(name)

@@ -126,6 +126,8 @@ class Solver:
     ----------
     t, y, yp
         Time and state after the last step; the arrays are those IDA returns its results in.
+    errors
+        What `local_errors` and `error_weights` are returned in.
     pointers
         For compiled code that calls IDA itself.
     """
@@ -142,8 +144,8 @@ class Solver:
         user_data: int | None = None,
     ) -> None:
         self._call = library().call
-        self.y, self.yp, self._errors = (np.zeros(len(atol)) for _ in range(3))
-        self._errors[:] = atol
+        self.y, self.yp, self.errors = (np.zeros(len(atol)) for _ in range(3))
+        self.errors[:] = atol
         self._t = ctypes.c_double()
         with contextlib.ExitStack() as stack:
             self.pointers, matrix, linear = self._made(stack)
@@ -178,7 +180,7 @@ class Solver:
         size = len(self.y)
         vectors = [
             freed("N_VMake_Serial", call.N_VMake_Serial(size, at, context), call.N_VDestroy)
-            for at in (a.ctypes.data for a in (self.y, self.yp, self._errors))
+            for at in (a.ctypes.data for a in (self.y, self.yp, self.errors))
         ]
         matrix = call.SUNBandMatrix(size, 0, 0, context)
         freed("SUNBandMatrix", matrix, call.SUNMatDestroy)
@@ -200,6 +202,10 @@ class Solver:
         self._do("IDASetInitStep", first_step)
         self._do("IDAReInit", t, self.pointers.y, self.pointers.yp)
 
+    def stop_at(self, end: float) -> None:
+        """Let steps end at `end`, until one of them does."""
+        self._do("IDASetStopTime", end)
+
     def step(self, end: float) -> int:
         """One step, which does not go beyond `end`.
 
@@ -208,8 +214,7 @@ class Solver:
         int
             IDA's status: 0, or 1 at `end`; negative where it failed, see `reason`.
         """
-        # Anew for each step, as scikit-sundae does; it stands until a step ends there.
-        self._do("IDASetStopTime", end)
+        self.stop_at(end)
         at = self.pointers
         status: int = self._call.IDASolve(
             at.memory, end, ctypes.byref(self._t), at.y, at.yp, ONE_STEP
@@ -229,12 +234,12 @@ class Solver:
     def local_errors(self) -> Array:
         """Estimated local errors of the last step, one for each unknown."""
         self._do("IDAGetEstLocalErrors", self.pointers.errors)
-        return self._errors.copy()
+        return self.errors.copy()
 
     def error_weights(self) -> Array:
         """What errors are multiplied by: 1 / (rtol |y| + atol)."""
         self._do("IDAGetErrWeights", self.pointers.errors)
-        return self._errors.copy()
+        return self.errors.copy()
 
     def _do(self, name: str, *arguments: Any) -> None:
         """Call a function that takes IDA's memory first, and tells whether it succeeded."""

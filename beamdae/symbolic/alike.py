@@ -7,9 +7,8 @@ elements of beams are.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Hashable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -25,6 +24,9 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+
+# Kernels that are kept for models to come.
+_MOST_KINDS = 512
 
 
 class Alike(NamedTuple):
@@ -47,95 +49,94 @@ class Alike(NamedTuple):
 
 def by_kernel(statements: Sequence[ForceStatement | ConstraintStatement]) -> list[Alike]:
     """The statements by kernel, those of one kind with the same."""
-    recipes: dict[int, _Recipe] = {}
     kinds: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
         kernel = statement.kernel
-        recipe = recipes.setdefault(id(kernel), _Recipe(kernel))
-        kinds.setdefault(recipe.kind, []).append(k)
-    return [
-        _alike(
-            members,
-            [recipes[id(statements[k].kernel)] for k in members],
-            [statements[k].data for k in members],
-        )
-        for members in kinds.values()
-    ]
+        kinds.setdefault(_recipe(kernel) or id(kernel), []).append(k)
+    return [_alike(kind, members, statements) for kind, members in kinds.items()]
 
 
-def _alike(members: list[int], recipes: list[_Recipe], data: list[Array]) -> Alike:
-    """With the kernel of the first, the numbers in which they differ made data."""
-    first = recipes[0]
-    if all(recipe is first for recipe in recipes):
-        return Alike(first.kernel, members, np.concatenate(data, axis=1))
-    numbers = np.array([recipe.numbers for recipe in recipes])
-    differ = np.flatnonzero((numbers != numbers[0]).any(axis=0))
-    own = np.repeat(numbers[:, differ], [x.shape[1] for x in data], axis=0).T
-    return Alike(
-        first.with_data(differ), members, np.concatenate([np.concatenate(data, axis=1), own])
+def _alike(
+    kind: Any, members: list[int], statements: Sequence[ForceStatement | ConstraintStatement]
+) -> Alike:
+    own = [statements[k] for k in members]
+    data = np.concatenate([statement.data for statement in own], axis=1)
+    if not isinstance(kind, _Recipe):
+        return Alike(own[0].kernel, members, data)
+    numbers = [np.repeat(_numbers(x.kernel)[:, None], x.data.shape[1], axis=1) for x in own]
+    return Alike(_general(kind), members, np.concatenate([data, np.concatenate(numbers, axis=1)]))
+
+
+class _Recipe(NamedTuple):
+    """How a kernel is evaluated, but for the numbers in it.
+
+    Attributes
+    ----------
+    type, size, n_data, n_multipliers
+        Of the kernel and its symbols.
+    shapes
+        Of its outputs.
+    steps
+        Operations, their operands and their results.
+    """
+
+    type: type[ForceKernel | ConstraintKernel]
+    size: int
+    n_data: int
+    n_multipliers: int
+    shapes: tuple[tuple[int, int], ...]
+    steps: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
+
+
+def _function(kernel: ForceKernel | ConstraintKernel) -> ca.Function:
+    return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
+
+
+def _recipe(kernel: ForceKernel | ConstraintKernel) -> _Recipe | None:
+    """The recipe of a kernel; None of those of elements, which are shared as they are."""
+    if kernel.reused:
+        return None
+    f, x = _function(kernel), kernel.local
+    steps = tuple(
+        (f.instruction_id(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
+        for k in range(f.n_instructions())
+    )
+    if any(operation == ca.OP_CALL for operation, _, _ in steps):
+        return None
+    shapes = tuple(output.shape for output in kernel.outputs)
+    return _Recipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
+
+
+def _numbers(kernel: ForceKernel | ConstraintKernel) -> Array:
+    """The numbers in a kernel, in the order of its steps."""
+    f = _function(kernel)
+    steps = range(f.n_instructions())
+    return np.array(
+        [f.instruction_constant(k) for k in steps if f.instruction_id(k) == ca.OP_CONST], float
     )
 
 
-@dataclass(frozen=True)
-class _Recipe:
-    """How a kernel is evaluated, step by step."""
+@lru_cache(maxsize=_MOST_KINDS)
+def _general(recipe: _Recipe) -> ForceKernel | ConstraintKernel:
+    """The kernel of a kind with its numbers as further data, the same one every time.
 
-    kernel: ForceKernel | ConstraintKernel
-
-    @cached_property
-    def _function(self) -> ca.Function:
-        kernel = self.kernel
-        return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
-
-    @cached_property
-    def _steps(self) -> list[tuple[int, tuple[int, ...], tuple[int, ...]]]:
-        """Operation, its operands and its results."""
-        f = self._function
-        return [
-            (f.instruction_id(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
-            for k in range(f.n_instructions())
-        ]
-
-    @cached_property
-    def kind(self) -> Hashable:
-        """What kernels have in common that differ in numbers alone."""
-        kernel = self.kernel
-        # Those of elements are shared as they are, and much longer than those of joints.
-        if kernel.reused or any(op == ca.OP_CALL for op, _, _ in self._steps):
-            return id(kernel)
-        x = kernel.local
-        return (type(kernel), x.size, x.n_data, x.n_multipliers, tuple(self._steps))
-
-    @cached_property
-    def numbers(self) -> Array:
-        """The numbers in it, in the order of the steps."""
-        f = self._function
-        constants = (k for k, (op, _, _) in enumerate(self._steps) if op == ca.OP_CONST)
-        return np.array([f.instruction_constant(k) for k in constants])
-
-    def with_data(self, which: Array) -> ForceKernel | ConstraintKernel:
-        """The kernel with these of its numbers as further data."""
-        x = self.kernel.local
-        local = Local(x.size, x.n_data + len(which), x.n_multipliers)
-        numbers = [SX(number) for number in self.numbers]
-        for place, k in enumerate(which, start=x.n_data):
-            numbers[k] = local.data[place]
-        return self.kernel.restated(local, self._followed(local, iter(numbers)))
-
-    def _followed(self, local: Local, numbers: Iterator[SX]) -> list[SX]:
-        """What the steps lead to, in other symbols and with other numbers."""
-        inputs = self.kernel.restated(local, self.kernel.outputs).inputs
-        outputs = [SX.zeros(x.shape) for x in self.kernel.outputs]
-        found: dict[int, SX] = {}
-        for op, operands, results in self._steps:
-            if op == ca.OP_OUTPUT:
-                outputs[results[0]][results[1]] = found[operands[0]]
-            elif op == ca.OP_INPUT:
-                found[results[0]] = inputs[operands[0]][operands[1]]
-            elif op == ca.OP_CONST:
-                found[results[0]] = next(numbers)
-            elif len(operands) == 1:
-                found[results[0]] = SX.unary(op, found[operands[0]])
-            else:
-                found[results[0]] = SX.binary(op, *(found[k] for k in operands))
-        return outputs
+    Models that differ in numbers alone so have the same kernels, and what is derived from them.
+    """
+    count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)
+    local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
+    blank = [SX.zeros(shape) for shape in recipe.shapes]
+    inputs = recipe.type.stated(local, blank).inputs
+    numbers = iter(range(recipe.n_data, recipe.n_data + count))
+    found: dict[int, SX] = {}
+    for operation, operands, results in recipe.steps:
+        if operation == ca.OP_OUTPUT:
+            blank[results[0]][results[1]] = found[operands[0]]
+        elif operation == ca.OP_INPUT:
+            found[results[0]] = inputs[operands[0]][operands[1]]
+        elif operation == ca.OP_CONST:
+            found[results[0]] = local.data[next(numbers)]
+        elif len(operands) == 1:
+            found[results[0]] = SX.unary(operation, found[operands[0]])
+        else:
+            found[results[0]] = SX.binary(operation, *(found[k] for k in operands))
+    return recipe.type.stated(local, blank)

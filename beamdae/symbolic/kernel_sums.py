@@ -226,18 +226,19 @@ class SumBuilder:
         local = np.zeros(self._local)
         for start, values in self._data:
             local[start : start + values.size] = values
-        index = (
-            *(at[picked], of[picked], at[~picked], of[~picked]),
-            *(rows[order], columns[order]),
-        )
         return SumPlan(
             self.n_shared,
             size,
             local,
             tuple(self._calls),
-            *(np.ascontiguousarray(x, np.int64) for x in index),
-            np.ascontiguousarray(weights[~picked]),
-            np.ascontiguousarray(weight[order]),
+            at=_index(at[picked]),
+            of=_index(of[picked]),
+            more_at=_index(at[~picked]),
+            more_of=_index(of[~picked]),
+            rows=_index(rows[order]),
+            columns=_index(columns[order]),
+            more_weights=np.ascontiguousarray(weights[~picked]),
+            weights=np.ascontiguousarray(weight[order]),
         )
 
     def _collected_gathers(self) -> tuple[Array, ...]:
@@ -252,7 +253,7 @@ class Call(NamedTuple):
     local: int
     out: int
     padded: int
-    count: int
+    copies: int
 
 
 @dataclass(frozen=True)
@@ -322,6 +323,10 @@ class _Evaluated:
         own = local[self._local].reshape(self._in)[:, : self._count]
         (found,) = self._compiled(shared, own.T.ravel())
         out[self._out].reshape(self._entries)[:, : self._count] = found.reshape(self._count, -1).T
+
+
+def _index(numbers: Array) -> Array:
+    return np.ascontiguousarray(numbers, np.int64)
 
 
 def _spread(data: Array, padded: int) -> Array:

@@ -18,7 +18,6 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.native import native
 
 SX = ca.SX
 
@@ -154,10 +153,11 @@ class ForceKernel:
         """(force, energies, powers)."""
         return [self.force, self.energies, self.powers]
 
-    def restated(self, local: Local, outputs: list[SX]) -> ForceKernel:
-        """The same in other symbols."""
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ForceKernel:
+        """The kernel of these `outputs`."""
         force, energies, powers = outputs
-        return ForceKernel(local, force, energies, powers, self.reused)
+        return cls(local, force, energies, powers)
 
     @cached_property
     def misfit(self) -> str:
@@ -178,7 +178,7 @@ class ForceKernel:
     @cached_property
     def force_function(self) -> ca.Function:
         """(time, q, v, a, data) -> F."""
-        return self._final(ca.Function("force", self.inputs, [ca.densify(self.force)]))
+        return ca.Function("force", self.inputs, [ca.densify(self.force)])
 
     @cached_property
     def tangent_function(self) -> ca.Function:
@@ -190,7 +190,7 @@ class ForceKernel:
         )
         damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
         outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
-        return self._final(ca.Function("tangent", [*self.inputs, c_v, c_a], outputs))
+        return ca.Function("tangent", [*self.inputs, c_v, c_a], outputs)
 
     @cached_property
     def force_kernel(self) -> Kernel:
@@ -207,15 +207,21 @@ class ForceKernel:
         local = ca.vertcat(x.q, x.v, x.a, x.data)
         return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
 
-    def _final(self, function: ca.Function) -> ca.Function:
-        return native(function) if self.reused else function
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, a, data) -> F, F at a = 0, (energies, powers)."""
+        x = self.local
+        local = ca.vertcat(x.time, x.q, x.v, x.a, x.data)
+        still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
+        outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
 
     @cached_property
     def energy_function(self) -> ca.Function:
         """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
         x = self.local
         values = ca.densify(ca.vertcat(self.energies, self.powers))
-        return self._final(ca.Function("energy", [x.time, x.q, x.v, x.data], [values]))
+        return ca.Function("energy", [x.time, x.q, x.v, x.data], [values])
 
 
 @dataclass(frozen=True)
@@ -243,6 +249,7 @@ class ConstraintKernel:
 
     local: Local
     constraint: SX
+    _kernels: dict[Any, Kernel] = field(default_factory=dict, init=False, repr=False)
     reused: ClassVar[bool] = False
 
     @property
@@ -255,10 +262,11 @@ class ConstraintKernel:
         """The constraints alone."""
         return [self.constraint]
 
-    def restated(self, local: Local, outputs: list[SX]) -> ConstraintKernel:
-        """The same in other symbols."""
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
+        """The kernel of these `outputs`."""
         (constraint,) = outputs
-        return ConstraintKernel(local, constraint)
+        return cls(local, constraint)
 
     @property
     def size(self) -> int:
@@ -299,6 +307,17 @@ class ConstraintKernel:
         v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
         return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
 
+    def _kept(
+        self,
+        make: Callable[[tuple[int, ...], bool], Kernel],
+        levels: tuple[int, ...],
+        stabilized: bool,
+    ) -> Kernel:
+        key = (make.__name__, levels, stabilized)
+        if key not in self._kernels:
+            self._kernels[key] = make(levels, stabilized)
+        return self._kernels[key]
+
     def _mu(self, stabilized: bool) -> SX:
         return SX.sym("mu", self.local.n_multipliers if stabilized else 0)
 
@@ -308,9 +327,14 @@ class ConstraintKernel:
         Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
         or 2, a with level 2, mu and G^T mu if `stabilized`.
         """
+        return self._kept(self._residual_kernel, levels, stabilized)
+
+    def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu = self.local, self._mu(stabilized)
         reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
-        stated = (self.constraint, self._g_dot, x.ddot(self.constraint) if 2 in levels else None)
+        stated = [self.constraint, self._g_dot]
+        if 2 in levels:
+            stated.append(x.ddot(self.constraint))
         outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
         return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
 
@@ -320,6 +344,9 @@ class ConstraintKernel:
         G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
         level 2 d g_ddot/dq, d g_ddot/dv and c_a G.
         """
+        return self._kept(self._matrices_kernel, levels, stabilized)
+
+    def _matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu, c = self.local, self._mu(stabilized), SX.sym("c", 5)
         outputs = [self._jacobian, c[3] * self._jacobian]
         outputs += [
@@ -359,6 +386,15 @@ class ConstraintKernel:
         level = x.ddot(self.constraint)
         outputs = [ca.jacobian(level, x.q), ca.jacobian(level, x.v)]
         return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
+
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, lam, data) -> G^T lam, g, g_dot and the power of a driver."""
+        x = self.local
+        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
+        outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
+        local = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
 
     @cached_property
     def power_function(self) -> ca.Function:

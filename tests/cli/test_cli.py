@@ -170,6 +170,7 @@ RUN_MISTAKES = {
     "max_order": (["--integrator", "ida", "--max-order", "7"], "max_order", "7"),
     "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
     "output_step": (["--output-step", "0"], "output_step must be positive"),
+    "letters of --out": (["--out", "a\nb"], "--out: no folder of results can be called 'a\\nb'"),
 }
 
 
@@ -416,7 +417,7 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     def second(_):
         raise AssertionError("went again")
 
-    monkeypatch.setattr("beamdae.integrators.ida.Bdf.step", interrupted)
+    monkeypatch.setattr("beamdae.integrators.ida.Bdf.advance", interrupted)
     monkeypatch.setattr("beamdae.verification.error_estimate", second)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)

@@ -101,13 +101,13 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 
 AT_STEP = """
 from beamdae.integrators import ida
-taken, step = [], ida.Bdf.step
-def striking(self):
+taken, advance = [], ida.Bdf.advance
+def striking(self, most):
     taken.append(None)
     if len(taken) in {at}:
         strike()
-    return step(self)
-ida.Bdf.step = striking
+    return advance(self, 1)
+ida.Bdf.advance = striking
 """
 WHILE_WRITING = """
 import pandas as pd
@@ -205,6 +205,17 @@ def test_interrupt_of_a_whole_group_of_processes_leaves_a_study_that_goes_on(her
     assert (command.returncode, clean(errors)) == (130, True), errors
     assert " of 8 done: start the same command again" in errors
     assert Path("results/arm_compare/report.html").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_regression_an_interrupt_that_other_code_takes_ends_a_study_before_it_begins(here, number):
+    """The whole study was run, and only then it was told that it was stopped."""
+    lost = f"try:\n    strike({int(number)})\nexcept BaseException:\n    pass"
+    Path("model.py").write_text(MODEL.replace("# importing", lost), encoding="utf-8")
+    code, output, errors = shell("{beamdae} compare model.py")
+    assert (code, output) == (128 + number, "")
+    assert errors.startswith("interrupted before there were tables")
+    assert not Path("results").exists()
 
 
 def struck(times, held, done):

@@ -44,6 +44,17 @@ def refusal(path, name=None):
     return text
 
 
+def test_regression_models_of_one_name_are_refused(file):
+    """One of them was taken without a word."""
+    factory = (
+        "def made(n):\n" + "".join(f"    {x}\n" for x in MODEL.splitlines()) + "    return swing\n"
+    )
+    path = file(f"{HEAD}{factory}few, many = made(1), made(2)\n")
+    assert "holds 2 models called 'swing', give each a name of its own" in refusal(path)
+    assert refusal(path, "swing") == refusal(path)
+    assert bd.load_model(file(f"{HEAD}{MODEL}again = swing\n")).name == "swing"
+
+
 # Reading ----------------------------------------------------------------------------------------
 
 

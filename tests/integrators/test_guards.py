@@ -9,14 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from support import by_class
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.integrators import limits, radau
+from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.drive import drive
+from beamdae.integrators.ida import Bdf
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
-from beamdae.integrators.modified_newton import ModifiedNewton
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.results.solution import Solution, Statistics
 from beamdae.results.trajectory import Trajectory
@@ -290,11 +292,10 @@ class Once:
 @pytest.mark.parametrize(
     ("integrator", "owner", "name"),
     [
-        (bd.Ida(), PreconditionedResidual, "residual"),
-        (bd.Ida(), PreconditionedResidual, "jacobian"),
+        (bd.Ida(), Bdf, "advance"),
         (bd.Radau(), radau.Collocation, "solve"),
-        (bd.GeneralizedAlpha(), ModifiedNewton, "solve"),
-        (bd.GeneralizedAlpha(rtol=1e-4), ModifiedNewton, "solve"),
+        (bd.GeneralizedAlpha(), FixedSteps, "advance"),
+        (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveSteps, "advance"),
     ],
 )
 @pytest.mark.parametrize("n", [1, 20])
@@ -303,6 +304,17 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 ):
     monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
     solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
+    assert solution.status.kind == "interrupted"
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
+@pytest.mark.parametrize("name", ["residual", "jacobian"])
+@pytest.mark.parametrize("n", [1, 20])
+def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
+    by_class(monkeypatch)
+    called = getattr(PreconditionedResidual, name)
+    monkeypatch.setattr(PreconditionedResidual, name, Once(called, n))
+    solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
 
@@ -364,7 +376,7 @@ def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
 def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask, monkeypatch):
     """It was told as NaN."""
     solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
-    monkeypatch.setattr(ModifiedNewton, "solve", Once(ModifiedNewton.solve, 5))
+    monkeypatch.setattr(FixedSteps, "advance", Once(FixedSteps.advance, 2))
     monkeypatch.setattr(radau.Collocation, "solve", Once(radau.Collocation.solve, 5))
     with pytest.raises(KeyboardInterrupt):
         ask(solution)

@@ -1,22 +1,34 @@
 """How IDA is driven: its vectors, its memory, its voice."""
 
+import _thread
+import gc
 import io
+import operator
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from numpy.testing import assert_allclose
 from published_cases import PENDULUM
 from sksundae.ida import IDA
+from support import by_class
 
 import beamdae as bd
-from beamdae.integrators import ida
+from beamdae.equations.formulations import first_order
+from beamdae.integrators import ida, ida_compiled, looping, preconditioned
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.integrators.silence import silent
+from beamdae.linear.analysis import plans
+from beamdae.native.objects import is_on
+from beamdae.symbolic.factorizations import SingularMatrixError
+
+compiled = pytest.mark.skipif(not is_on(), reason="without machine code")
 
 
-class Copying(ida.IDA):
+class Copying(IDA):
     """A wrapper of IDA that hands out copies of its vectors, and takes them back after the call."""
 
     def __init__(self, residual, **options):
@@ -30,7 +42,8 @@ class Copying(ida.IDA):
 
 def test_regression_a_wrapper_that_hands_out_copies_is_refused(monkeypatch):
     """Runs ended 600 rtol off, and said that they had reached the end."""
-    monkeypatch.setattr(ida, "IDA", Copying)
+    by_class(monkeypatch)
+    monkeypatch.setattr(preconditioned, "IDA", Copying)
     with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* hands out copies of IDA's"):
         bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
 
@@ -45,7 +58,8 @@ def made(monkeypatch):
             super().__init__(*arguments)
             made.append(self)
 
-    monkeypatch.setattr(ida, "PreconditionedResidual", Watched)
+    by_class(monkeypatch)
+    monkeypatch.setattr(preconditioned, "PreconditionedResidual", Watched)
     return made
 
 
@@ -133,7 +147,8 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
 
         return IDA(residual, **{**options, "jacfn": jacobian})
 
-    monkeypatch.setattr(ida, "IDA", watched)
+    by_class(monkeypatch)
+    monkeypatch.setattr(preconditioned, "IDA", watched)
     for bodies in (2, 30):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
         before = mech.ground.at(0.0, 0.0)
@@ -156,3 +171,205 @@ def test_an_unstable_order_that_is_set_does_not_enlarge_the_amplitudes():
     ]
     assert seen[0].integrator["amplitudes"] == seen[1].integrator["amplitudes"]
     assert seen[1].integrator["max_order"] == 5
+
+
+UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for d in (0.0, 0.01))
+
+
+@compiled
+@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
+@pytest.mark.parametrize("equations", [UNDAMPED, DAMPED], ids=["undamped", "damped"])
+def test_machine_code_takes_the_steps_of_scikit_sundae(equations, formulation, monkeypatch):
+    settings = bd.Ida(1e-5, formulation=formulation)
+    one = bd.simulate(equations, settings, 0.2)
+    by_class(monkeypatch)
+    other = bd.simulate(equations, settings, 0.2)
+    assert one.integrator["ida"] == "shared libraries"
+    assert other.integrator["ida"] == "scikit-sundae"
+    # Factors differ by rounding, and so in the end do steps.
+    assert_allclose(one.statistics.steps, other.statistics.steps, rtol=0.1)
+    (a,), (b,) = (solution.trajectory.intervals for solution in (one, other))
+    assert_allclose(a.t[:20], b.t[:20], rtol=1e-6)
+    assert_allclose(a.state.q[:20], b.state.q[:20], rtol=0.0, atol=1e-10)
+    assert_allclose(one.q, other.q, rtol=0.0, atol=10.0 * settings.rtol)
+
+
+@compiled
+@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
+def test_ida_tells_of_its_steps(formulation):
+    settings = bd.Ida(1e-4, formulation=formulation, error_control="velocities", max_order=3)
+    solution = bd.simulate(PENDULUM.equations, settings, 2.0)
+    told, counts = solution.integrator, solution.statistics
+    assert sum(told["orders"].values()) == counts.steps
+    assert {"1", "2"} <= set(told["orders"]) <= {"1", "2", "3"}
+    assert 0 < told["error_test_failures"] <= counts.rejected_steps
+    assert counts.factorizations == counts.jacobian_calls > 1
+    names = set(first_order(PENDULUM.equations, formulation).names[: 2 * PENDULUM.equations.n])
+    assert 1 <= len(told["limited_by"]) <= 3
+    assert set(told["limited_by"]) <= names
+    assert 1.0 / 3.0 < sum(told["limited_by"].values()) <= 1.0 + 1e-9
+
+
+@compiled
+def test_what_limits_the_step_is_the_coordinate_that_moves():
+    mech = bd.Mechanism()
+    for name, rate in (("slow", 0.1), ("fast", 30.0)):
+        ball = mech.add(bd.PointMass(name, 1.0, at=(0.0, 0.0)))
+        mech.add(bd.Force(f"push {name}", ball.point, (bd.sine(rate**2, rate), 0.0)))
+    equations = bd.equations_of_motion(mech)
+    solution = bd.simulate(equations, bd.Ida(1e-5, error_control="positions"), 2.0)
+    assert solution.integrator["limited_by"]["fast.x"] > 0.8
+
+
+@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
+def test_every_unknown_has_a_name(formulation):
+    form = first_order(UNDAMPED, formulation)
+    assert len(set(form.names)) == form.size
+
+
+@compiled
+def test_failures_before_a_restart_are_counted():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    violent = bd.piecewise((0.5, lambda t: 1e3 * np.sin(60.0 * t) ** 9), 0.0)
+    mech.add(bd.Force("push", ball.point, (violent, 0.0)))
+    equations = bd.equations_of_motion(mech)
+    first, both = (bd.simulate(equations, bd.Ida(1e-3), t_end) for t_end in (0.5, 1.0))
+    assert len(both.trajectory.intervals) == 2
+    failures = both.integrator["error_test_failures"]
+    # In the second interval nothing happens.
+    assert failures > 0.5 * first.integrator["error_test_failures"] > 10
+
+
+class Counted:
+    """Plans, of which the first ones are none that serve; counts how often they are asked for."""
+
+    def __init__(self, spoiled=0):
+        self.calls, self._spoiled = 0, spoiled
+
+    def __call__(self, pattern, nonzeros):
+        self.calls += 1
+        for plan in plans(pattern, nonzeros):
+            if self._spoiled:
+                self._spoiled -= 1
+                yield plan._replace(scale=np.zeros_like(plan.scale))
+            yield plan
+
+
+@compiled
+def test_pivots_are_found_once_a_method(monkeypatch):
+    counted = Counted()
+    monkeypatch.setattr(looping, "plans", counted)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
+    assert solution.statistics.jacobian_calls > 2
+    # The scout, perhaps again, and the run.
+    assert 2 <= counted.calls <= 4
+
+
+@compiled
+def test_pivots_that_do_not_serve_change_no_step(monkeypatch):
+    expected = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
+    counted = Counted(spoiled=1)
+    monkeypatch.setattr(looping, "plans", counted)
+    found = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
+    assert counted.calls >= 2
+    assert_allclose(found.q, expected.q, rtol=0.0, atol=0.0)
+    assert found.statistics.steps == expected.statistics.steps
+
+
+@compiled
+def test_pivots_that_no_longer_serve_are_replaced_in_the_middle_of_a_run(monkeypatch):
+    settings = bd.Ida(1e-4, formulation="ggl")
+    expected = bd.simulate(DAMPED, settings, 0.2)
+    counted, calls = Counted(), []
+    monkeypatch.setattr(looping, "plans", counted)
+    advance = ida_compiled.CompiledIda.advance
+
+    def spoiling(self, most):
+        calls.append(None)
+        if len(calls) == 5:
+            # No entry is left to eliminate; solutions with the factors there are need none.
+            self._newton.linear.plan.starts[:] = 0
+        return advance(self, 8)
+
+    monkeypatch.setattr(ida_compiled.CompiledIda, "advance", spoiling)
+    found = bd.simulate(DAMPED, settings, 0.2)
+    assert found.status.success
+    assert counted.calls >= 3
+    assert_allclose(found.q, expected.q, rtol=0.0, atol=10.0 * settings.rtol)
+    assert_allclose(found.statistics.steps, expected.statistics.steps, rtol=0.1)
+
+
+@compiled
+def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatch):
+    failed = []
+
+    def singular_once(pattern, nonzeros):
+        if not failed:
+            failed.append(None)
+            raise SingularMatrixError("the matrix is singular")
+        return plans(pattern, nonzeros)
+
+    monkeypatch.setattr(looping, "plans", singular_once)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
+    assert failed
+    assert solution.status.success
+
+
+@compiled
+def test_a_jacobian_that_never_has_pivots_is_a_status(monkeypatch):
+    def singular(pattern, nonzeros):
+        raise SingularMatrixError("the matrix is singular")
+
+    monkeypatch.setattr(looping, "plans", singular)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
+    assert solution.status.kind == "failed"
+    assert solution.status.sentence.startswith("stopped at t = 0 s: ")
+
+
+@compiled
+@pytest.mark.parametrize("problem", [KeyboardInterrupt, MemoryError])
+def test_what_is_raised_inside_the_jacobian_comes_out_of_the_run(problem, monkeypatch, capfd):
+    def raising(pattern, nonzeros):
+        raise problem
+
+    monkeypatch.setattr(looping, "plans", raising)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
+    kinds = {KeyboardInterrupt: "interrupted", MemoryError: "limited"}
+    assert solution.status.kind == kinds[problem]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_interrupt_that_waited_for_python_is_met():
+    """It is raised as soon as the interpreter is entered, in front of the first line."""
+    problems = []
+    renewing = ida_compiled._renewing(None, None, None, problems)
+    next(renewing)
+    called = ida_compiled._RENEW(renewing.__next__)
+    # Nothing is interpreted between the two calls.
+    (_, done) = map(operator.call, [_thread.interrupt_main, called])
+    assert done == 0
+    assert [type(problem) for problem in problems] == [KeyboardInterrupt]
+    renewing.close()
+
+
+@compiled
+def test_regression_a_method_goes_with_its_last_reference():
+    """What SUNDIALS holds is freed at once, not when garbage is collected."""
+    kept = []
+    made = ida._made
+
+    def watched(*arguments):
+        found = made(*arguments)
+        kept.append(weakref.ref(found._solver))
+        return found
+
+    gc.disable()
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(ida, "_made", watched)
+            bd.simulate(UNDAMPED, bd.Ida(1e-3), 0.02)
+        assert kept
+        assert all(reference() is None for reference in kept)
+    finally:
+        gc.enable()

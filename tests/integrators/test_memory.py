@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support import by_class
 
 import beamdae as bd
 from beamdae.equations import assemble
-from beamdae.integrators import ida, rows
-from beamdae.integrators.modified_newton import ModifiedNewton
+from beamdae.integrators import preconditioned, rows
+from beamdae.integrators.alpha_method import FixedSteps
 from beamdae.results.solution import Solution
 
 GIGABYTE = 1e9
@@ -63,14 +64,14 @@ def test_blocks_of_long_states_are_short():
 
 
 def test_memory_that_is_short_in_a_step_ends_a_run_with_what_there_is(monkeypatch):
-    solve, left = ModifiedNewton.solve, iter(range(30))
+    advance, left = FixedSteps.advance, iter(range(3))
 
-    def short(self, *arguments, **further):
+    def short(self, most):
         if next(left, None) is None:
             raise MemoryError
-        return solve(self, *arguments, **further)
+        return advance(self, 10)
 
-    monkeypatch.setattr(ModifiedNewton, "solve", short)
+    monkeypatch.setattr(FixedSteps, "advance", short)
     solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.kind == "limited"
     assert solution.status.sentence.startswith("more memory is needed than there is")
@@ -126,7 +127,7 @@ def beam(elements):
 
 def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(monkeypatch):
     """At 10 000 elements scikit-sundae asked for 241 GiB."""
-    solver = ida.IDA
+    solver = preconditioned.IDA
 
     def without(residual, **options):
         if options["linsolver"] == "sparse":
@@ -134,7 +135,8 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
         return solver(residual, **options)
 
     equations = beam(40)
-    monkeypatch.setattr(ida, "IDA", without)
+    by_class(monkeypatch)
+    monkeypatch.setattr(preconditioned, "IDA", without)
     assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
     monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 1e6)
     with pytest.raises(

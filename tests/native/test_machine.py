@@ -4,6 +4,7 @@ import ctypes
 import gc
 import math
 
+import llvmlite.binding as llvm
 import pytest
 
 from beamdae.errors import KernelWarning
@@ -123,7 +124,7 @@ def test_a_system_that_executes_nothing_from_memory_is_told(monkeypatch):
     def forbidden():
         raise OSError(13, "cannot allocate executable memory")
 
-    monkeypatch.setattr(machine.llvm, "check_jit_execution", forbidden)
+    monkeypatch.setattr(llvm, "check_jit_execution", forbidden)
     with pytest.raises(MachineError, match="executes nothing that was not installed"):
         machine._engine.__wrapped__()
 

@@ -73,6 +73,10 @@ DYNAMIC = NUMBER | {
     "helper_py": 'import importlib\nP = importlib.import_module("par" + "ams")\n'
     "def mass():\n    return P.MASS\n"
 }
+GUARDED = {
+    "guarded_py": "from threading import Lock\nfrom types import SimpleNamespace\n"
+    'CONFIG = {"lock": Lock(), "mass": {}}\nOBJECT = SimpleNamespace(**CONFIG)\n'
+}
 ELSEWHERE = {
     "helper_py": "import sys\nfrom pathlib import Path\n"
     'sys.path.insert(0, str(Path(__file__).parent / "more"))\nimport faraway\n'
@@ -88,6 +92,14 @@ BEFORE_THE_RUN = {
     "dynamic": ("from helper import mass", "mass()", DYNAMIC),
     "a default": ("def mass(x={}):\n    return x", "mass()", {}),
     "in a class": ("class A:\n    @property\n    def m(self):\n        return {}", "A().m", {}),
+    "of a private name": ("__MASS = {}", "__MASS", {}),
+    "of a helper's private name": (
+        "import params",
+        "params.__MASS",
+        {"params_py": "__MASS = {}\n"},
+    ),
+    "beside a lock": ("import guarded", 'guarded.CONFIG["mass"]', GUARDED),
+    "beside a lock, in an object": ("import guarded", "guarded.OBJECT.mass", GUARDED),
     "in a lambda": ("mass = lambda: (lambda: {})()", "mass()", {}),
 }
 
@@ -112,6 +124,22 @@ def test_regression_a_study_follows_modules_on_paths_of_a_helper(tmp_path):
         (tmp_path / value / "more").mkdir(parents=True)
         (tmp_path / value / "more" / "faraway.py").write_text(f"MASS = {value}\n")
         keys.append(key(written(tmp_path / value, "import helper", "helper.mass()", **ELSEWHERE)))
+    assert keys[0] != keys[1]
+
+
+@pytest.mark.parametrize(
+    ("head", "mass"),
+    [("import sizes.arm", "sizes.arm.MASS"), ("from sizes import arm", "arm.MASS")],
+)
+def test_regression_a_study_takes_folders_without_init_along(tmp_path, head, mass):
+    """It could be run, and in a study the module was not there."""
+    keys = []
+    for value in ("1.5", "2.5"):
+        (tmp_path / value / "sizes").mkdir(parents=True)
+        (tmp_path / value / "sizes" / "arm.py").write_text(f"MASS = {value}\n")
+        study = written(tmp_path / value, head, mass)
+        keys.append(key(study))
+        assert kept(study, tmp_path / value / "out") == (0, 4)
     assert keys[0] != keys[1]
 
 

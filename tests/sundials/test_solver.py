@@ -10,9 +10,10 @@ import numpy as np
 import pendulum
 import pytest
 from sundials.both_ways import Direct, Robertson, same, wrapped
+from support import by_class
 
 import beamdae as bd
-from beamdae.integrators import ida
+from beamdae.integrators import preconditioned
 from beamdae.sundials import solver as solver_module
 from beamdae.sundials.library import library
 from beamdae.sundials.solver import IdaError, Solver, Statistics, reason
@@ -62,9 +63,10 @@ def test_a_beam_takes_the_same_steps(monkeypatch, equations, settings):
 
         return made
 
+    by_class(monkeypatch)
     made = bd.equations_of_motion(equations)
     for kind in (wrapped, Direct):
-        monkeypatch.setattr(ida, "_solver", recording(kind))
+        monkeypatch.setattr(preconditioned, "_solver", recording(kind))
         solution = bd.simulate(made, settings, 0.3)
         assert solution.status.success
     assert len(taken[wrapped]) > 50

@@ -36,8 +36,8 @@ def path(equations, times):
     rest = np.zeros(form.size)
     for t in times:
         for _ in range(50):
-            residual = np.array(form.residual([t, t], y, rest, equations.p))[:, 0]
-            values = np.array(form.jacobian([t, t], y, rest, equations.p, 0.0)).ravel()
+            residual = form.residual(np.array([t, t]), y, rest)
+            values = form.jacobian(np.array([t, t]), y, rest, 0.0)
             matrix = sp.csc_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
             change = splu(matrix).solve(residual)
             # No section turns by more than this in one iteration.

@@ -1,0 +1,226 @@
+"""Elimination with pivots found before, against LAPACK."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from chains import backward_error, chain, matrices
+from hub_beam import hub_beam
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.linear.analysis import plans
+from beamdae.native import elimination
+from beamdae.native.elimination import factors_of, refactorize, solve
+from beamdae.symbolic.factorizations import SingularMatrixError
+
+
+def analyze(pattern, nonzeros, refactorize=refactorize):
+    """The first plan that serves these numbers, and its factors."""
+    for plan in plans(pattern, nonzeros):
+        factors = factors_of(plan, nonzeros.dtype)
+        with np.errstate(all="ignore"):
+            if refactorize(plan, factors, nonzeros):
+                return plan, factors
+    raise SingularMatrixError("the matrix is singular to rounding")
+
+
+def csc(dense):
+    """Pattern and non-zeros."""
+    pattern = sp.csc_array(np.asarray(dense))
+    return pattern, pattern.data
+
+
+def solution(plan, factors, right):
+    found = right.astype(factors.x.dtype)
+    solve(plan, factors, found)
+    return found
+
+
+def numbers(rng, shape, kind):
+    real = rng.normal(size=shape)
+    return real + 1j * rng.normal(size=shape) if kind is complex else real
+
+
+def normwise_error(matrix, x, right):
+    """Backward error of Rigal & Gaches."""
+    terms = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(right).max()
+    return np.abs(matrix @ x - right).max() / terms
+
+
+@st.composite
+def patterns(draw):
+    """Dense booleans of some structure: one entry a row and column, which need not be diagonal."""
+    size = draw(st.integers(1, 25))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    dense = rng.random((size, size)) < draw(st.floats(0.0, 0.5))
+    if draw(st.booleans()):
+        np.fill_diagonal(dense, False)
+    dense[np.arange(size), rng.permutation(size)] = True
+    return dense, rng
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@given(given_pattern=patterns())
+@settings(max_examples=80, deadline=None)
+def test_random_matrices_are_solved_as_lapack_solves_them(kind, given_pattern):
+    dense, rng = given_pattern
+    size = len(dense)
+    pattern, _ = csc(dense.astype(float))
+    found = None
+    for _ in range(3):
+        matrix = np.where(dense, numbers(rng, (size, size), kind), 0.0)
+        right = numbers(rng, size, kind)
+        if np.linalg.cond(matrix) > 1e8:
+            continue
+        nonzeros = matrix.T[dense.T]
+        if found is None or not refactorize(*found, nonzeros):
+            found = analyze(pattern, nonzeros)
+        x = solution(*found, right)
+        assert normwise_error(matrix, x, right) < 1e-9
+        expected = np.linalg.solve(matrix, right)
+        bound = 1e-9 * np.linalg.cond(matrix) * np.abs(expected).max()
+        assert_allclose(x, expected, rtol=0.0, atol=bound)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_one_plan_serves_every_matrix_with_pivots_like_its_own(kind):
+    rng = np.random.default_rng(0)
+    size = 40
+    row, column = np.indices((size, size))
+    dense = (np.abs(row - column) < 3) | (np.minimum(row, column) < 2)
+    pattern, _ = csc(dense.astype(float))
+    plan, factors = analyze(pattern, (10.0 * np.eye(size) + dense).astype(kind).T[dense.T])
+    for _ in range(5):
+        matrix = np.where(dense, numbers(rng, (size, size), kind), 0.0) + 20.0 * np.eye(size)
+        assert refactorize(plan, factors, matrix.T[dense.T])
+        right = numbers(rng, size, kind)
+        x = solution(plan, factors, right)
+        assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12, atol=1e-15)
+        assert_allclose(solution(plan, factors, right), x, rtol=0.0, atol=0.0)
+
+
+def test_zeros_of_the_first_matrix_may_be_any_number_of_the_next_one():
+    size = 12
+    pattern = sp.csc_array(np.ones((size, size)))
+    plan, factors = analyze(pattern, np.eye(size).ravel())
+    matrix = np.random.default_rng(0).normal(size=(size, size)) + size * np.eye(size)
+    assert refactorize(plan, factors, matrix.T.ravel())
+    right = np.arange(1.0, size + 1.0)
+    assert_allclose(solution(plan, factors, right), np.linalg.solve(matrix, right), rtol=1e-12)
+
+
+@pytest.mark.parametrize("pivot", [0.0, 1e-30, 1e-14])
+def test_a_matrix_that_needs_other_pivots_is_told(pivot):
+    rng, size = np.random.default_rng(0), 12
+    pattern = sp.csc_array(np.ones((size, size)))
+    plan, _ = found = analyze(pattern, rng.normal(size=size * size))
+    matrix = rng.normal(size=(size, size))
+    # Of all the first pivots but in full.
+    matrix[np.ix_(plan.rows[:4], plan.columns[:4])] *= pivot
+    nonzeros, right = matrix.T.ravel(), rng.normal(size=size)
+    assert not refactorize(*found, nonzeros)
+    x = solution(*analyze(pattern, nonzeros), right)
+    assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12)
+
+
+def test_digits_that_small_pivots_lose_are_refined():
+    pattern = sp.csc_array(np.ones((2, 2)))
+    plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0, 1.0]))
+    matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
+    matrix[plan.rows[0], plan.columns[0]] = 1e-9
+    assert refactorize(plan, factors, matrix.T.ravel())
+    assert factors.refinements[0] == 1
+    right = np.array([1.0, 2.0])
+    found = solution(plan, factors, right)
+    assert_allclose(found, np.linalg.solve(matrix, right), rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e-320])
+def test_what_cannot_be_solved_is_told_and_leaves_nothing_behind(kind, bad):
+    pattern = sp.csc_array(sp.eye_array(3, format="csc"))
+    plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0], kind))
+    with np.errstate(all="ignore"):
+        assert not refactorize(plan, factors, np.array([1.0, bad, 1.0], kind))
+    assert refactorize(plan, factors, np.array([1.0, 2.0, 4.0], kind))
+    assert_allclose(solution(plan, factors, np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[1.0, 2.0], [2.0, 4.0]],
+        [[1.0, 1.0], [0.0, 0.0]],
+        [[1.0, 0.0], [1.0, 0.0]],
+        [[1.0, np.nan], [1.0, 2.0]],
+        [[np.inf, 1.0], [1.0, 2.0]],
+    ],
+)
+def test_a_matrix_without_pivots_is_said_to_be_singular(matrix):
+    with pytest.raises(SingularMatrixError):
+        analyze(*csc(matrix))
+
+
+def test_entries_near_the_largest_float_are_no_overflow():
+    pattern, nonzeros = csc(np.diag([1.5e308, 1.5e308]))
+    found = solution(*analyze(pattern, nonzeros), np.array([1.5e308, 0.0]))
+    assert_allclose(found, [1.0, 0.0], rtol=1e-15)
+
+
+def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
+    rng = np.random.default_rng(0)
+    half = 30
+    few, more = (rng.random((half, half)) * (rng.random((half, half)) < 0.1) for _ in range(2))
+    links, others = np.eye(half) + few, more - np.diag(np.diag(more))
+    # Pivots of the band that are all rounding, and a border that is none.
+    pattern, nonzeros = csc(np.block([[1e-17 * np.eye(half), links], [links.T, others]]))
+    right = rng.normal(size=2 * half)
+    x = solution(*analyze(pattern, nonzeros), right)
+    assert backward_error(pattern, nonzeros, x, right) < 1e-10
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_compiled_it_finds_the_same(kind):
+    numba = pytest.importorskip("numba")
+    for function in (
+        elimination._size,
+        elimination._substitute,
+        elimination._measure,
+        elimination._eliminate,
+        elimination._is_accurate,
+    ):
+        numba.extending.register_jitable(error_model="numpy")(function)
+    compiled = [numba.njit(error_model="numpy")(f) for f in (refactorize, solve)]
+    rng, size = np.random.default_rng(0), 30
+    pattern = sp.csc_array(np.ones((size, size)))
+    nonzeros, right = (numbers(rng, length, kind) for length in (size * size, size))
+    found = analyze(pattern, nonzeros, compiled[0])
+    x, expected = right.copy(), solution(*analyze(pattern, nonzeros), right)
+    compiled[1](*found, x)
+    assert_allclose(x, expected, rtol=1e-12)
+    assert not compiled[0](*found, np.nan * nonzeros)
+    assert not compiled[0](*found, 0.0 * nonzeros)
+
+
+MECHANISMS = {
+    "hub beam": lambda: hub_beam(elements=4, damping=0.0),
+    "welded, chord": lambda: chain(3, bd.Weld, elements=2, frame="chord"),
+}
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_iteration_matrices_keep_their_pivots_over_steps(name):
+    equations = bd.equations_of_motion(MECHANISMS[name]())
+    first, *others = (matrices(equations, step) for step in (1e-3, 3e-3, 3e-4))
+    for kind, (pattern, nonzeros) in first.items():
+        plan, factors = analyze(pattern, nonzeros)
+        entries = len(plan.upper_rows) + len(plan.lower_rows) + len(plan.rows)
+        # Measured: 1.2 to 2.0.
+        assert entries < 2.2 * pattern.nnz
+        right = np.random.default_rng(1).normal(size=pattern.shape[0])
+        for other in (first, *others):
+            assert refactorize(plan, factors, other[kind][1])
+            x = solution(plan, factors, right)
+            assert backward_error(*other[kind], x, right) < 1e-8

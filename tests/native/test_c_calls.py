@@ -1,0 +1,129 @@
+"""Loops that call C functions, and are called back by them."""
+
+import ctypes
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from beamdae.native import loops
+from beamdae.native.loops import Loop
+from beamdae.native.objects import is_on
+from beamdae.native.vectors import (
+    array_at,
+    call_for_int,
+    call_for_pointer,
+    fill,
+    where_largest,
+)
+
+compiled = pytest.mark.skipif(not is_on(), reason="without machine code")
+
+_C = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_int)
+_P = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+_NOTHING = ctypes.CFUNCTYPE(ctypes.c_int)
+
+
+@dataclass(slots=True)
+class Work:
+    numbers: np.ndarray
+    weights: np.ndarray
+    given: int
+    place: int
+    none: int
+    numbers_at: int
+    largest: int = 0
+    answer: int = 0
+    called: int = 0
+
+
+def calls(work):
+    numbers = array_at(call_for_pointer(work.place, (work.numbers_at,)), 2)
+    fill(numbers, 7.0)
+    work.answer = call_for_int(work.given, (2.5, work.numbers_at, -3))
+    work.largest = where_largest(work.numbers, work.weights)
+    return call_for_int(work.none, ())
+
+
+def called_back(work, first, second):
+    work.called += 1
+    fill(array_at(second, 1), first)
+    return work.called
+
+
+def address(function):
+    return ctypes.cast(function, ctypes.c_void_p).value
+
+
+@pytest.mark.parametrize("native", [False, pytest.param(True, marks=compiled)])
+def test_c_functions_are_called_with_what_they_are_given(native):
+    seen = []
+    functions = (
+        _C(lambda number, pointer, integer: seen.append((number, pointer, integer)) or -4),
+        _P(lambda pointer: pointer + 8),
+        _NOTHING(lambda: 11),
+    )
+    numbers = np.arange(4.0)
+    at = numbers.ctypes.data
+    work = Work(numbers, np.array([1.0, 1.0, -2.0, 1.0]), *map(address, functions), at)
+    assert (Loop(calls, work)() if native else calls(work)) == 11
+    assert seen == [(2.5, at, -3)]
+    assert work.answer == -4
+    assert work.largest == 2
+    assert numbers.tolist() == [0.0, 7.0, 7.0, 3.0]
+
+
+@compiled
+def test_callbacks_share_the_table_of_the_loop():
+    numbers, out = np.zeros(4), np.zeros(1)
+    work = Work(numbers, np.ones(4), 0, 0, 0, 0)
+    loop = Loop(calls, work)
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
+    function = kind(loop.callback(called_back, "dp@"))
+    loop.load()
+    table = loop.table.ctypes.data
+    assert [function(x, out.ctypes.data, table) for x in (1.5, 2.5)] == [1, 2]
+    loop.unload()
+    assert (work.called, out[0]) == (2, 2.5)
+
+
+@compiled
+def test_other_arrays_are_bound_to_the_same_table():
+    work = Work(np.arange(4.0), np.ones(4), 0, 0, 0, 0)
+    loop = Loop(calls, work)
+    table, words = loop.table.ctypes.data, loop.table.copy()
+    work.numbers, work.called = np.zeros(9), 5
+    loop.bind()
+    assert loop.table.ctypes.data == table
+    assert not np.array_equal(loop.table, words)
+    work.called = 0
+    loop.unload()
+    assert work.called == 5
+
+
+@compiled
+def test_regression_two_threads_load_one_object(monkeypatch):
+    """The second took the place of the first, whose code was freed while it ran."""
+    loaded, real = [], loops.machine_code
+
+    def slowly(*arguments):
+        loaded.append(None)
+        time.sleep(0.1)
+        return real(*arguments)
+
+    monkeypatch.setattr(loops, "machine_code", slowly)
+    monkeypatch.setattr(loops, "_loaded", {})
+    found = []
+
+    def make():
+        found.append(Loop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).address)
+
+    threads = [threading.Thread(target=make) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(loaded) == 1
+    assert len(set(found)) == 1
