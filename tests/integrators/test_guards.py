@@ -13,13 +13,14 @@ from support import by_class
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
-from beamdae.integrators import limits, radau
+from beamdae.integrators import limits
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.drive import drive
 from beamdae.integrators.ida import Bdf
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
 from beamdae.integrators.preconditioned import PreconditionedResidual
+from beamdae.integrators.radau_method import Collocating
 from beamdae.results.solution import Solution, Statistics
 from beamdae.results.trajectory import Trajectory
 
@@ -293,7 +294,7 @@ class Once:
     ("integrator", "owner", "name"),
     [
         (bd.Ida(), Bdf, "advance"),
-        (bd.Radau(), radau.Collocation, "solve"),
+        (bd.Radau(), Collocating, "advance"),
         (bd.GeneralizedAlpha(), FixedSteps, "advance"),
         (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveSteps, "advance"),
     ],
@@ -377,7 +378,7 @@ def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask
     """It was told as NaN."""
     solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
     monkeypatch.setattr(FixedSteps, "advance", Once(FixedSteps.advance, 2))
-    monkeypatch.setattr(radau.Collocation, "solve", Once(radau.Collocation.solve, 5))
+    monkeypatch.setattr(Collocating, "advance", Once(Collocating.advance, 2))
     with pytest.raises(KeyboardInterrupt):
         ask(solution)
 
