@@ -128,7 +128,8 @@ class Collocating:
         velocities = self._control.policy == "velocities"
         self._tolerance = tolerance = Tolerance.honest(rtol, size, velocities)
         longest = route.longest_step("Radau", max_step)
-        real, pair = Matrix.of(form.pattern), Matrix.of(form.pattern, complex)
+        real = Matrix.of(form.pattern)
+        pair = Matrix.of(form.pattern, complex, like=real)
 
         def make(native: bool) -> RadauRun:
             factors = real.linear(native, solver), pair.linear(native, solver)
