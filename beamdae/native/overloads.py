@@ -51,7 +51,9 @@ def _fill(out, value):
 def _minimum(out, vector, factor, other):
     def loop(out, vector, factor, other):
         for i in range(out.size):
-            out[i] = min(vector[i], factor * other[i])
+            first, second = vector[i], factor * other[i]
+            # What is no number stays.
+            out[i] = first if first <= second or first != first else second
 
     return loop
 
@@ -98,6 +100,8 @@ def _where_largest(vector, weights):
         at, most = 0, -1.0
         for i in range(vector.size):
             size = abs(vector[i] * weights[i])
+            if size != size:
+                return i
             if size > most:
                 at, most = i, size
         return at
