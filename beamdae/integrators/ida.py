@@ -28,7 +28,6 @@ from beamdae.integrators.error_control import (
 from beamdae.integrators.ida_compiled import CompiledIda
 from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.preconditioned import WrappedIda
 from beamdae.integrators.route import Route
 from beamdae.native.machine import MachineError
 from beamdae.results.solution import Solution, Statistics
@@ -216,11 +215,12 @@ class Bdf:
         }.get(code, reason(code))
 
 
-def _made(
-    form: FirstOrder, linear_solver: str, options: dict[str, Any]
-) -> CompiledIda | WrappedIda:
+def _made(form: FirstOrder, linear_solver: str, options: dict[str, Any]) -> Any:
     """IDA with everything in machine code, or as it can be had."""
     if form.is_native:
         with contextlib.suppress(MachineError, UnavailableError):
             return CompiledIda(form, options)
+    # Here, for scikit-sundae's class takes SciPy's optimizers along, a third of a run without it.
+    from beamdae.integrators.preconditioned import WrappedIda
+
     return WrappedIda(form, linear_solver, options)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from sksundae.ida import IDA
 
 from beamdae.equations.formulations import FirstOrder
 from beamdae.errors import BeamdaeError
@@ -161,15 +162,12 @@ class WrappedIda:
         return self._called.counts
 
 
-def _solver(called: PreconditionedResidual, size: int, **options: Any) -> Any:
+def _solver(called: PreconditionedResidual, size: int, **options: Any) -> IDA:
     """IDA with a solver for the identity, which is all that is left for it to solve.
 
     For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
     and memory than all the rest, and SuperLU, where it is built in, takes over.
     """
-    # Here, for it takes SciPy's optimizers along, a third of a run that does without.
-    from sksundae.ida import IDA
-
     options["jacfn"] = called.jacobian
     if size > DENSE_LIMIT:
         with warnings.catch_warnings(), contextlib.suppress(ValueError):

@@ -167,7 +167,7 @@ def _moving(table: Columns) -> list[str]:
 
 def _drawable(table: Columns) -> dict[str, Array]:
     """The columns without numbers no axis has a place for."""
-    columns = {str(name): np.asarray(table[name], float) for name in table}
+    columns = {name: np.asarray(table[name], float) for name in map(str, table)}
     return {name: np.where(np.abs(x) < _HUGE, x, np.nan) for name, x in columns.items()}
 
 
