@@ -35,7 +35,7 @@ class BeamdaeWarning(UserWarning):
 
 
 class KernelWarning(UserWarning):
-    """Kernels that cannot be compiled or kept: runs are slower, their numbers are the same.
+    """Machine code that cannot be had or kept: runs are slower, their numbers the same to rounding.
 
     No `BeamdaeWarning`, which commands leave to the tables: it says nothing of a result.
     """

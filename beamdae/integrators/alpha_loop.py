@@ -309,8 +309,10 @@ def _solve(run: AlphaRun, t: float) -> int:
 
 def _factorize(run: AlphaRun, t: float) -> int:
     step_matrix(run.form, t, run.branch, run.at, run.x, run.nonzeros)
-    run.jacobians += 1
     code = factorize(run.linear, run.nonzeros)
+    # With other pivots it will be done again.
+    if code != NEW_PIVOTS:
+        run.jacobians += 1
     run.rate = 0.0 if code == DONE else math.inf
     return code
 

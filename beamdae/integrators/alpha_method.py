@@ -61,6 +61,7 @@ class Steps:
     ) -> None:
         """`bounds` are the tolerance of a step, the largest and the smallest one."""
         self._change = change
+        tolerance, largest, smallest = bounds
         n, m = form.equations.n, form.equations.m
         matrix, weights = Matrix.of(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
@@ -70,32 +71,36 @@ class Steps:
             return Motion(q, v, ddq, a, np.zeros(m))
 
         def make(native: bool) -> AlphaRun:
+            def vector() -> Array:
+                return np.zeros(n)
+
             member = change.member
-            q, v, a, before = np.zeros((4, n))
             return AlphaRun(
-                form.buffers(native),
-                matrix.linear(native, linear_solver),
-                member.alpha_m,
-                member.alpha_f,
-                member.gamma,
-                member.beta,
-                member.defect,
-                motion(),
-                motion(),
-                Predicted(q, v, a, before, np.zeros(3)),
-                np.zeros(n),
-                np.zeros(n),
-                np.zeros(n),
-                np.zeros(m),
-                np.zeros(form.size),
-                np.zeros(form.size),
-                np.zeros(form.pattern.shape[0]),
-                matrix.nonzeros,
-                weights,
-                np.zeros((_LOOKS, 1 + 3 * n + m)),
-                newton_tolerance,
-                max(_ROUNDING, _ROUNDING_OF_SIZE * size),
-                *bounds,
+                form=form.buffers(native),
+                linear=matrix.linear(native, linear_solver),
+                alpha_m=member.alpha_m,
+                alpha_f=member.alpha_f,
+                gamma=member.gamma,
+                beta=member.beta,
+                defect=member.defect,
+                now=motion(),
+                kept=motion(),
+                at=Predicted(vector(), vector(), vector(), vector(), np.zeros(3)),
+                a_p=vector(),
+                ddq_n=vector(),
+                a_n=vector(),
+                lam_n=np.zeros(m),
+                x=np.zeros(form.size),
+                start=np.zeros(form.size),
+                change=np.zeros(form.pattern.shape[0]),
+                nonzeros=matrix.nonzeros,
+                weights=weights,
+                rows=np.zeros((_LOOKS, 1 + 3 * n + m)),
+                newton_tolerance=newton_tolerance,
+                least=max(_ROUNDING, _ROUNDING_OF_SIZE * size),
+                tolerance=tolerance,
+                largest=largest,
+                smallest=smallest,
             )
 
         def matrices(run: AlphaRun) -> list[tuple[Any, Matrix]]:

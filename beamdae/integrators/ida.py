@@ -53,6 +53,11 @@ _NONE = 1e-15
 class Ida(ByTolerance):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
 
+    It runs in machine code ("ida" is "shared libraries" in `Solution.integrator`), or where that
+    cannot be had by scikit-sundae's class, with the same steps but for rounding. Machine code also
+    tells "orders" (steps by order), "error_test_failures", and "limited_by": the unknowns whose
+    error was the largest of a step most often, with the share of such steps.
+
     Parameters
     ----------
     rtol

@@ -1,5 +1,6 @@
-"""Machine code by LLVM: kernels across elements, and the cache and loader of any such code.
+"""Machine code by LLVM: kernels across elements, loops of integrators, their cache and loader.
 
-May import: errors. Knows no mechanics; `lanes` and `operations` alone know CasADi.
-Next: a compiled loop is an `objects.Source` of LLVM IR, as the kernels of `lanes` are.
+May import: errors. Knows no mechanics; `lanes` and `operations` alone know CasADi, `machine` alone
+drives LLVM, and `numba_compiler`, `overloads`, `structs` are imported only to compile a loop.
+Next: what another loop does with whole arrays is a function of `vectors`, and one of `overloads`.
 """

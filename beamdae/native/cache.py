@@ -72,7 +72,7 @@ def find(folder: Path, recipe: str, name: str) -> bytes | None:
 
 
 def keep(folder: Path, recipe: str, name: str, content: bytes) -> None:
-    """Put an object in its place; what has its name is replaced, never changed."""
+    """Put an object in its place; what is there of its recipe is replaced, never changed."""
     with _usable(folder):
         descriptor, unfinished = tempfile.mkstemp(prefix=_UNFINISHED, dir=folder)
         try:
@@ -83,8 +83,10 @@ def keep(folder: Path, recipe: str, name: str, content: bytes) -> None:
                 os.fsync(descriptor)
             _remove_left_over(folder, Path(unfinished).stat().st_mtime)
             place = folder / _named(recipe, name, content)
-            if place.is_dir() and not place.is_symlink():
-                shutil.rmtree(place)
+            # What is damaged, by whatever checksum: not all compilers make the same bytes twice.
+            for other in folder.glob(f"{_stem(recipe, name)}-*.o"):
+                if other != place or other.is_dir():
+                    _remove(other)
             os.replace(unfinished, place)
         finally:
             with suppress(FileNotFoundError):
@@ -96,7 +98,15 @@ def _remove_left_over(folder: Path, now: float) -> None:
     for other in folder.glob(f"{_UNFINISHED}*"):
         with suppress(OSError):
             if now - other.stat().st_mtime > _LEFT_OVER:
-                shutil.rmtree(other) if other.is_dir() else other.unlink()
+                _remove(other)
+
+
+def _remove(place: Path) -> None:
+    with suppress(OSError):
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place)
+        else:
+            place.unlink()
 
 
 def _stem(recipe: str, name: str) -> str:

@@ -160,7 +160,7 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
             yield from _parts(_BEHIND.get(value, value), found)
-        elif isinstance(value, (int, float, complex)):
+        elif isinstance(value, (int, float, complex, tuple)):
             yield f"{name} = {value!r}"
         elif isinstance(value, np.ndarray):
             yield f"{name} = {value.dtype} {value.tolist()!r}"

@@ -80,7 +80,7 @@ def machine_code(source: Source, is_right: Callable[[Loaded], bool]) -> Loaded |
         if not is_right(code):
             raise MachineError(f"LLVM: {source.name} does not give the right numbers")
     except MachineError as problem:
-        _say(f"{problem}; runs take several times as long, with the same numbers")
+        _say(f"{problem}; runs take several times as long, with the same numbers to rounding")
         return None
     if folder is not None:
         _keep(folder, source, content)
@@ -105,14 +105,14 @@ def _keep(folder: Path, source: Source, content: bytes) -> None:
 
 
 def _say_of_cache(problem: CacheError) -> None:
-    _say(f"{problem}; each run compiles its kernels, which takes a second or two")
+    _say(f"{problem}; each run compiles its loops, which takes some seconds")
 
 
 def _say(problem: str) -> None:
     if problem not in _said:
         _said.add(problem)
         warnings.warn(
-            f"{problem} (BEAMDAE_NATIVE=off does without compiled kernels).",
+            f"{problem} (BEAMDAE_NATIVE=off does without machine code).",
             KernelWarning,
             stacklevel=3,
         )

@@ -83,7 +83,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     moves = ", ".join(f"{name} {number(value)}" for name, value in amplitudes.items())
     scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
     shares = settings.get("limited_by", {})
-    limits = ", ".join(f"{name} in {share:.0%} of the steps" for name, share in shares.items())
+    limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
     return {
         "status": str(s["reason"]),
         "time reached": f"{number(summary['last_time'], 6)} s",
@@ -92,7 +92,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         **scaled,
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
         f"{s['newton_failures']} Newton failures",
-        **({"limited by": limits} if limits else {}),
+        **({"limited by": f"{limits} of the steps"} if limits else {}),
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
         "wall time": f"{s['wall_time']} s, and {s['setup_time']} s to build",

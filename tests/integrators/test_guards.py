@@ -299,7 +299,7 @@ class Once:
         (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveSteps, "advance"),
     ],
 )
-@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("n", [1, 10])
 def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
     integrator, owner, name, n, monkeypatch
 ):
@@ -310,7 +310,7 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 
 
 @pytest.mark.parametrize("name", ["residual", "jacobian"])
-@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("n", [1, 10])
 def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
     by_class(monkeypatch)
     called = getattr(PreconditionedResidual, name)

@@ -467,6 +467,9 @@ def test_a_run_leaves_nothing_behind(integrator):
 def test_the_equations_of_a_heavier_twin_scale_the_reactions(integrator):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     runs = []
+    if isinstance(integrator, bd.GeneralizedAlpha):
+        # What its iteration leaves of the multipliers has nothing to do with masses.
+        integrator = replace(integrator, newton_tolerance=1e-8)
     for mass in (1.0, 1e6):
         model = bd.ConstrainedSystem(
             t=t,

@@ -118,7 +118,11 @@ def expressions(draw):
         if draw(st.booleans()):
             terms.append(SX.unary(draw(st.sampled_from(UNARY)), a))
         else:
-            terms.append(SX.binary(draw(st.sampled_from(BINARY)), a, b))
+            operation = draw(st.sampled_from(BINARY))
+            if operation == ca.OP_COPYSIGN:
+                # Of what is computed and no number nobody promises the sign.
+                b = draw(st.sampled_from(terms[:5]))
+            terms.append(SX.binary(operation, a, b))
     return ca.Function("drawn", [s, x], [ca.densify(ca.vertcat(*terms[-8:]))])
 
 

@@ -4,8 +4,8 @@
     python validation/performance/benchmark.py --linear   dense against sparse factorization
 
 "price of Python" is the wall time of a run over the time its own counted residuals, Jacobians,
-factorizations and solutions take when called back to back. BEAMDAE_NATIVE=off shows CasADi's
-virtual machine in place of compiled kernels. "setup" and "books" (the energy ledger of a run, its
+factorizations and solutions take when called back to back. BEAMDAE_NATIVE=off shows plain
+Python in place of machine code. "setup" and "books" (the energy ledger of a run, its
 drift and residual) are those of a second run with the same equations of motion.
 """
 

@@ -1,14 +1,21 @@
-"""Faults of the cache of compiled kernels: results are always those without a compiler."""
+"""Faults of the cache of machine code, and of what makes it: results are always the right ones."""
 
 from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
+from beamdae.native.machine import compiled
 from robustness.bench import (
+    ROOT,
     Bench,
     NotPossibleError,
+    Ran,
     expect,
     prepared,
     small_disk,
@@ -16,269 +23,277 @@ from robustness.bench import (
     unprivileged,
 )
 
+# Runs in a compiled loop, with steps that do not depend on rounding.
+_RUN = ("--integrator", "generalized-alpha")
+# Compiling everything on a machine that has other things to do.
+_LIMIT = 150.0
+_FALSE = """
+define void @{name}(ptr %shared, ptr %local, ptr %out, i64 %padded) {{
+  store double 0.5, ptr %out
+  ret void
+}}
+define i32 @loop(ptr %table) {{ ret i32 0 }}
+"""
 
-def _libraries(bench: Bench) -> list[Path]:
-    found = sorted((bench.folder / "cache" / "beamdae").glob("*.so"))
-    expect(bool(found), "no library was cached")
+
+def _objects(bench: Bench, loops: bool | None = None) -> list[Path]:
+    """Files of the cache: of loops, of kernels, or of both."""
+    found = sorted((bench.folder / "cache" / "beamdae").glob("*.o"))
+    if loops is not None:
+        found = [path for path in found if path.name.split("-")[0].endswith("_steps") is loops]
+    expect(bool(found), "nothing was cached")
     return found
 
 
 def _fill(bench: Bench) -> None:
-    bench.env |= {"XDG_CACHE_HOME": str(bench.folder / "cache"), "BEAMDAE_NATIVE": "off"}
-    bench.env.pop("CC", None)
-    bench.simulated()
-    right = bench.rows
-    bench.env.pop("BEAMDAE_NATIVE")
-    bench.simulated()
-    expect(bench.rows == right, "compiled kernels give other results")
+    bench.env["XDG_CACHE_HOME"] = str(bench.folder / "cache")
+    tables = {}
+    for switch in ("off", "on"):
+        bench.env["BEAMDAE_NATIVE"] = switch
+        bench.simulated(*_RUN, limit=_LIMIT)
+        tables[switch] = pd.read_csv(bench.folder / "results" / "arm.csv")
+        bench.write(f"{switch}.csv", bench.rows)
+    difference = (tables["on"] - tables["off"]).abs().max()
+    size = tables["off"].abs().max()
+    expect(bool(np.all(difference <= 1e-8 * (1.0 + size))), "machine code gives other results")
 
 
-def _filled(bench: Bench) -> str:
-    """The table by the virtual machine, and a cache with the libraries for it."""
-    if shutil.which("cc") is None:
-        raise NotPossibleError("no C compiler")
+def _filled(bench: Bench) -> None:
+    """Tables of plain Python and of machine code, and a cache with the objects for it."""
     prepared(bench, _fill)
     bench.env["XDG_CACHE_HOME"] = str(bench.folder / "cache")
-    bench.env.pop("CC", None)
-    return bench.rows
+    bench.env.pop("BEAMDAE_NATIVE", None)
 
 
-def _same_after(bench: Bench, right: str, limit: float = 60.0) -> None:
-    bench.simulated(limit=limit)
-    expect(bench.rows == right, "the results are others")
+def _right(bench: Bench, ran: Ran, sentences: int, switch: str = "on") -> None:
+    """It ended well, with so many sentences, and the table of machine code or of plain Python."""
+    told(ran, 0)
+    expect(bench.rows == (bench.folder / f"{switch}.csv").read_text(), "the results are others")
+    said = ran.err.count("BEAMDAE_NATIVE=off")
+    expect(said == sentences, f"{said} sentences: {ran.last}")
 
 
-def _damaged(bench: Bench, content: bytes) -> None:
-    right = _filled(bench)
-    for library in _libraries(bench):
-        library.write_bytes(content)
-    _same_after(bench, right)
+def _right_after(bench: Bench, sentences: int = 0, switch: str = "on") -> None:
+    _right(bench, bench.simulated(*_RUN, limit=_LIMIT), sentences, switch)
 
 
-def truncated_library(bench: Bench) -> None:
-    """A library of which half is missing is not used."""
-    right = _filled(bench)
-    for library in _libraries(bench):
-        library.write_bytes(library.read_bytes()[: library.stat().st_size // 2])
-    _same_after(bench, right)
+def _mended(bench: Bench, files: list[Path]) -> None:
+    """What is damaged is built again, once, and the results are right."""
+    damaged = {path: _content(path) for path in files}
+    _right_after(bench)
+    for path, content in damaged.items():
+        expect(_content(path) != content, f"{path.name} is still damaged")
+    before = {path: path.stat().st_mtime_ns for path in _objects(bench)}
+    _right_after(bench)
+    after = {path: path.stat().st_mtime_ns for path in _objects(bench)}
+    expect(after == before, "objects are built again and again")
 
 
-def library_of_random_bytes(bench: Bench) -> None:
-    """A library that is none is not used."""
-    _damaged(bench, os.urandom(5000))
+def _content(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None
 
 
-def empty_library(bench: Bench) -> None:
-    """An empty library is not used."""
-    _damaged(bench, b"")
+def _damaged(bench: Bench, loops: bool | None, content: Callable[[Path], bytes]) -> None:
+    """Loops or kernels, or both, are mended that have been given other contents."""
+    _filled(bench)
+    files = _objects(bench, loops)
+    for path in files:
+        path.write_bytes(content(path))
+    _mended(bench, files)
 
 
-def another_functions_library(bench: Bench) -> None:
-    """A library by the name of another one is not used."""
-    right = _filled(bench)
-    libraries = _libraries(bench)
-    kept = [library.read_bytes() for library in libraries]
-    for library, other in zip(libraries, kept[1:] + kept[:1], strict=True):
-        library.write_bytes(other)
-    _same_after(bench, right)
+def truncated_kernels(bench: Bench) -> None:
+    """Kernels of which half is missing are built again."""
+    _damaged(bench, False, lambda path: path.read_bytes()[: path.stat().st_size // 2])
 
 
-_FALSE = """
-import sys
-import subprocess
-import casadi as ca
-from pathlib import Path
-for library in map(Path, sys.argv[1:]):
-    name = library.name.split("-")[0]
-    true = ca.external(name, str(library))
-    inputs = [ca.SX.sym(f"i{k}", true.sparsity_in(k)) for k in range(true.n_in())]
-    outputs = [ca.SX(true.sparsity_out(k), 0.5) for k in range(true.n_out())]
-    false = ca.Function(name, inputs, outputs)
-    code = ca.CodeGenerator("false.c")
-    code.add(false)
-    code.generate()
-    subprocess.run(["cc", "-shared", "-fPIC", "false.c", "-o", "false.so"], check=True)
-    Path("false.so").replace(library)
-"""
+def kernels_of_random_bytes(bench: Bench) -> None:
+    """Kernels that are none are built again."""
+    _damaged(bench, False, lambda path: os.urandom(5000))
 
 
-def _falsified(bench: Bench) -> str:
-    right = _filled(bench)
-    script = bench.write("falsify.py", _FALSE)
-    names = [str(path) for path in _libraries(bench)]
-    made = bench.start([bench.command()[0], str(script), *names])
-    expect(bench.finish(made).code == 0, "the false libraries could not be made")
-    return right
+def another_functions_kernel(bench: Bench) -> None:
+    """A kernel by the name of another one is not used."""
+    _filled(bench)
+    files = _objects(bench, loops=False)
+    kept = [path.read_bytes() for path in files]
+    for path, other in zip(files, kept[1:] + kept[:1], strict=True):
+        path.write_bytes(other)
+    _mended(bench, files)
 
 
-def false_library(bench: Bench) -> None:
-    """A valid library that computes something else is not used."""
-    _same_after(bench, _falsified(bench))
+def truncated_loop(bench: Bench) -> None:
+    """A loop of which some is missing is compiled again."""
+    _damaged(bench, True, lambda path: path.read_bytes()[:-1000])
+
+
+def another_loop_of_the_same_size(bench: Bench) -> None:
+    """A valid loop that does something else, of the same size, is not used."""
+    _damaged(bench, True, lambda path: _false(path).ljust(path.stat().st_size, b"\0"))
+
+
+def text_for_a_loop(bench: Bench) -> None:
+    """A text in the place of a loop is not used."""
+    _damaged(bench, True, lambda path: b"def loop(work):\n    return 0\n")
+
+
+def empty_objects(bench: Bench) -> None:
+    """Empty files in the place of kernels and loops are built again."""
+    _damaged(bench, None, lambda path: b"")
+
+
+def _false(path: Path) -> bytes:
+    """A valid object with the same symbols."""
+    return compiled(_FALSE.format(name=path.name.split("-")[0]), 0)
+
+
+def _falsified(bench: Bench) -> None:
+    _filled(bench)
+    for path in _objects(bench):
+        path.write_bytes(_false(path))
+
+
+def false_objects(bench: Bench) -> None:
+    """Valid objects that compute something else are not used."""
+    _falsified(bench)
+    _right_after(bench)
 
 
 def cache_others_may_write(bench: Bench) -> None:
-    """Libraries in a folder that others may write are not trusted."""
-    right = _falsified(bench)
+    """Objects in a folder that others may write are not trusted."""
+    _falsified(bench)
     (bench.folder / "cache" / "beamdae").chmod(0o777)
-    _same_after(bench, right)
+    _right_after(bench)
 
 
 def cache_of_another_user(bench: Bench) -> None:
-    """Libraries in another user's folder are not trusted."""
+    """Objects in another user's folder are not trusted."""
     if os.geteuid() != 0:
         raise NotPossibleError("only root may give a folder away")
-    right = _falsified(bench)
-    for path in [bench.folder / "cache" / "beamdae", *_libraries(bench)]:
+    _falsified(bench)
+    for path in [bench.folder / "cache" / "beamdae", *_objects(bench)]:
         os.chown(path, 65534, 65534)
-    _same_after(bench, right)
+    _right_after(bench, sentences=1)
 
 
 def new_cache_is_private(bench: Bench) -> None:
     """A folder made for the cache is for its user alone, whatever the mask."""
     bench.env["XDG_CACHE_HOME"] = str(bench.folder / "cache")
-    ran = bench.shell("umask 0; BEAMDAE run model.py --no-estimate")
-    told(ran, 0)
+    line = f"umask 0; BEAMDAE run model.py --no-estimate {' '.join(_RUN)}"
+    told(bench.shell(line, limit=_LIMIT), 0)
     mode = (bench.folder / "cache" / "beamdae").stat().st_mode & 0o777
     expect(mode == 0o700, f"its mode is {mode:o}")
 
 
-def directory_for_a_library(bench: Bench) -> None:
-    """A folder by the name of a library is passed over."""
-    right = _filled(bench)
-    for library in _libraries(bench):
-        library.unlink()
-        library.mkdir()
-    _same_after(bench, right)
+def folders_for_objects(bench: Bench) -> None:
+    """Folders by the names of objects are replaced."""
+    _filled(bench)
+    for path in (files := _objects(bench, loops=False)):
+        path.unlink()
+        path.mkdir()
+    _mended(bench, files)
 
 
 def relative_cache(bench: Bench) -> None:
     """A relative XDG_CACHE_HOME is not a place, as its specification says."""
-    right = _filled(bench)
+    _filled(bench)
     bench.env |= {"XDG_CACHE_HOME": "relative", "HOME": str(bench.folder / "home")}
-    _same_after(bench, right)
+    _right_after(bench)
     expect(not (bench.folder / "relative").exists(), "a cache was made where the command ran")
 
 
 def cache_in_a_file(bench: Bench) -> None:
     """A cache that cannot be a folder is done without."""
-    right = _filled(bench)
+    _filled(bench)
     bench.env["XDG_CACHE_HOME"] = str(bench.folder / "model.py")
-    _same_after(bench, right)
+    _right_after(bench, sentences=1)
 
 
 def read_only_cache(bench: Bench) -> None:
     """A cache that cannot be written is done without."""
-    right = _filled(bench)
+    _filled(bench)
     locked = bench.folder / "locked"
     locked.mkdir()
     locked.chmod(0o555)
     bench.env["XDG_CACHE_HOME"] = str(locked)
-    command = bench.command("run", "model.py", "--no-estimate")
-    told(bench.finish(bench.start(unprivileged(bench, command))), 0)
-    expect(bench.rows == right, "the results are others")
+    command = bench.command("run", "model.py", "--no-estimate", *_RUN)
+    _right(bench, bench.finish(bench.start(unprivileged(bench, command)), _LIMIT), sentences=1)
 
 
 def full_disk_of_the_cache(bench: Bench) -> None:
     """A cache without room is done without, and nothing half written stays."""
-    right = _filled(bench)
-    disk = bench.folder / "disk"
-    with small_disk(disk, 8):
+    _filled(bench)
+    with small_disk(disk := bench.folder / "disk", 8):
         bench.env["XDG_CACHE_HOME"] = str(disk)
-        _same_after(bench, right)
-        expect(not list(disk.glob("beamdae/tmp*")), "scratch files stay in the cache")
-
-
-def _compiler(bench: Bench, name: str, script: str) -> str:
-    path = bench.write(name, f"#!/bin/sh\n{script}\n")
-    path.chmod(0o755)
-    return str(path)
-
-
-def _with_compiler(bench: Bench, compiler: str, limit: float = 60.0) -> None:
-    right = _filled(bench)
-    bench.env |= {"XDG_CACHE_HOME": str(bench.folder / "other cache"), "CC": compiler}
-    _same_after(bench, right, limit)
-    scratch = [p for p in (bench.folder / "other cache").rglob("*") if "tmp" in p.name]
-    expect(not scratch, "scratch files stay in the cache")
-
-
-def unbalanced_compiler(bench: Bench) -> None:
-    """CC='gcc "' is done without."""
-    _with_compiler(bench, 'gcc "')
-
-
-def missing_compiler(bench: Bench) -> None:
-    """A CC that does not exist is done without."""
-    _with_compiler(bench, "no-such-compiler")
-
-
-def failing_compiler(bench: Bench) -> None:
-    """CC=false is done without."""
-    _with_compiler(bench, "false")
-
-
-def compiler_of_nothing(bench: Bench) -> None:
-    """A compiler that succeeds and writes nothing is done without."""
-    _with_compiler(bench, _compiler(bench, "nothing", "exit 0"))
-
-
-def compiler_of_garbage(bench: Bench) -> None:
-    """A compiler that writes what is no library is done without."""
-    script = 'for last; do :; done; echo garbage > "$last"'
-    _with_compiler(bench, _compiler(bench, "garbage", script))
-
-
-def compiler_that_hangs(bench: Bench) -> None:
-    """A compiler that does not end is waited for once, and a minute at most."""
-    _with_compiler(bench, _compiler(bench, "hanging", "exec sleep 1000"), limit=100.0)
-
-
-def fast_math(bench: Bench) -> None:
-    """Flags that change results do not: they are the same to the last bit."""
-    _with_compiler(bench, "cc -ffast-math -O3")
+        _right_after(bench, sentences=1)
+        expect(not list(disk.glob("beamdae/build-*")), "scratch files stay in the cache")
 
 
 def two_at_once(bench: Bench) -> None:
     """Two runs that begin with one empty cache both succeed."""
-    right = _filled(bench)
+    _filled(bench)
     shutil.rmtree(bench.folder / "cache")
-    command = bench.command("run", "model.py", "--no-estimate", "--out")
+    command = bench.command("run", "model.py", "--no-estimate", *_RUN, "--out")
     both = [bench.start([*command, f"out {k}"]) for k in range(2)]
-    for ran in [bench.finish(one) for one in both]:
+    for ran in [bench.finish(one, _LIMIT) for one in both]:
         told(ran, 0)
     for k in range(2):
         rows = (bench.folder / f"out {k}" / "arm.csv").read_text()
-        expect(rows == right, "the results are others")
+        expect(rows == (bench.folder / "on.csv").read_text(), "the results are others")
 
 
 def unknown_switch(bench: Bench) -> None:
-    """BEAMDAE_NATIVE of anything runs, and says so if it is not understood."""
-    right = _filled(bench)
+    """BEAMDAE_NATIVE of anything but "off" is as without it."""
+    _filled(bench)
     bench.env["BEAMDAE_NATIVE"] = "perhaps"
-    _same_after(bench, right)
+    _right_after(bench)
+
+
+def _without(bench: Bench, package: str, cache: str) -> None:
+    """A package that cannot be imported, for runs with this cache."""
+    _filled(bench)
+    (shadow := bench.folder / "shadow").mkdir()
+    (shadow / f"{package}.py").write_text("raise ImportError('it is broken')\n")
+    bench.env["PYTHONPATH"] = os.pathsep.join([str(shadow), str(ROOT)])
+    bench.env["XDG_CACHE_HOME"] = str(bench.folder / cache)
+
+
+def no_numba(bench: Bench) -> None:
+    """Without numba runs go on in plain Python, and one sentence says so."""
+    _without(bench, "numba", "empty cache")
+    _right_after(bench, sentences=1, switch="off")
+
+
+def no_numba_but_a_cache(bench: Bench) -> None:
+    """What was compiled before needs no numba."""
+    _without(bench, "numba", "cache")
+    _right_after(bench)
+
+
+def no_llvmlite(bench: Bench) -> None:
+    """Without llvmlite runs go on in plain Python, and one sentence says so."""
+    _without(bench, "llvmlite", "cache")
+    _right_after(bench, sentences=1, switch="off")
 
 
 FAULTS = (
-    truncated_library,
-    library_of_random_bytes,
-    empty_library,
-    another_functions_library,
-    false_library,
+    truncated_kernels,
+    kernels_of_random_bytes,
+    another_functions_kernel,
+    another_loop_of_the_same_size,
+    false_objects,
     cache_others_may_write,
     cache_of_another_user,
     new_cache_is_private,
-    directory_for_a_library,
+    folders_for_objects,
     relative_cache,
-    cache_in_a_file,
     read_only_cache,
     full_disk_of_the_cache,
-    unbalanced_compiler,
-    missing_compiler,
-    failing_compiler,
-    compiler_of_nothing,
-    compiler_of_garbage,
-    fast_math,
     two_at_once,
     unknown_switch,
+    no_numba,
+    no_numba_but_a_cache,
+    no_llvmlite,
 )
-SLOW = (compiler_that_hangs,)
+# As those above, at the cost of one more loop to be compiled each.
+SLOW = (truncated_loop, text_for_a_loop, empty_objects, cache_in_a_file)

@@ -1,0 +1,204 @@
+"""Loops in the cache: told apart by all they consist of, loaded without what made them."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+from beamdae.native import loops, machine, objects
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """A cache of its own for each test, and a process in which nothing went wrong yet."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
+    monkeypatch.setattr(objects, "_said", set())
+    monkeypatch.setattr(loops, "_loaded", {})
+    return tmp_path / "cache" / "beamdae"
+
+
+MODULE = """
+from dataclasses import dataclass
+import numpy as np
+from beamdae.native.loops import Loop
+from beamdae.native.vectors import fill
+
+FACTOR, SHARES, TABLE = 2, (1.0, 2.0), np.array([4.0, 8.0])
+
+@dataclass
+class Work:
+    numbers: np.ndarray
+    total: float = 0.0
+
+def raised(number):
+    return number + 1.0
+
+def halved(number):
+    return raised(number) / 2.0
+
+def loop_of_test(work):
+    fill(work.numbers, 3.0)
+    for number in work.numbers:
+        work.total += FACTOR * halved(number) + SHARES[1] * TABLE[1]
+    return 0
+
+def run():
+    work = Work(np.zeros(4))
+    Loop(loop_of_test, work)()
+    return work.total
+"""
+TOTAL = 4 * (2 * 2.0 + 2.0 * 8.0)
+
+
+def run(folder, text=MODULE):
+    """The total of a module of its own."""
+    file = folder / f"module_{len(list(folder.iterdir()))}.py"
+    file.write_text(text)
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    module = importlib.util.module_from_spec(spec)
+    # Where dataclasses look for types.
+    sys.modules[file.stem] = module
+    try:
+        spec.loader.exec_module(module)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return module.run()
+    finally:
+        del sys.modules[file.stem]
+
+
+@pytest.fixture
+def builds(monkeypatch):
+    """IR of what LLVM compiles."""
+    compiled, found = machine.compiled, []
+
+    def counted(ir, level):
+        found.append(ir)
+        return compiled(ir, level)
+
+    monkeypatch.setattr(machine, "compiled", counted)
+    return found
+
+
+def test_a_loop_is_compiled_once(tmp_path, cache, builds):
+    assert [run(tmp_path) for _ in range(2)] == [TOTAL, TOTAL]
+    assert len(builds) == 1
+    assert [file.name.split("-")[0] for file in cache.iterdir()] == ["loop_of_test"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "total"),
+    [
+        ("FACTOR, SHARES, TABLE = 2,", "FACTOR, SHARES, TABLE = 3,", 4 * (3 * 2.0 + 16.0)),
+        ("FACTOR, SHARES, TABLE = 2,", "FACTOR, SHARES, TABLE = 2.5,", 4 * (2.5 * 2.0 + 16.0)),
+        ("(1.0, 2.0)", "(1.0, 3.0)", 4 * (4.0 + 24.0)),
+        ("[4.0, 8.0]", "[4.0, 9.0]", 4 * (4.0 + 18.0)),
+        ("number + 1.0", "number + 2.0", 4 * (2 * 2.5 + 16.0)),
+        ("/ 2.0", "/ 4.0", 4 * (2.0 + 16.0)),
+        ("numbers: np.ndarray", "numbers: np.ndarray\n    more: float = 0.0", TOTAL),
+    ],
+)
+def test_what_a_loop_consists_of_makes_another_object(tmp_path, builds, old, new, total):
+    assert run(tmp_path) == TOTAL
+    assert old in MODULE
+    assert run(tmp_path, MODULE.replace(old, new)) == total
+    assert len(builds) == 2
+
+
+def test_a_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
+    assert run(tmp_path) == TOTAL
+    monkeypatch.setattr(loops, "version", lambda name: "0.0")
+    loops._versions.cache_clear()
+    assert run(tmp_path) == TOTAL
+    assert len(builds) == 2
+    loops._versions.cache_clear()
+
+
+@pytest.mark.parametrize("damage", ["cut", "a text", "another loop"])
+def test_a_damaged_loop_is_compiled_again(tmp_path, cache, builds, damage):
+    run(tmp_path)
+    (file,) = cache.iterdir()
+    damaged = {"cut": file.read_bytes()[:-100], "a text": b"return 0\n"}
+    if damage == "another loop":
+        run(tmp_path, MODULE.replace("= 2,", "= 3,"))
+        (other,) = set(cache.iterdir()) - {file}
+        damaged[damage] = other.read_bytes()
+        other.unlink()
+    file.write_bytes(damaged[damage])
+    del builds[:]
+    assert [run(tmp_path) for _ in range(2)] == [TOTAL, TOTAL]
+    assert len(builds) == 1
+    # By the same name or not: numba does not make the same bytes twice.
+    (file,) = cache.iterdir()
+    assert file.read_bytes() != damaged[damage]
+
+
+# Without numba.
+
+SCRIPT = """
+import sys
+import beamdae.native.loops as loops
+from module_of_test import run, loop_of_test, Work
+import numpy as np
+for _ in range(2):
+    try:
+        print(run())
+    except loops.MachineError:
+        print("no machine code")
+print("numba" in sys.modules)
+"""
+
+
+def other_process(folder, env=None, missing=("numba",), raising="ImportError('it is broken')"):
+    """Runs the loop twice where something cannot be imported."""
+    (folder / "module_of_test.py").write_text(MODULE)
+    for name in missing:
+        (folder / f"{name}.py").write_text(f"raise {raising}\n")
+    paths = os.pathsep.join([str(folder), str(ROOT)])
+    ran = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        env={**os.environ, "PYTHONPATH": paths, **(env or {})},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.split("\n")[:-1], ran.stderr
+
+
+def test_what_was_compiled_is_loaded_without_numba(tmp_path):
+    assert run(tmp_path) == TOTAL
+    said, errors = other_process(tmp_path)
+    assert said == [f"{TOTAL}", f"{TOTAL}", "False"]
+    assert errors == ""
+
+
+@pytest.mark.parametrize(
+    ("missing", "raising"),
+    [
+        ("numba", "ImportError('it is broken')"),
+        ("numba", "ModuleNotFoundError('it is broken')"),
+        ("llvmlite", "ImportError('it is broken')"),
+        ("llvmlite", "OSError('it is broken')"),
+    ],
+)
+def test_without_numba_or_llvmlite_one_sentence_says_so(tmp_path, missing, raising):
+    said, errors = other_process(tmp_path, missing=[missing], raising=raising)
+    assert said == ["no machine code", "no machine code", "False"]
+    assert errors.count("KernelWarning") == 1
+    kind = raising.split("(")[0]
+    assert f"{missing} cannot be imported ({kind}: it is broken); runs take" in errors
+    assert "Traceback" not in errors
+
+
+def test_what_is_not_wanted_is_neither_compiled_nor_told(tmp_path):
+    said, errors = other_process(tmp_path, {"BEAMDAE_NATIVE": "off"}, missing=[])
+    assert said == ["no machine code", "no machine code", "False"]
+    assert errors == ""

@@ -1,0 +1,219 @@
+"""Loops in machine code do what they do in plain Python."""
+
+import copy
+import threading
+import time
+import warnings
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from beamdae.errors import KernelWarning
+from beamdae.native import loops, objects
+from beamdae.native.codes import DONE, FULL
+from beamdae.native.loops import Loop
+from beamdae.native.machine import MachineError
+from beamdae.native.vectors import combine
+
+FACTOR, OFFSETS = 3, (0.25, -2.0)
+TABLE = np.array([[1.0, 2.0], [3.0, 4.0]])
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """A cache of its own for each test, and a process in which nothing went wrong yet."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
+    monkeypatch.setattr(objects, "_said", set())
+    monkeypatch.setattr(loops, "_loaded", {})
+    return tmp_path / "cache" / "beamdae"
+
+
+class Pair(NamedTuple):
+    unsigned: np.ndarray
+    plane: np.ndarray
+
+
+@dataclass(slots=True)
+class Inner:
+    count: int
+    numbers: np.ndarray
+
+
+@dataclass(slots=True)
+class Work:
+    count: int
+    rate: float
+    numbers: np.ndarray
+    whole: np.ndarray
+    complexes: np.ndarray
+    rows: np.ndarray
+    whole_rows: np.ndarray
+    inner: Inner
+    pair: Pair
+    alive: tuple = ()
+    last: float = 0.0
+
+
+def work(size=7):
+    random = np.random.default_rng(size)
+    return Work(
+        3,
+        0.1,
+        random.normal(size=size),
+        np.arange(size),
+        random.normal(size=size) + 1j * random.normal(size=size),
+        random.normal(size=(size, 4)),
+        np.arange(3 * size).reshape(size, 3),
+        Inner(5, random.normal(size=size)),
+        Pair(np.arange(size, dtype=np.uint32)[::-1].copy(), random.normal(size=(2, size))),
+        (object(),),
+    )
+
+
+def everything(work):
+    """Reads and sets every kind of field there is."""
+    inner, pair = work.inner, work.pair
+    for i in range(work.numbers.size):
+        place = pair.unsigned[i]
+        work.numbers[i] += work.rate * inner.numbers[place] - pair.plane[1, i]
+        work.complexes[i] *= 1j * work.complexes[place].real + OFFSETS[0]
+        work.whole[i] = 2**40 + work.whole[i] // FACTOR - work.whole_rows[i, 2]
+        pair.plane[0, i] = shifted(work.rows[i], work.whole_rows.shape[1])
+        pair.unsigned[i] = (place + FACTOR) % work.numbers.size
+    combine(inner.numbers, (2.0, OFFSETS[1]), (inner.numbers, work.numbers))
+    work.rows[0] = TABLE[1, 0]
+    work.rate *= -1.5
+    work.count += inner.count
+    inner.count -= work.whole.size
+    work.last = np.inf if inner.count < 0 else np.nan
+    return work.count
+
+
+def shifted(row, count):
+    total = 0.0
+    for number in row:
+        total = total * count + number
+    return total
+
+
+def leaves(work):
+    names = getattr(work, "_fields", None) or [field.name for field in fields(work)]
+    for value in (getattr(work, name) for name in names if name != "alive"):
+        yield from [value] if isinstance(value, (int, float, np.ndarray)) else leaves(value)
+
+
+def assert_same(one, other):
+    for x, y in zip(leaves(one), leaves(other), strict=True):
+        assert type(x) is type(y)
+        assert np.asarray(x).dtype == np.asarray(y).dtype
+        assert_array_equal(x, y)
+
+
+def in_silence(function, *work):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return Loop(function, *work)
+
+
+@pytest.mark.parametrize("size", [1, 4, 7])
+def test_numbers_go_in_and_come_out_as_in_plain_python(size):
+    plain, compiled = work(size), work(size)
+    loop = in_silence(everything, compiled)
+    for _ in range(3):
+        assert loop() == everything(plain)
+        assert_same(compiled, plain)
+        compiled.rate = plain.rate = 0.75
+        compiled.numbers[:] = plain.numbers[:] = 1.0
+
+
+def test_loops_of_one_function_work_on_objects_of_their_own(cache):
+    works = [work(size) for size in (2, 5)]
+    plain = copy.deepcopy(works)
+    bound = [in_silence(everything, own) for own in works]
+    assert [loop() for loop in bound] == [everything(own) for own in plain]
+    for one, other in zip(works, plain, strict=True):
+        assert_same(one, other)
+    assert len(list(cache.iterdir())) == 1
+
+
+def weighed(work, factor, table):
+    work.rate = factor * table
+    return DONE
+
+
+def test_the_c_function_has_the_arguments_asked_for():
+    own = work()
+    loop = in_silence(weighed, own, "d@p")
+    loop.load()
+    assert loop._call(2.5, loop.table.ctypes.data, 40) == DONE
+    loop.unload()
+    assert own.rate == 100.0
+
+
+# The interpreter.
+
+
+@dataclass(slots=True)
+class Waiting:
+    flag: np.ndarray
+    seen: np.ndarray
+    most: int
+
+
+def wait(work):
+    """Until somebody sets the flag."""
+    for _ in range(work.most):
+        work.seen[0] += 1.0
+        if work.flag[0] != 0:
+            return DONE
+    return FULL
+
+
+def test_other_threads_go_on_while_a_loop_runs():
+    # Without them it takes seconds, and comes back FULL.
+    waiting = Waiting(np.zeros(1, np.int64), np.zeros(1), 5_000_000_000)
+    loop = in_silence(wait, waiting)
+
+    def set_flag():
+        time.sleep(0.02)
+        waiting.flag[0] = 1
+
+    thread = threading.Thread(target=set_flag)
+    thread.start()
+    assert loop() == DONE
+    thread.join()
+    assert waiting.seen[0] > 1.0
+
+
+# What cannot be had.
+
+
+def test_off_holds_no_longer_than_it_is_said(monkeypatch):
+    own = work()
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    with pytest.raises(MachineError, match="not wanted"):
+        Loop(everything, own)
+    monkeypatch.delenv("BEAMDAE_NATIVE")
+    assert in_silence(everything, own)() == 8
+
+
+def unknown(work):
+    return work.nothing
+
+
+def test_a_loop_that_numba_does_not_compile_is_told_once(cache):
+    own = work()
+    with (
+        pytest.warns(KernelWarning, match=r"numba cannot compile loops \(.+\); runs take") as told,
+        pytest.raises(MachineError, match="unknown: it cannot be compiled"),
+    ):
+        Loop(unknown, own)
+    assert len(told) == 1
+    assert "\n" not in str(told[0].message)
+    with pytest.raises(MachineError):
+        in_silence(unknown, own)
+    assert list(cache.iterdir()) == []
