@@ -10,6 +10,7 @@ import ctypes
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -165,7 +166,7 @@ def _writing() -> tuple[str, ...]:
     """What writes the IR of a function."""
     own = Path(__file__)
     sources = (own, own.with_name("operations.py"))
-    return (f"casadi {ca.__version__}", *(source.read_text("utf-8") for source in sources))
+    return (f"casadi {version('casadi')}", *(source.read_text("utf-8") for source in sources))
 
 
 @dataclass
