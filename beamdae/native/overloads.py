@@ -6,13 +6,18 @@ Importing this module imports numba, which only compiling needs.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
+from numba.extending import overload as _overload
 
 from beamdae.native import elimination, structs, vectors
+
+# Nobody calls them but loops.
+overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})
 
 
 @overload(vectors.combine)

@@ -1,0 +1,40 @@
+"""What a run imports: its start is as long as that takes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
+RUN = f"""
+import sys
+from beamdae.cli import run
+# The table is told, and the picture not yet drawn.
+run._draw = lambda *_: print("imported:", *sys.modules)
+sys.argv = ["beamdae", "run", {str(MODEL)!r}, "--t-end", "0.01"]
+from beamdae.__main__ import main
+main()
+"""
+# By which tables, pictures, studies, fits and the machine code of loops are made.
+NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiprocessing", "sksundae"}
+NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
+def test_a_run_imports_what_it_needs(tmp_path):
+    for _ in range(2):  # The first one compiles what is not in the cache yet.
+        done = subprocess.run(
+            [sys.executable, "-c", RUN],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert done.returncode == 1, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("imported:")]
+    imported = set(line.split())
+    assert {"casadi", "beamdae.simulation"} <= imported
+    assert not NEVER & imported

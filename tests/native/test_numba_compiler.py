@@ -1,0 +1,35 @@
+"""Numba is left as it was: what others compile with it afterwards runs."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+
+from beamdae.native import numba_compiler
+
+
+def loop(work):
+    largest = 0.0
+    for number in work.numbers:
+        largest = max(largest, abs(number))
+    return 1 if math.isfinite(largest) and np.sign(largest) >= 0 else 0
+
+
+def test_functions_others_compile_are_whole():
+    kind = ("Work", (("numbers", 0, ("float64", 1)),))
+    text = numba_compiler.ir(loop, (loop,), kind, "@", "loop")
+    assert "define i32 @loop" in text
+
+    @numba.njit
+    def theirs(numbers):
+        if not np.isfinite(numbers).all():
+            raise ValueError("not finite")
+        largest = 0.0
+        for number in numbers:
+            largest = max(largest, abs(number))
+        return largest + np.sign(numbers[0]) if math.isfinite(largest) else 0.0
+
+    assert theirs(np.array([1.0, -3.0])) == 4.0
+    with pytest.raises(ValueError, match="not finite"):
+        theirs(np.array([1.0, np.inf]))
