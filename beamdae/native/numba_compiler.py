@@ -104,11 +104,15 @@ def ir(
     space = {"function": function, "object_at": structs.at(_numba_type(kind))}
     exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
     signature = numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
+    compiling = numba.cfunc(signature, error_model="numpy")
     try:
-        with _text_alone():
-            compiled = numba.cfunc(signature, error_model="numpy")(space["entry"])
-    # The others of a numba whose inner parts have other names than those `_text_alone` knows.
-    except (numba.errors.NumbaError, AttributeError, TypeError) as problem:
+        try:
+            with _text_alone():
+                compiled = compiling(space["entry"])
+        except (AttributeError, TypeError):
+            # A numba whose inner parts are others than those known here: then it takes its time.
+            compiled = compiling(space["entry"])
+    except numba.errors.NumbaError as problem:
         raise MachineError(f"numba cannot compile loops ({told(problem)})") from problem
     text = compiled.inspect_llvm()
     text = re.sub(rf'@"?{re.escape(compiled.native_name)}"?(?=\W)', f"@{symbol}", text)

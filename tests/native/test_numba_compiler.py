@@ -1,6 +1,7 @@
 """Numba is left as it was: what others compile with it afterwards runs."""
 
 import math
+from contextlib import contextmanager
 
 import numba
 import numpy as np
@@ -14,6 +15,10 @@ def loop(work):
     for number in work.numbers:
         largest = max(largest, abs(number))
     return 1 if math.isfinite(largest) and np.sign(largest) >= 0 else 0
+
+
+def other(work):
+    return 1 if work.numbers[0] > 0.0 else 0
 
 
 def test_functions_others_compile_are_whole():
@@ -33,3 +38,14 @@ def test_functions_others_compile_are_whole():
     assert theirs(np.array([1.0, -3.0])) == 4.0
     with pytest.raises(ValueError, match="not finite"):
         theirs(np.array([1.0, np.inf]))
+
+
+def test_another_numba_compiles_in_its_own_time(monkeypatch):
+    @contextmanager
+    def unknown():
+        raise AttributeError("_library_class")
+        yield
+
+    monkeypatch.setattr(numba_compiler, "_text_alone", unknown)
+    kind = ("Other", (("numbers", 0, ("float64", 1)),))
+    assert "define i32 @loop" in numba_compiler.ir(other, (other,), kind, "@", "loop")
