@@ -4,12 +4,12 @@
     python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), PATH a checkout of beamdae; without them
-their tables are left out. "price of Python" is the time of a run over the time that its own counted
-residuals, matrices, factorizations and solutions take back to back (`pieces`); "in loops" is the
-part of it within machine code. "setup" and "books"
-(the energy ledger of a run, its drift and residual) are those of a second run with the same
-equations of motion. Processor times, the least of several turns, unless they are called wall.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), PATH a checkout of beamdae; without
+them their tables are left out. "price of Python" is the time of a run over the time that its own
+counted residuals, matrices, factorizations and solutions take back to back (`pieces`), without a
+scout; "in loops" is the part of it within machine code. "setup" and "books" (the energy ledger of
+a run, its drift and residual) are those of a second run with the same equations of motion.
+Processor times, the least of several turns, unless they are called wall.
 """
 
 from __future__ import annotations

@@ -3,12 +3,12 @@
     python validation/performance/scaling.py --peer PYTHON    five minutes
     python validation/performance/scaling.py --quick          up to a quarter of the size
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), beside which 256 elements are timed if it
-is there. Residual, iteration matrix, factorization and solution are those of generalized-alpha on
-index 3 (`pieces`); "step" is what a step of 1e-3 s adds to a run, with all that belongs to it.
-"slope" is that of the logarithm of a time over that of the size, over neighboring sizes and over all
-from 32 elements (8 beams) on. Processor times, the least of several turns. "peak" is the memory of a
-process that does nothing else.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), beside which 256 elements are timed if
+it is there. Residual, iteration matrix, factorization and solution are those of generalized-alpha
+on index 3 (`pieces`); "step" is what a step of 1e-3 s adds to a run, with all that belongs to it.
+"slope" is that of the logarithm of a time over that of the size, between neighboring sizes and of
+all from 32 elements (8 beams) on. Processor times, the least of several turns. "peak" is the memory
+of a process that does nothing else.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -40,8 +41,10 @@ BEAMS = (2, 4, 8, 16, 32, 64)
 RING = 32
 STEP = 1e-3
 # A run of the first steps is taken from one of more: what is left is steps alone.
-FIRST, MORE = 20, 40
+FIRST = 20
 BESIDE = 256
+# With so many short elements Exudyn's iteration cannot leave less, from rounding.
+LEFT = 1e-4
 TIMES = (*(f"{piece} [us]" for piece in PIECES), "step [us]")
 
 
@@ -64,19 +67,24 @@ def measured(model: Callable[[int], bd.Mechanism], size: int, turns: int) -> dic
 
 def step_time(equations: bd.EquationsOfMotion, turns: int) -> float:
     """What a step adds to a run [s]."""
-    least = []
-    for steps in (FIRST, FIRST + MORE):
+    more, least = more_steps(equations.n), []
+    for steps in (FIRST, FIRST + more):
         times = np.array([0.0, steps * STEP])
         runs = [integrated(equations, bd.GeneralizedAlpha(STEP), times)[0] for _ in range(turns)]
         least.append(min(runs))
-    return (least[1] - least[0]) / MORE
+    return (least[1] - least[0]) / more
+
+
+def more_steps(unknowns: int) -> int:
+    """How many steps take long enough to be told from all else."""
+    return int(np.clip(200_000 // unknowns, 40, 1000))
 
 
 def slopes(lines: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
     """Slopes between neighbors, and over all from a size on."""
     logs = np.log(lines[[size, *TIMES]])
     found = logs[list(TIMES)].diff().div(logs[size].diff(), axis=0).iloc[1:]
-    found.insert(0, "sizes", [f"{a} to {b}" for a, b in zip(lines[size], lines[size][1:])])
+    found.insert(0, "sizes", [f"{a} to {b}" for a, b in pairwise(lines[size])])
     late = logs[lines[size] >= first]
     if len(late) > 1:
         fits = {name: np.polyfit(late[size], late[name], 1)[0] for name in TIMES}
@@ -87,15 +95,17 @@ def slopes(lines: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
 def beside(peer: Worker, turns: int, elements: int = BESIDE) -> pd.DataFrame:
     """A step and a degree of freedom, beside Exudyn's elements of two nodes."""
     equations = bd.equations_of_motion(beam(elements))
-    asked = {"system": "hub beam", "elements": elements, "nodes": 2, "step": STEP, "path": False}
+    asked = {"system": "hub beam", "elements": elements, "nodes": 2, "step": STEP}
+    asked = {**asked, "tolerance": LEFT, "path": False}
+    more = more_steps(equations.n)
     unknowns = peer(**asked, end=STEP * FIRST)["unknowns"]
     theirs: list[list[float]] = [[], []]
     own = []
     for _ in range(turns):
         own.append(step_time(equations, 1))
-        for k, steps in enumerate((FIRST, FIRST + MORE)):
+        for k, steps in enumerate((FIRST, FIRST + more)):
             theirs[k].append(peer(**asked, end=steps * STEP)["integrate"])
-    step = (min(theirs[1]) - min(theirs[0])) / MORE
+    step = (min(theirs[1]) - min(theirs[0])) / more
     lines = pd.DataFrame(
         {
             "tool": ["beamdae", "Exudyn"],
@@ -132,10 +142,10 @@ def draw(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
 def peak(elements: int) -> None:
     """Print the peak memory of a run, of this process."""
     bd.GeneralizedAlpha(STEP).integrate(
-        bd.equations_of_motion(beam(elements)), np.array([0.0, MORE * STEP])
+        bd.equations_of_motion(beam(elements)), np.array([0.0, FIRST * STEP])
     )
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"peak of {MORE} steps with {elements} elements: {used / 2**20:.2f} GB")
+    print(f"peak of {FIRST} steps with {elements} elements: {used / 2**20:.2f} GB")
 
 
 def main() -> None:

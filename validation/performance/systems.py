@@ -55,7 +55,7 @@ def chain(beams: int) -> bd.Mechanism:
 
 
 def ring(beams: int) -> bd.Mechanism:
-    """A closed ring of as many curved beams, hinged to each other and at one hinge to the ground."""
+    """A closed ring of curved beams, hinged to each other and, at one hinge, to the ground."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     length = 0.4
     radius, turn = beams * length / (2.0 * np.pi), 2.0 * np.pi / beams

@@ -25,10 +25,12 @@ class Times:
 
     @property
     def least(self) -> float:
+        """The least."""
         return float(np.min(self.all))
 
     @property
     def median(self) -> float:
+        """The median."""
         return float(np.median(self.all))
 
 

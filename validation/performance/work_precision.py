@@ -6,9 +6,9 @@
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it beamdae stands alone. The
 error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run: the
-reference is Exudyn's with 64 elements of 3 nodes and steps of 5e-5 s. `references.csv` tells how far
-beamdae's finest run is from it. Every setting is tried once; the fastest few of each tool that keep
-an error then take turns. Tables and the picture go to `results`.
+reference is Exudyn's with 64 elements of 3 nodes and steps of 5e-5 s. `references.csv` tells how
+far beamdae's finest run is from it. Every setting is tried once; the fastest few of each tool that
+keep an error then take turns. Tables and the picture go to `results`.
 """
 
 from __future__ import annotations
@@ -48,13 +48,16 @@ class Case:
 
     @property
     def name(self) -> str:
+        """What tables call it."""
         return f"{self.system}, {'damped' if self.damping else 'undamped'}"
 
     @property
     def times(self) -> Array:
+        """Times at which tips are compared [s]."""
         return np.linspace(0.0, self.end, round(self.end / 0.01) + 1)
 
     def mechanism(self, mesh: tuple[int, int]) -> bd.Mechanism:
+        """The model of beamdae with (bodies, elements of each)."""
         model = exact_hub_beam if self.system == "hub beam" else exact_pendulum
         return model(*mesh, self.damping)
 
@@ -66,16 +69,16 @@ CASES = (
     Case("pendulum", 1e-4, 5.0),
 )
 # (bodies, elements of each)
-MESHES = ((1, 2), (1, 3), (1, 4), (1, 6), (2, 2), (2, 3), (4, 1))
+MESHES = ((1, 2), (1, 3), (1, 4), (1, 6), (2, 2), (4, 1))
 STEPS = (1e-2, 5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 INTEGRATORS = (
     *(bd.GeneralizedAlpha(step) for step in STEPS),
-    *(bd.GeneralizedAlpha(rtol=rtol) for rtol in (1e-3, 3e-4, 1e-4, 3e-5)),
+    *(bd.GeneralizedAlpha(rtol=rtol) for rtol in (1e-3, 1e-4, 3e-5)),
     *(bd.Radau(rtol) for rtol in (1e-2, 1e-3, 1e-4, 1e-5)),
-    *(bd.Ida(rtol) for rtol in (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)),
+    *(bd.Ida(rtol) for rtol in (1e-3, 1e-4, 3e-5, 1e-5)),
 )
 # (elements, nodes of each)
-PEER_MESHES = ((2, 3), (3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (8, 2), (16, 2), (32, 2), (64, 2))
+PEER_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
 FINEST = {"elements": 64, "nodes": 3, "step": 5e-5}
 FINEST_OWN = ((4, 4), bd.Radau(1e-6))
 
@@ -276,7 +279,7 @@ def main() -> None:
             parser.exit(1)
         write(RESULTS, "references", make_references(peer))
     tables = []
-    for case in CASES[2:] if options.quick else CASES:
+    for case in CASES[1:3] if options.quick else CASES:
         settings = settings_of(case, peer, options.quick)
         lines = tried(case, settings, reference(case))
         tables.append(timed(lines, settings, 3 if options.quick else 5))

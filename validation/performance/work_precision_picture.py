@@ -27,7 +27,7 @@ def kind(line: pd.Series) -> str:
     if line["tool"] == "Exudyn":
         return f"Exudyn, {line['mesh'].split()[-2]} nodes"
     name = line["integrator"]
-    return name if name in STYLES else name.split("(")[0]
+    return next(style for style in STYLES if name.startswith(style.rstrip(")")))
 
 
 def draw(lines: pd.DataFrame, path: Path) -> None:
@@ -58,8 +58,10 @@ def draw(lines: pd.DataFrame, path: Path) -> None:
             axis.step(x, y, where="post", color=color, linewidth=1.2)
         axis.set(xscale="log", yscale="log", title=case)
         axis.grid(alpha=0.3)
-    figure.supxlabel("largest error of the tip [mm]")
-    figure.supylabel("processor time of the integration [s]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("integration [s of processor]")
+    for axis in axes[-1]:
+        axis.set_xlabel("largest error of the tip [mm]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
     figure.savefig(path, dpi=130)
