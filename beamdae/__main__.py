@@ -6,6 +6,8 @@ import sys
 
 def main() -> None:
     """Run the command line; an interrupt is heard while it is being imported as well."""
+    # Runs use one thread; NumPy and SciPy would start one a core each, which takes a tenth of one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = 130
     try:
         from beamdae.cli import interrupts

@@ -258,10 +258,10 @@ def beside(folder: Path) -> Iterator[None]:
             sys.path.remove(str(folder))
         for name, module in list(sys.modules.items()):
             top = name.partition(".")[0]
+            if top in before:
+                continue
             own = (folder / f"{top}.py", folder / top)
-            if top not in before and any(
-                Path(file).is_relative_to(x) for x in own for file in _places(module)
-            ):
+            if any(Path(file).is_relative_to(x) for x in own for file in _places(module)):
                 del sys.modules[name]
 
 

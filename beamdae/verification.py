@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from beamdae.errors import BeamdaeError, shown
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.headers import Header
 from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = np.ndarray
 
@@ -34,6 +37,9 @@ _TIGHTEST = 1e-10
 _AT_REST, _ROUNDING = 1e-9, 1e-12
 
 AMPLITUDE, ERROR = "half the range", "error over half the range"
+
+# Columns of a table with a row for each observed column.
+Measured = dict[str, Any]
 
 
 def error_estimate(solution: Solution) -> pd.DataFrame:
@@ -61,6 +67,11 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     KeyboardInterrupt
         If the other run is interrupted.
     """
+    return _table(solution, estimated(solution))
+
+
+def estimated(solution: Solution) -> Measured:
+    """The columns of `error_estimate`, as arrays."""
     integrator = _integrator_of("error_estimate", solution)
     name, value = integrator.accuracy
     factor = _COARSER[name]
@@ -78,20 +89,23 @@ def _alike(steps: int, others: int) -> bool:
     return min(steps, others) > _ALIKE * max(steps, others)
 
 
-def exceeded(solution: Solution, errors: pd.DataFrame) -> str:
+def exceeded(solution: Solution, errors: Mapping[str, Any]) -> str:
     """A sentence on the position or angle whose error exceeds 100 rtol, if there is one.
 
+    `errors` are those of `error_estimate`, a row for each observed column in their order.
     Of a run that was cut short nothing is promised: half the range is that of the whole motion.
     """
     name, value = _integrator_of("exceeded", solution).accuracy
     if not solution.status.success:
         return ""
-    promised = errors[[Header.of(column).unit in ("m", "rad") for column in errors.index]]
-    if name != "rtol" or not (promised[ERROR] > _PROMISED * value).any():
+    told = zip(np.asarray(errors[ERROR]).tolist(), solution.columns, strict=True)
+    promised = [(error, column) for error, column in told if _is_promised(column)]
+    beyond = [both for both in promised if both[0] > _PROMISED * value]
+    if name != "rtol" or not beyond:
         return ""
-    worst = promised[ERROR].idxmax()
+    most, worst = max(beyond, key=lambda both: both[0])
     return (
-        f"{worst}: its error is put at {promised[ERROR].max():.2g} of half its range, more than "
+        f"{worst}: its error is put at {most:.2g} of half its range, more than "
         f"the {_PROMISED:g} rtol that are promised; take a tenth of rtol, or another method."
     )
 
@@ -130,6 +144,11 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     KeyboardInterrupt
         If the other run is interrupted.
     """
+    return _table(solution, verified(solution, by))
+
+
+def verified(solution: Solution, by: Integrator | None = None) -> Measured:
+    """The columns of `verify`, as arrays."""
     name, value = _integrator_of("verify", solution).accuracy
     allowed = _PROMISED * value if name == "rtol" else 1e-3
     if by is None:
@@ -139,15 +158,25 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     other, loosest = require_integrator("verify", by).accuracy
     if other == "rtol":
         allowed = max(allowed, _PROMISED * loosest)
-    table = _difference(solution, _again(solution, by), 1.0)
+    found = _difference(solution, _again(solution, by), 1.0)
     # Half the range is that of a whole run, or nothing is promised.
     whole = solution.status.success
-    promised = [whole and Header.of(name).unit in ("m", "rad") for name in table.index]
-    table["allowed"] = np.where(promised, allowed, np.nan)
-    table["verdict"] = [
-        _verdict(error, most) for error, most in zip(table[ERROR], table["allowed"], strict=True)
-    ]
-    return table
+    promised = [whole and _is_promised(column) for column in solution.columns]
+    most = np.where(promised, allowed, np.nan)
+    verdicts = [_verdict(error, bound) for error, bound in zip(found[ERROR], most, strict=True)]
+    return {**found, "allowed": most, "verdict": verdicts}
+
+
+def _is_promised(column: str) -> bool:
+    """Whether rtol promises anything of a column: it does of positions and angles."""
+    return Header.of(column).unit in ("m", "rad")
+
+
+def _table(solution: Solution, found: Measured) -> pd.DataFrame:
+    # Here, for importing it takes as long as a short run, which does without.
+    import pandas as pd
+
+    return pd.DataFrame(found, index=pd.Index(list(solution.columns)))
 
 
 def _verdict(error: float, allowed: float) -> str:
@@ -182,24 +211,30 @@ def _again(solution: Solution, integrator: Integrator) -> Solution | None:
     return other if other.status.success else None
 
 
-def _difference(solution: Solution, other: Solution | None, fraction: float) -> pd.DataFrame:
+def _difference(solution: Solution, other: Solution | None, fraction: float) -> Measured:
     """Half the range of each column, and this fraction of the largest difference over it."""
-    observed = solution.observed
-    rows = observed.to_numpy()
+    rows = _rows(solution)
     rows = np.where(np.isfinite(rows).all(axis=0), rows, np.nan)
-    table = pd.DataFrame({AMPLITUDE: 0.5 * np.ptp(rows, axis=0)})
-    table.index = pd.Index(list(observed.columns))
-    table[ERROR] = np.nan
+    amplitude = 0.5 * np.ptp(rows, axis=0)
+    error = np.full(len(amplitude), np.nan)
     if other is not None:
-        most = np.max(np.abs(rows - other.observed.to_numpy()), axis=0)
-        at_rest = table[AMPLITUDE] <= _rest(table[AMPLITUDE], np.max(np.abs(rows), axis=0))
-        table[ERROR] = (fraction * most / table[AMPLITUDE]).mask(at_rest, 0.0)
-    return table
+        most = np.max(np.abs(rows - _rows(other)), axis=0)
+        at_rest = amplitude <= _rest(solution, amplitude, np.max(np.abs(rows), axis=0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = np.where(at_rest, 0.0, fraction * most / amplitude)
+    return {AMPLITUDE: amplitude, ERROR: error}
 
 
-def _rest(amplitude: pd.Series, largest: Array) -> Array:
+def _rows(solution: Solution) -> Array:
+    """The observed columns, side by side."""
+    columns = solution.columns.values()
+    return np.stack(list(columns), axis=1) if columns else np.zeros((len(solution.t), 0))
+
+
+def _rest(solution: Solution, amplitude: Array, largest: Array) -> Array:
     """What columns with these amplitudes and largest values move by at rest."""
-    kinds = [Header.of(name).kind for name in amplitude.index]
-    beside = amplitude.groupby(kinds).transform("max").to_numpy()
-    found: Array = np.maximum(_AT_REST * beside, _ROUNDING * largest)
-    return found
+    kinds = [Header.of(name).kind for name in solution.columns]
+    beside = dict.fromkeys(kinds, 0.0)
+    for kind, moved in zip(kinds, np.nan_to_num(amplitude, posinf=np.inf).tolist(), strict=True):
+        beside[kind] = max(beside[kind], moved)
+    return np.maximum(_AT_REST * np.array([beside[kind] for kind in kinds]), _ROUNDING * largest)

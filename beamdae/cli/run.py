@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -90,7 +91,7 @@ def run_command(
     )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
-    # Files come first: nothing is told before they are there.
+    # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):
         solution = _integrated(model, method, t_end, output_step)
@@ -100,9 +101,10 @@ def run_command(
     if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
         with _to_the_end(told):
             _estimate(solution, verify, files, told)
+    _say(solution, model.name, told)
     with _to_the_end(told):
         _draw(solution, f"{model.name}, {method.label}", files, told)
-    _say(solution, model.name, told)
+    say_written(console(), told.written)
     if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
         reason = "interrupted after the run"
         if solution.status.kind == "interrupted":
@@ -187,18 +189,24 @@ def _to_the_end(told: _Told) -> Iterator[None]:
 
 def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> None:
     """Find how far the observed columns are off, and write that beside the table."""
+    import numpy as np
+
     from beamdae import verification
 
-    if not len(solution.observed.columns):
+    if not solution.columns:
         return
-    errors = (verification.verify if verify else verification.error_estimate)(solution)
+    errors = (verification.verified if verify else verification.estimated)(solution)
     # The second run takes an interrupt for its own.
     if interrupts.heard():
         return
     told.errors, told.beyond = errors, verification.exceeded(solution, errors)
-    known = errors.astype(object).where(errors.notna(), None)
+    rows = zip(*(np.asarray(values).tolist() for values in errors.values()), strict=True)
+    known = {
+        column: {name: None if x != x else x for name, x in zip(errors, row, strict=True)}
+        for column, row in zip(solution.columns, rows, strict=True)
+    }
     with interrupts.held():
-        solution.to_csv(files.table, errors=known.to_dict("index"))
+        solution.to_csv(files.table, errors=known)
 
 
 def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:
@@ -208,7 +216,7 @@ def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:
     early = "" if solution.status.success else f", ended early ({solution.status.kind})"
     picture = drawn(
         files.picture.name,
-        lambda: [picture_of_run(files.picture, solution.table(), title + early)],
+        lambda: [picture_of_run(files.picture, solution.all_columns(), title + early)],
     )
     told.written += picture or []
     told.complete = picture is not None
@@ -221,12 +229,13 @@ def _say(solution: Solution, name: str, told: _Told) -> None:
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     screen.print(terminal.facts(name, rows))
-    if len(solution.observed.columns):
-        screen.print(terminal.ranges(solution.observed, told.errors))
+    if solution.columns:
+        screen.print(terminal.ranges(solution.columns, told.errors))
     if solution.validity:
         screen.print(terminal.validity(solution.validity))
     say_warnings(screen, [*filter(None, [told.beyond]), *solution.warnings])
-    say_written(screen, told.written)
+    # Whoever reads a pipe has it now as well.
+    sys.stdout.flush()
 
 
 def _integrator(name: str, options: dict[str, Any]) -> Any:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from beamdae.curves.plane_curves import turned
 from beamdae.errors import BeamdaeError, entries, finite, keep, number, point, positive, shown, told
@@ -21,6 +20,14 @@ _SAMPLES = 601
 # slope by 1 it is some hundredths.
 _AS_GIVEN = 1e-3
 _GAUSS = np.polynomial.legendre.leggauss(8)
+
+
+def _through(parameter: Array, points: Array, degree: int) -> Any:
+    """The spline of this degree through points."""
+    # Here, for it takes as long to import as a short run, and few models have such curves.
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(parameter, points, k=degree)
 
 
 class _SplineCurve:
@@ -127,7 +134,7 @@ class Parabola(_SplineCurve):
         x = np.linspace(0.0, self.span, 3)
         y = 4.0 * self.rise * x * (self.span - x) / self.span**2
         points = turned(np.stack([x, y], axis=-1), self.angle)
-        return make_interp_spline(x, points + np.asarray(self.start, float), k=2)
+        return _through(x, points + np.asarray(self.start, float), 2)
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,7 @@ class Curve(_SplineCurve):
         share = np.linspace(0.0, 1.0, _SAMPLES)
         x = np.linspace(x_start, x_end, _SAMPLES)
         y = np.array([self._height(xi) for xi in x.tolist()])
-        return make_interp_spline(share, np.stack([x, y], axis=-1), k=5)
+        return _through(share, np.stack([x, y], axis=-1), 5)
 
     def _check_smooth(self) -> None:
         knots = np.linspace(0.0, 1.0, _SAMPLES)
@@ -218,7 +225,7 @@ class Curve(_SplineCurve):
             at = points[int(np.argmin(step))]
             raise BeamdaeError(f"Curve: the point ({at[0]:g}, {at[1]:g}) comes twice in a row.")
         self._check_reversal(points)
-        return make_interp_spline(np.concatenate([[0.0], np.cumsum(step)]), points, k=3)
+        return _through(np.concatenate([[0.0], np.cumsum(step)]), points, 3)
 
     @staticmethod
     def _check_reversal(points: Array) -> None:

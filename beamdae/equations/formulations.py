@@ -36,7 +36,7 @@ from beamdae.equations.sums import (
     residual_sum,
 )
 from beamdae.errors import one_of
-from beamdae.native.vectors import combine
+from beamdae.native.vectors import combine, fill
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
@@ -214,36 +214,70 @@ def _set_time(
     total.shared[0], total.shared[1] = t, branch
 
 
+def first_order_parts(
+    form: FirstOrderSums, t: float, branch: float, y: Array, yp: Array, result: Array
+) -> None:
+    """The non-zeros of dR/dy, then those of dR/dy', into `result`; `form` has them apart."""
+    _set_time(form, form.jacobian, t, branch, y, yp)
+    fill(form.jacobian.shared[2:], 1.0)
+    evaluate(form.jacobian, form.x, result)
+
+
 @once
-def first_order(equations: EquationsOfMotion, name: str) -> FirstOrder:
-    """Build a first-order form; `name` is one of `FIRST_ORDER`."""
+def first_order(equations: EquationsOfMotion, name: str, apart: bool = False) -> FirstOrder:
+    """Build a first-order form.
+
+    Parameters
+    ----------
+    name
+        One of `FIRST_ORDER`.
+    apart
+        Whether dR/dy and dR/dy' are evaluated one by one, see `first_order_parts`.
+    """
     form = FORMULATIONS[one_of("formulation", "name", name, FIRST_ORDER)]
-    n, m = equations.n, equations.m
-    size = 2 * n + m * (2 if form.stabilized else 1)
+    pattern, jacobian = _jacobian_sum(equations, form, apart)
+    return FirstOrder(equations, form, pattern, (_residual_plan(equations, name), jacobian))
+
+
+@once
+def _residual_plan(equations: EquationsOfMotion, name: str) -> SumPlan:
+    form, n = FORMULATIONS[name], equations.n
+    places = _places(equations, form)
+    return residual_sum(equations, places, form.levels, form.stabilized, dynamic=n).vector()
+
+
+def _size(equations: EquationsOfMotion, form: Formulation) -> int:
+    return 2 * equations.n + equations.m * (2 if form.stabilized else 1)
+
+
+def _places(equations: EquationsOfMotion, form: Formulation) -> Places:
+    """Where (y, y') has what the kernels ask for."""
+    n, m, size = equations.n, equations.m, _size(equations, form)
     held = 2 * n + (size if form.impulses else 0)
-    at = Places(q=0, v=n, a=size + n, lam=held, mu=held + m)
-    residual = residual_sum(equations, at, form.levels, form.stabilized, dynamic=n)
-    pattern, jacobian = _jacobian_sum(equations, form, at, size)
-    return FirstOrder(equations, form, pattern, (residual.vector(), jacobian))
+    return Places(q=0, v=n, a=size + n, lam=held, mu=held + m)
 
 
 def _jacobian_sum(
-    equations: EquationsOfMotion, form: Formulation, at: Places, size: int
+    equations: EquationsOfMotion, form: Formulation, apart: bool
 ) -> tuple[sp.csc_array, SumPlan]:
-    n, m, total = equations.n, equations.m, matrix_builder()
-    total.add_diagonal(n, (0, 0), C_A, 1.0)
+    """The pattern of dR/dy + c dR/dy' and its non-zeros, or the two one after the other."""
+    n, m, size = equations.n, equations.m, _size(equations, form)
+    total, at = matrix_builder(), _places(equations, form)
+    # Where what is multiplied by c goes: among the rest, or into a matrix of its own below it.
+    below = size if apart else 0
+    total.add_diagonal(n, (below, 0), C_A, 1.0)
     total.add_diagonal(n, (0, n), None, -1.0)
     for term, copies in add_tangents(total, equations, at):
-        total.add_matrix(copies, 0, term.operator, term.operator, (n, 0))
-        total.add_matrix(copies, 1, term.operator, term.operator, (n, n))
+        for output, place in enumerate(((n, 0), (n, n), (below + n, n))):
+            total.add_matrix(copies, output, term.operator, term.operator, place)
     # c_l is c; where the multipliers themselves are unknowns G^T stands without it.
-    reaction = 1 if form.impulses else 0
+    reaction, by_c = (1, below) if form.impulses else (0, 0)
     for joint, copies in add_joint_matrices(total, equations, at, form.levels, form.stabilized):
         on_q, on_g = joint.operator, joint.rows
-        total.add_matrix(copies, reaction, on_g, on_q, (n, 2 * n), transposed=True)
+        total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
         total.add_matrix(copies, 2, on_q, on_q, (n, 0))
         if form.stabilized:
-            total.add_matrix(copies, reaction, on_g, on_q, (0, 2 * n + m), transposed=True)
+            total.add_matrix(copies, reaction, on_g, on_q, (by_c, 2 * n + m), transposed=True)
             total.add_matrix(copies, 3, on_q, on_q, (0, 0))
         more = 3 + form.stabilized
         for k, level in enumerate(form.levels):
@@ -254,6 +288,6 @@ def _jacobian_sum(
                 total.add_matrix(copies, more, on_g, on_q, (row, 0))
                 total.add_matrix(copies, 0, on_g, on_q, (row, n))
             else:
-                for own, column in enumerate((0, n, n)):
-                    total.add_matrix(copies, more + own, on_g, on_q, (row, column))
-    return total.matrix((size, size))
+                for own, place in enumerate(((row, 0), (row, n), (below + row, n))):
+                    total.add_matrix(copies, more + own, on_g, on_q, place)
+    return total.matrix((size, size), 2 if apart else 1)

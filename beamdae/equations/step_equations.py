@@ -199,8 +199,8 @@ def _matrix_sum(
     eta, r = n + m, n + 2 * m
     for term, copies in add_tangents(total, equations, at):
         on_q = term.operator
-        total.add_matrix(copies, 0, on_q, on_q, (0, 0))
-        total.add_matrix(copies, 1, on_q, on_q, (0, 0))
+        for output in range(3):
+            total.add_matrix(copies, output, on_q, on_q, (0, 0))
         if stabilized:
             total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))
     levels = (0, 1) if stabilized else (0,)

@@ -88,7 +88,7 @@ def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
 def add_tangents(
     total: SumBuilder, equations: EquationsOfMotion, at: Places
 ) -> list[tuple[ForceTerm, Copies]]:
-    """Add the kernels of c_q dF/dq (output 0) and c_v dF/dv + c_a dF/da (output 1)."""
+    """Add the kernels of c_q dF/dq, c_v dF/dv and c_a dF/da (outputs 0, 1 and 2)."""
     return [
         (
             term,

@@ -28,7 +28,6 @@ from beamdae.integrators.error_control import (
 from beamdae.integrators.ida_compiled import CompiledIda
 from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.preconditioned import WrappedIda
 from beamdae.integrators.route import Route
 from beamdae.native.machine import MachineError
 from beamdae.results.solution import Solution, Statistics
@@ -52,6 +51,11 @@ _NONE = 1e-15
 @dataclass(frozen=True)
 class Ida(ByTolerance):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
+
+    It runs in machine code ("ida" is "shared libraries" in `Solution.integrator`), or where that
+    cannot be had by scikit-sundae's class, with the same steps but for rounding. Machine code also
+    tells "orders" (steps by order), "error_test_failures", and "limited_by": the unknowns whose
+    error was the largest of a step most often, with the share of such steps.
 
     Parameters
     ----------
@@ -211,11 +215,12 @@ class Bdf:
         }.get(code, reason(code))
 
 
-def _made(
-    form: FirstOrder, linear_solver: str, options: dict[str, Any]
-) -> CompiledIda | WrappedIda:
+def _made(form: FirstOrder, linear_solver: str, options: dict[str, Any]) -> Any:
     """IDA with everything in machine code, or as it can be had."""
     if form.is_native:
         with contextlib.suppress(MachineError, UnavailableError):
             return CompiledIda(form, options)
+    # Here, for scikit-sundae's class takes SciPy's optimizers along, a third of a run without it.
+    from beamdae.integrators.preconditioned import WrappedIda
+
     return WrappedIda(form, linear_solver, options)

@@ -12,7 +12,7 @@ import numpy as np
 from beamdae.equations.formulations import FirstOrder
 from beamdae.integrators.ida_loop import Functions, IdaRun, Newton, jacobian, residual, steps
 from beamdae.integrators.looping import Matrix
-from beamdae.native.codes import DONE
+from beamdae.native.codes import DONE, FULL
 from beamdae.native.elimination import Linear
 from beamdae.native.loops import Loop
 from beamdae.results.solution import Statistics
@@ -37,7 +37,7 @@ class CompiledIda:
     Attributes
     ----------
     code
-        How the last steps ended; negative codes are IDA's, after which there are no more.
+        How the last steps ended; negative codes are IDA's. There are more after DONE and FULL.
     """
 
     name = "shared libraries"
@@ -106,7 +106,7 @@ class CompiledIda:
         run = self._run
         run.most, run.filled = min(most, _ROOM), 0
         # What went before a failure is not lost.
-        if self.code >= 0:
+        if self.code in (DONE, FULL):
             self.code = self._loop()
             if self._problems:
                 raise self._problems.pop()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -44,16 +45,27 @@ class PlainLinear:
 
 @dataclass
 class Matrix:
-    """A matrix that a loop factorizes: its CSC pattern, and where the loop puts its numbers."""
+    """A matrix that a loop factorizes.
+
+    Attributes
+    ----------
+    pattern, nonzeros
+        Its CSC pattern, and where the loop puts its numbers.
+    like
+        One of the same pattern whose pivots are tried first: finding them takes longer than many
+        factorizations.
+    """
 
     pattern: sp.csc_array
     nonzeros: Array
+    like: Matrix | None = None
+    _plan: Plan | None = field(default=None, init=False)
     _plans: Iterator[Plan] = field(default_factory=lambda: iter(()), init=False)
 
     @classmethod
-    def of(cls, pattern: sp.csc_array, dtype: type = float) -> Matrix:
+    def of(cls, pattern: sp.csc_array, dtype: type = float, like: Matrix | None = None) -> Matrix:
         """A matrix of this pattern."""
-        return cls(pattern, np.zeros(pattern.nnz, dtype))
+        return cls(pattern, np.zeros(pattern.nnz, dtype), like)
 
     def linear(self, native: bool, method: str) -> Any:
         """What is to factorize it; `method` is "auto", "dense" or "sparse" in plain Python."""
@@ -65,14 +77,21 @@ class Matrix:
         linear.asks = 0
         try:
             if not linear.fresh:
-                self._plans = plans(self.pattern, self.nonzeros)
+                self._plans = chain(self._given(), plans(self.pattern, self.nonzeros))
             plan = next(self._plans, None)
         except SingularMatrixError:
             plan = None
         if plan is None:
             linear.singular, linear.fresh = 1, 0
         else:
+            self._plan = plan
             linear.take(plan)
+
+    def _given(self) -> Iterator[Plan]:
+        """Pivots of the other matrix, unless they are those that served no longer."""
+        plan = self.like._plan if self.like else None
+        if plan is not None and plan is not self._plan:
+            yield plan
 
 
 class Running(Generic[W]):

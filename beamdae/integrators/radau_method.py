@@ -8,18 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from beamdae.equations.formulations import State, first_order
+from beamdae.equations.formulations import FirstOrder, FirstOrderSums, State, first_order
 from beamdae.integrators.drive import StepError
 from beamdae.integrators.error_control import ROUNDING, STIFF_FOR_RADAU, Scales, resolve, scales
 from beamdae.integrators.looping import Matrix, Running
-from beamdae.integrators.radau_loop import (
+from beamdae.integrators.radau_loop import radau_steps
+from beamdae.integrators.radau_run import (
     ERROR_TOO_LARGE,
     NOT_CONVERGED,
     NOT_FINITE,
     TOO_SMALL,
     RadauRun,
     StepSize,
-    radau_steps,
 )
 from beamdae.integrators.route import Route
 from beamdae.native.codes import SINGULAR
@@ -114,7 +114,7 @@ class Collocating:
     def __init__(
         self, rtol: float, error_control: str, max_step: float | None, solver: str, route: Route
     ) -> None:
-        self._form = form = first_order(route.equations, _FORM)
+        self._form = form = first_order(route.equations, _FORM, apart=True)
         self._scales = size = scales(route)
         self._control = resolve(
             error_control,
@@ -128,49 +128,13 @@ class Collocating:
         velocities = self._control.policy == "velocities"
         self._tolerance = tolerance = Tolerance.honest(rtol, size, velocities)
         longest = route.longest_step("Radau", max_step)
-        real, pair = Matrix.of(form.pattern), Matrix.of(form.pattern, complex)
-        n, m, unknowns = form.equations.n, form.equations.m, form.size
-        columns = np.repeat(np.arange(unknowns), np.diff(form.pattern.indptr))
-        positions, velocities_of_iteration = tolerance.of_iteration
+        real = Matrix.of(form.pattern)
+        pair = Matrix.of(form.pattern, complex, like=real)
 
         def make(native: bool) -> RadauRun:
-            def vector(dtype: type = float) -> Array:
-                return np.zeros(unknowns, dtype)
-
-            def stages() -> Array:
-                return np.zeros((3, unknowns))
-
-            return RadauRun(
-                form=form.buffers(native),
-                real=real.linear(native, solver),
-                pair=pair.linear(native, solver),
-                size=StepSize(longest),
-                y=vector(),
-                yp=vector(),
-                before=stages(),
-                w=stages(),
-                stages=stages(),
-                rates=stages(),
-                residuals_at=stages(),
-                change=vector(),
-                pair_change=vector(complex),
-                pair_real=vector(),
-                pair_imaginary=vector(),
-                ahead=np.zeros((3, 3)),
-                stiffness=np.zeros(form.pattern.nnz),
-                inertia=np.zeros(form.pattern.nnz),
-                real_nonzeros=real.nonzeros,
-                pair_nonzeros=pair.nonzeros,
-                of_row=form.pattern.indices.astype(np.int64),
-                of_column=columns,
-                error=vector(),
-                right=vector(),
-                tested=tolerance.tested,
-                bounds=np.concatenate([positions, positions]),
-                velocity_bounds=velocities_of_iteration,
-                velocity_rounding=tolerance.rounding,
-                rows=np.zeros((3 * _LOOKS, 1 + 3 * n + m)),
-            )
+            factors = real.linear(native, solver), pair.linear(native, solver)
+            numbers = real.nonzeros, pair.nonzeros
+            return _run(form, form.buffers(native), factors, numbers, tolerance, longest)
 
         def matrices(run: RadauRun) -> list[tuple[Any, Matrix]]:
             return [(run.real, real), (run.pair, pair)]
@@ -227,3 +191,45 @@ class Collocating:
         if run.filled == 0:
             raise StepError(_REASONS[code])
         return run.rows[: run.filled]
+
+
+def _run(
+    form: FirstOrder,
+    buffers: FirstOrderSums,
+    factors: tuple[Any, Any],
+    nonzeros: tuple[Array, Array],
+    tolerance: Tolerance,
+    longest: float,
+) -> RadauRun:
+    n, m, size = form.equations.n, form.equations.m, form.size
+    positions, velocities = tolerance.of_iteration
+    return RadauRun(
+        form=buffers,
+        real=factors[0],
+        pair=factors[1],
+        size=StepSize(longest),
+        y=np.zeros(size),
+        yp=np.zeros(size),
+        before=np.zeros((3, size)),
+        w=np.zeros((3, size)),
+        stages=np.zeros((3, size)),
+        rates=np.zeros((3, size)),
+        residuals_at=np.zeros((3, size)),
+        change=np.zeros(size),
+        pair_change=np.zeros(size, complex),
+        pair_real=np.zeros(size),
+        pair_imaginary=np.zeros(size),
+        ahead=np.zeros((3, 3)),
+        jacobian=np.zeros(2 * form.pattern.nnz),
+        real_nonzeros=nonzeros[0],
+        pair_nonzeros=nonzeros[1],
+        of_row=form.pattern.indices.astype(np.int64),
+        of_column=np.repeat(np.arange(size), np.diff(form.pattern.indptr)),
+        error=np.zeros(size),
+        right=np.zeros(size),
+        tested=tolerance.tested,
+        bounds=np.concatenate([positions, velocities]),
+        velocity_bounds=velocities,
+        velocity_rounding=tolerance.rounding,
+        rows=np.zeros((3 * _LOOKS, 1 + 3 * n + m)),
+    )

@@ -7,8 +7,11 @@ contraction, so results are the same to the last bit, which is tried whenever on
 from __future__ import annotations
 
 import ctypes
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -18,6 +21,7 @@ from beamdae.native.machine import Loaded, MachineError, library_address
 from beamdae.native.objects import Source, is_on, machine_code
 from beamdae.native.operations import (
     LANES,
+    LIBRARY_FUNCTIONS,
     NUMBER,
     WIDTH,
     constant,
@@ -116,23 +120,20 @@ def lane_kernel(function: ca.Function) -> LaneKernel | None:
     """
     if not is_on():
         return None
-    writer = _written(function)
-    if writer is None:
-        return None
-    try:
-        imports = {f"libm.{name}": library_address(name) for name in sorted(writer.library)}
-    except MachineError:
-        return None
+    _require_form(function)
     name = function.name()
 
     def kernel(code: Loaded) -> LaneKernel:
         sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
-    code = machine_code(
-        Source(name, writer.source, (name,), imports, _LEVEL),
-        lambda code: _same(function, kernel(code)),
-    )
+    # What the function is written as follows from it and from these: writing takes longer.
+    text = "\n".join([function.serialize(), *_writing()])
+    source = Source(name, text, (name,), _imports(), _LEVEL, lambda: lane_source(function))
+    try:
+        code = machine_code(source, lambda code: _same(function, kernel(code)))
+    except ValueError:
+        return None
     return None if code is None else kernel(code)
 
 
@@ -145,9 +146,27 @@ def lane_source(function: ca.Function) -> str:
         If it has an operation that cannot be compiled.
     """
     writer = _written(function)
-    if writer is None:
+    if writer is None or any(f"libm.{name}" not in _imports() for name in writer.library):
         raise ValueError(f"{function.name()}: it has operations that cannot be compiled.")
     return writer.source
+
+
+@cache
+def _imports() -> dict[str, int]:
+    """Addresses of the functions of the C library that there are."""
+    found = {}
+    for name in LIBRARY_FUNCTIONS:
+        with suppress(MachineError):
+            found[f"libm.{name}"] = library_address(name)
+    return found
+
+
+@cache
+def _writing() -> tuple[str, ...]:
+    """What writes the IR of a function."""
+    own = Path(__file__)
+    sources = (own, own.with_name("operations.py"))
+    return (f"casadi {version('casadi')}", *(source.read_text("utf-8") for source in sources))
 
 
 @dataclass

@@ -9,7 +9,7 @@ kept like that of kernels, and numba is imported only to make it.
 from __future__ import annotations
 
 import ctypes
-import inspect
+import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import fields
@@ -151,12 +151,17 @@ def _names(owner: Any) -> tuple[str, ...]:
 
 
 def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[str]:
-    """What a function consists of: its source, that of those it calls, and the constants."""
+    """What a function consists of: its bytecode, that of those it calls, and the constants.
+
+    Bytecode is what numba compiles; reading sources takes as long as the steps of a short run.
+    """
     if function in found or function.__module__ == vectors.__name__:
         return
     found[function] = None
-    yield inspect.getsource(function)
-    for name in function.__code__.co_names:
+    code = function.__code__
+    named = (code.co_name, code.co_varnames, code.co_names)
+    yield repr((*named, code.co_code.hex(), code.co_consts, function.__defaults__))
+    for name in code.co_names:
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
             yield from _parts(_BEHIND.get(value, value), found)
@@ -169,7 +174,7 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
 @cache
 def _versions() -> str:
     return "\n".join(
-        [f"numba {_numba_version()}"]
+        [f"numba {_numba_version()}", sys.version]
         + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _COMPILING]
     )
 

@@ -92,6 +92,9 @@ _LIBRARY = {
 }
 
 
+LIBRARY_FUNCTIONS = tuple(dict.fromkeys(_LIBRARY.values()))
+
+
 class Kind(NamedTuple):
     """Types of one number, or of a vector of them; the operations in them."""
 

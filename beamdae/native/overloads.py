@@ -51,7 +51,9 @@ def _fill(out, value):
 def _minimum(out, vector, factor, other):
     def loop(out, vector, factor, other):
         for i in range(out.size):
-            out[i] = min(vector[i], factor * other[i])
+            own, bound = vector[i], factor * other[i]
+            # What is no number stays.
+            out[i] = own if own < bound or own != own else bound
 
     return loop
 
@@ -100,6 +102,8 @@ def _where_largest(vector, weights):
             size = abs(vector[i] * weights[i])
             if size > most:
                 at, most = i, size
+            elif size != size:
+                return i
         return at
 
     return loop

@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from beamdae.errors import (
     BeamdaeError,
@@ -284,6 +283,9 @@ def table(times: Any, values: Any) -> Law:
     if shortest <= 0.0:
         raise BeamdaeError("table: times must ascend.")
     positive("table", "the shortest stretch between its times", shortest)
+    # Here, for it takes as long to import as a short run, and few models have tables.
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(t, y, bc_type="natural")
     inner = [float(x) for x in t[1:-1]]
 

@@ -9,17 +9,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+import numpy as np
 
-from beamdae.equations.measures import LEDGER_COLUMNS
+from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.report.letters import shortened
 from beamdae.results.files import replacing
 from beamdae.results.headers import Header, observed_columns
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
+
+    # By header.
+    Columns = Mapping[str, Any] | pd.DataFrame
+
+Array = np.ndarray
 
 # Okabe & Ito's palette, readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
@@ -33,28 +39,29 @@ _LINE, _NAME, _BESIDE, _AXIS, _ENTRY = 60, 40, 22, 28, 60
 _LETTER, _SIGN = 0.075, 0.8
 
 
-def picture_of_run(path: Path, table: pd.DataFrame, title: str) -> Path:
+def picture_of_run(path: Path, table: Columns, title: str) -> Path:
     """Draw the observed positions, deformations and forces over time; rates are left out.
 
     Parameters
     ----------
     table
-        `Solution.table()`.
+        Time, observed columns and the energy ledger, see `Solution.table`.
 
     Returns
     -------
     Path
         Of the PNG file.
     """
-    table = _drawable(table)
-    groups = _groups(table)
+    drawable = _drawable(table)
+    groups = _groups(drawable)
     figure, axes = _figure(min(len(groups), _PANELS), title)
     if len(groups) > _PANELS:
         figure.supxlabel(f"{_PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         for column, color in zip(columns, _repeated(COLORS), strict=False):
-            axis.plot(table["t [s]"], table[column], color=color, lw=1.2, **_point(table))
+            time, values = drawable[TIME], drawable[column]
+            axis.plot(time, values, color=color, lw=1.2, **_point(time))
         _dress(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
         if len(columns) > 1:
             _legend(axis, labels)
@@ -82,8 +89,8 @@ def picture_of_comparison(
     uncertainty
         Of the reference, in the same measure.
     """
-    reference = _drawable(reference)
-    columns = characteristic_columns(reference)
+    drawable = _drawable(reference)
+    columns = characteristic_columns(drawable)
     errors = {
         label: deviant.max(axis=1) for label, (_, deviant) in runs.items() if deviant is not None
     }
@@ -95,11 +102,13 @@ def picture_of_comparison(
     ]
     styles = dict(zip(runs, looks, strict=False))
     for axis, column in zip(axes, columns, strict=False):
-        axis.plot(reference["t [s]"], reference[column], color="0.8", lw=5, **_point(reference))
+        time = drawable[TIME]
+        axis.plot(time, drawable[column], color="0.8", lw=5, **_point(time))
         for label, (curve, _) in runs.items():
             table = _drawable(curve)
             if column in table:
-                axis.plot(table["t [s]"], table[column], lw=1.4, **styles[label], **_point(table))
+                time = table[TIME]
+                axis.plot(time, table[column], lw=1.4, **styles[label], **_point(time))
         _dress(axis, "", column)
     if measured:
         _errors(axes[-1], errors, styles, uncertainty)
@@ -124,7 +133,7 @@ def _errors(
     _dress(axis, "", "error / amplitude [-]")
 
 
-def characteristic_columns(table: pd.DataFrame) -> list[str]:
+def characteristic_columns(table: Columns) -> list[str]:
     """The columns a comparison is drawn in: a deformation, or else the first motion."""
     groups: dict[str, list[str]] = {}
     for column in _moving(table):
@@ -137,7 +146,7 @@ def characteristic_columns(table: pd.DataFrame) -> list[str]:
     return (motions or moving)[:3]
 
 
-def _groups(table: pd.DataFrame) -> dict[tuple[str, str], list[str]]:
+def _groups(table: Columns) -> dict[tuple[str, str], list[str]]:
     """Columns that share a panel, by observable and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
     for column in _moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
@@ -146,21 +155,23 @@ def _groups(table: pd.DataFrame) -> dict[tuple[str, str], list[str]]:
     return groups
 
 
-def _moving(table: pd.DataFrame) -> list[str]:
+def _moving(table: Columns) -> list[str]:
     """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
-    columns = [c for c in columns if table[c].notna().any()]
-    size = {c: float(table[c].max() - table[c].min()) for c in columns}
+    values = {c: np.asarray(table[c], float) for c in columns}
+    columns = [c for c in columns if not np.isnan(values[c]).all()]
+    size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
     largest = max(size.values(), default=0.0)
     return [c for c in columns if size[c] > 1e-9 * largest] or columns
 
 
-def _drawable(table: pd.DataFrame) -> pd.DataFrame:
-    """The table without numbers no axis has a place for."""
-    return table.where(table.abs() < _HUGE)
+def _drawable(table: Columns) -> dict[str, Array]:
+    """The columns without numbers no axis has a place for."""
+    columns = {name: np.asarray(table[name], float) for name in map(str, table)}
+    return {name: np.where(np.abs(x) < _HUGE, x, np.nan) for name, x in columns.items()}
 
 
-def _point(rows: pd.DataFrame | pd.Series) -> dict[str, Any]:
+def _point(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
     """A mark where there is but one row: a line would not be seen."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from rich.table import Table
 from rich.text import Text
 
@@ -16,6 +15,12 @@ from beamdae.report.fitted import Column, FittedTable
 from beamdae.report.letters import plain
 from beamdae.results.headers import Header
 from beamdae.results.validity import BeamRange
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    # By header.
+    Columns = Mapping[str, Any] | pd.DataFrame
 
 # Values this small beside the largest in their unit are what rounding leaves of zero.
 _ROUNDING = 1e-12
@@ -49,13 +54,16 @@ _SUMMARIZED = {
 
 def number(value: Any, digits: int = 3) -> str:
     """A number in few characters; a dash for one that is not there."""
-    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, (bool, str)):
         return str(value)
     if isinstance(value, (int, np.integer)):
         return f"{value:d}"
-    return f"{float(value):.{digits}g}"
+    try:
+        return f"{float(value):.{digits}g}"
+    except TypeError:  # That of pandas for what is not there.
+        return "-"
 
 
 def facts(title: str, rows: Mapping[str, Any]) -> Table:
@@ -83,7 +91,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     moves = ", ".join(f"{name} {number(value)}" for name, value in amplitudes.items())
     scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
     shares = settings.get("limited_by", {})
-    limits = ", ".join(f"{name} in {share:.0%} of the steps" for name, share in shares.items())
+    limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
     return {
         "status": str(s["reason"]),
         "time reached": f"{number(summary['last_time'], 6)} s",
@@ -92,7 +100,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         **scaled,
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
         f"{s['newton_failures']} Newton failures",
-        **({"limited by": limits} if limits else {}),
+        **({"limited by": f"{limits} of the steps"} if limits else {}),
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
         "wall time": f"{s['wall_time']} s, and {s['setup_time']} s to build",
@@ -117,32 +125,39 @@ def validity(beams: Iterable[BeamRange]) -> FittedTable:
     return FittedTable("beam", columns, rows, "the JSON file")
 
 
-def ranges(observed: pd.DataFrame, errors: pd.DataFrame | None = None) -> FittedTable:
+def ranges(observed: Columns, errors: Columns | None = None) -> FittedTable:
     """Smallest, largest and last value of each observed column, and what is told of its error.
 
-    `errors` has a row for each column, first its amplitude, then what is shown.
+    `errors` has a row for each column, in their order: first its amplitude, then what is shown.
     """
-    told = [] if errors is None else list(map(str, errors.columns[1:]))
+    told = [] if errors is None else list(map(str, errors))[1:]
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
     # The first of what is told is the error, the last the verdict.
     kept = (told[0], told[-1]) if told else ()
     columns += [Column(textwrap.fill(x, _HEADER), 0 if x in kept else 4) for x in told]
     rounding = _rounding(observed)
     rows = []
-    for name in map(str, observed):
-        values = observed[name]
-        numbers = (float(x) for x in (values.min(), values.max(), values.iloc[-1]))
-        said = [] if errors is None else [number(errors.loc[name, column], 2) for column in told]
+    values_told = [] if errors is None else [np.asarray(errors[x]).tolist() for x in told]
+    for k, name in enumerate(map(str, observed)):
+        values = np.asarray(observed[name])
+        numbers = (*_extremes(values), float(values[-1]))
+        said = [number(values[k], 2) for values in values_told]
         least = rounding[Header.of(name).kind]
         rows.append((name, *(number(0.0 if abs(x) < least else x, 5) for x in numbers), *said))
     return FittedTable("observed", columns, rows)
 
 
-def _rounding(observed: pd.DataFrame) -> dict[str, float]:
+def _extremes(values: np.ndarray) -> tuple[float, float]:
+    """The smallest and the largest that is a number, if there is one."""
+    known = values[~np.isnan(values)]
+    return (float(known.min()), float(known.max())) if known.size else (math.nan, math.nan)
+
+
+def _rounding(observed: Columns) -> dict[str, float]:
     """By kind of a column: what is rounding beside the largest value of that kind."""
     largest: dict[str, float] = {}
     for name in map(str, observed):
-        kind, size = Header.of(name).kind, float(observed[name].abs().max())
+        kind, size = Header.of(name).kind, max(map(abs, _extremes(np.asarray(observed[name]))))
         largest[kind] = max(largest.get(kind, 0.0), size if math.isfinite(size) else 0.0)
     return {kind: _ROUNDING * size for kind, size in largest.items()}
 

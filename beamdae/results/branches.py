@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.rank import JointMatrix, has_loops, joint_matrix
@@ -130,10 +129,17 @@ def _jumps(
     rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
     t = np.clip(passed[:, None] + width * _AROUND, steps[0], steps[-1])
     # Straight from step to step: a polynomial of higher degree would ring about a jump.
-    v = make_interp_spline(steps, rates / equations.position_scales, k=1)(t)
+    v = _straight(steps, rates / equations.position_scales, t)
     changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
     most, mostly = changes.max(axis=1), np.median(changes, axis=1)
     return (most > _TIMES * mostly) & (most > _SHARE * np.linalg.norm(v, axis=2).max(axis=1))
+
+
+def _straight(steps: Array, values: Array, t: Array) -> Array:
+    """Values at times t (., .) on straight lines between rows of values at the steps."""
+    k = np.clip(np.searchsorted(steps, t) - 1, 0, len(steps) - 2)
+    share = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
+    return (1.0 - share) * values[k] + share * values[k + 1]
 
 
 def branch_warnings(found: tuple[SingularPosition, ...]) -> tuple[str, ...]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
-import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.energy_ledger import EnergyLedger
@@ -24,7 +23,10 @@ _REMEDY = (
 
 
 def doubts(
-    equations: EquationsOfMotion, books: EnergyLedger, observed: pd.DataFrame, times: np.ndarray
+    equations: EquationsOfMotion,
+    books: EnergyLedger,
+    observed: Mapping[str, np.ndarray],
+    times: np.ndarray,
 ) -> Iterator[str]:
     """A sentence on each of the energy balance, the equations of motion and the columns.
 
@@ -46,7 +48,7 @@ def doubts(
             f"not to be trusted; {_REMEDY}."
         )
     for name in observed:
-        (bad,) = np.nonzero(~np.isfinite(observed[name].to_numpy()))
+        (bad,) = np.nonzero(~np.isfinite(observed[name]))
         if len(bad):
             yield (
                 f"{name}: it is not finite at {len(bad)} of {len(times)} times, from "

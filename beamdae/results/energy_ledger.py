@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -97,15 +96,17 @@ class EnergyLedger:
             work = work + interval.integrals(values[:, 3:6], interval.t[-1:])[0]
         return cls(trajectory, tuple(rows), tuple(starts))
 
-    def at(self, times: Array) -> pd.DataFrame:
-        """Energies, works and what the books are off by [J] at ascending times of the run."""
+    def at(self, times: Array) -> Array:
+        """Energies, works and what the books are off by [J] at ascending times of the run.
+
+        Columns as in `measures.LEDGER_COLUMNS`.
+        """
         which = self.trajectory.which(times)
         books = np.concatenate(
             [self._books(k, times[which == k]) for k in range(len(self.trajectory.intervals))]
         )
         start = np.append(self.values[0][0, :3], np.zeros(3))
-        rows = np.column_stack([books, _imbalance(books, start)])
-        return pd.DataFrame(rows, columns=list(measures.LEDGER_COLUMNS))
+        return np.column_stack([books, _imbalance(books, start)])
 
     def _books(self, k: int, times: Array) -> Array:
         """Energies and works at times inside an interval, (3 + 3) columns.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import os
@@ -12,11 +13,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+import numpy as np
 
 from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Scratch files tell whose they are.
 _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
@@ -25,10 +29,11 @@ _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
 
-def write(path: Path, table: pd.DataFrame, beside: Mapping[str, Any]) -> Path:
+def write(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> Path:
     """Write a table as CSV and what it is the table of, with versions, as JSON beside it.
 
-    Headers and texts go through `guarded`. Returns the path of the CSV file.
+    Headers and texts go through `safe_cell`; what is no number is left empty. Returns the path of
+    the CSV file.
 
     Raises
     ------
@@ -42,8 +47,23 @@ def write(path: Path, table: pd.DataFrame, beside: Mapping[str, Any]) -> Path:
     with replacing(path.with_suffix(".json")) as sidecar:
         sidecar.write_text(text, encoding="utf-8")
         with replacing(path) as scratch:
-            guarded(table).to_csv(scratch, index=False, encoding="utf-8", errors="backslashreplace")
+            _write_columns(scratch, columns)
     return path
+
+
+def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """As pandas writes a table, without the time it takes to import."""
+    with open(path, "w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+        lines = csv.writer(file, lineterminator=os.linesep)
+        lines.writerow(map(safe_cell, columns))
+        lines.writerows(zip(*(_cells(columns[name]) for name in columns), strict=True))
+
+
+def _cells(values: Any) -> list[Any]:
+    column = np.asarray(values)
+    if column.dtype.kind != "f":
+        return [safe_cell(value) for value in column.tolist()]
+    return [None if value != value else value for value in column.tolist()]
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -142,6 +162,8 @@ def _take_place(scratch: Path, target: Path) -> None:
 
 def guarded(table: pd.DataFrame) -> pd.DataFrame:
     """The table with `safe_cell` done to its headers and its cells of text; the index is left."""
+    import pandas as pd
+
     safe = table.rename(columns=safe_cell)
     for k, kind in enumerate(table.dtypes):
         if not pd.api.types.is_numeric_dtype(kind):

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -22,6 +21,10 @@ from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named
+
+# Tables are made for those who ask for them: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = np.ndarray
 
@@ -129,21 +132,28 @@ class Solution:
         return self._output[1].lam
 
     @cached_property
-    def observed(self) -> pd.DataFrame:
-        """The observed columns at the output times."""
+    def columns(self) -> dict[str, Array]:
+        """The observed columns at the output times by header, as arrays."""
         e = self.equations
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
-            return pd.DataFrame(index=range(len(self.t)))
-        return pd.DataFrame(self._measured(measures.observed(e)), columns=headers)
+            return {}
+        return dict(zip(headers, self._measured(measures.observed(e)).T, strict=True))
 
-    def _looked_at(self) -> tuple[pd.DataFrame, Array]:
+    @cached_property
+    def observed(self) -> pd.DataFrame:
+        """The observed columns at the output times."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns, index=range(len(self.t)))
+
+    def _looked_at(self) -> tuple[dict[str, Array], Array]:
         """Observed columns and times, some thousands of them where there are more."""
         apart = len(self.t) // _LOOKED_AT + 1
         if apart == 1:
-            return self.observed, self.t
+            return self.columns, self.t
         some = replace(self, t=self.t[::apart])
-        return some.observed, some.t
+        return some.columns, some.t
 
     def _measured(self, function: RowFunction) -> Array:
         times, state = self._output
@@ -156,11 +166,15 @@ class Solution:
     @cached_property
     def ledger(self) -> pd.DataFrame:
         """Energies and works [J] at the output times; `imbalance` is what the books are off by."""
-        return self._books.at(self.t)
+        import pandas as pd
+
+        return pd.DataFrame(self._books.at(self.t), columns=list(measures.LEDGER_COLUMNS))
 
     @cached_property
     def drift(self) -> pd.DataFrame:
         """Largest |g| and |g_dot| over the joints at the output times."""
+        import pandas as pd
+
         rows = self._measured(measures.drift(self.equations))
         return pd.DataFrame(rows, columns=list(measures.DRIFT_COLUMNS))
 
@@ -188,11 +202,19 @@ class Solution:
 
     def table(self) -> pd.DataFrame:
         """Time, observed quantities and the energy ledger; headers carry units."""
-        time = pd.DataFrame({"t [s]": self.t})
-        return pd.concat([time, self.observed, self.ledger], axis=1)
+        import pandas as pd
+
+        return pd.DataFrame(self.all_columns())
+
+    def all_columns(self) -> dict[str, Array]:
+        """The columns of `table` by header, as arrays."""
+        ledger = zip(measures.LEDGER_COLUMNS, self._books.at(self.t).T, strict=True)
+        return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
     def coordinates(self) -> pd.DataFrame:
         """Time, all coordinates, velocities and multipliers, named by part, with units."""
+        import pandas as pd
+
         e = self.equations
         columns = [
             *e.coordinates,
@@ -246,7 +268,7 @@ class Solution:
         text = str(path) if isinstance(path, (str, Path)) else ""
         if not (may_be_path(text) and Path(text).name):
             raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        table = self.table()
+        columns: dict[str, Any] = dict(self.all_columns())
         if not self.status.success:
-            table["status"] = self.status.kind
-        return write(Path(path), table, beside)
+            columns["status"] = [self.status.kind] * len(self.t)
+        return write(Path(path), columns, beside)

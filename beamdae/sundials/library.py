@@ -1,13 +1,13 @@
-"""The very SUNDIALS that scikit-sundae has loaded: a second copy would cost memory for nothing."""
+"""The very SUNDIALS that scikit-sundae loads: a second copy would cost memory for nothing."""
 
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from importlib.machinery import PathFinder
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import PurePath
 from types import SimpleNamespace
@@ -34,7 +34,7 @@ class Library:
 
 @cache
 def library() -> Library:
-    """Find the functions in what scikit-sundae has loaded, and make sure of their types.
+    """Find the functions in what scikit-sundae is linked to, and make sure of their types.
 
     Raises
     ------
@@ -57,17 +57,28 @@ def library() -> Library:
 
 def _images() -> list[ctypes.CDLL]:
     """What is searched for functions."""
-    try:
-        from sksundae import _cy_ida
-    except ImportError as problem:
-        raise UnavailableError(f"scikit-sundae has no compiled IDA: {problem}") from problem
     if sys.platform == "win32":
+        try:
+            from sksundae import _cy_ida  # noqa: F401
+        except ImportError as problem:
+            raise UnavailableError(f"scikit-sundae has no compiled IDA: {problem}") from problem
         return _loaded_by_windows(_dll_names())
     try:
-        # A symbol is looked up in the libraries that the extension module is linked to as well.
-        return [ctypes.CDLL(_cy_ida.__file__, mode=os.RTLD_NOLOAD)]
+        # A symbol is looked up in the libraries that the extension module is linked to as well. It
+        # is not imported for that: scikit-sundae takes SciPy's optimizers along, a third of a run.
+        return [ctypes.CDLL(_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
+
+
+def _extension_module() -> str:
+    """The file of scikit-sundae's compiled IDA."""
+    package = PathFinder.find_spec("sksundae")
+    places = package.submodule_search_locations if package else None
+    module = PathFinder.find_spec("sksundae._cy_ida", places) if places else None
+    if module is None or module.origin is None:
+        raise UnavailableError("scikit-sundae has no compiled IDA")
+    return module.origin
 
 
 def _dll_names() -> set[str]:

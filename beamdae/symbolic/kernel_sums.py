@@ -196,15 +196,21 @@ class SumBuilder:
         rows, _, source, weight = self._collected()
         return self._plan(rows, source, weight)
 
-    def matrix(self, shape: tuple[int, int]) -> tuple[sp.csc_array, SumPlan]:
-        """The pattern of the sum as a matrix, with ones, and the sum as its CSC non-zeros."""
-        i, j, source, weight = self._collected()
+    def matrix(self, shape: tuple[int, int], count: int = 1) -> tuple[sp.csc_array, SumPlan]:
+        """The pattern of the sum as a matrix, with ones, and the sum as its CSC non-zeros.
+
+        Of `count` matrices below each other it is what they have in common, and the sum has the
+        non-zeros of one after the other.
+        """
+        below, j, source, weight = self._collected()
+        which, i = np.divmod(below, shape[0])
+        assert np.all(which < count)
         pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=shape))
         pattern.sort_indices()
         pattern.data[:] = 1.0
         position = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
         target = np.searchsorted(position + pattern.indices, j.astype(np.int64) * shape[0] + i)
-        return pattern, self._plan(target, source, weight)
+        return pattern, self._plan(target + which * pattern.nnz, source, weight)
 
     def _collected(self) -> tuple[Array, ...]:
         none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros(0))]

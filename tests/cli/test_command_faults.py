@@ -110,12 +110,12 @@ def striking(self, most):
 ida.Bdf.advance = striking
 """
 WHILE_WRITING = """
-import pandas as pd
-write = pd.DataFrame.to_csv
-def striking(self, *arguments, **settings):
+from beamdae.results import files
+write = files._write_columns
+def striking(*arguments):
     strike()
-    return write(self, *arguments, **settings)
-pd.DataFrame.to_csv = striking
+    return write(*arguments)
+files._write_columns = striking
 """
 WHILE_DRAWING = """
 from matplotlib.figure import Figure

@@ -8,13 +8,14 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.integrators import looping, radau_loop
+from beamdae.integrators import looping, radau_loop, radau_stages
 from beamdae.integrators.error_control import Scales
 from beamdae.integrators.radau_coefficients import GAMMA, PAIR, A, C, T
-from beamdae.integrators.radau_loop import estimate_error, solve_stages
 from beamdae.integrators.radau_method import Tolerance
+from beamdae.integrators.radau_stages import estimate_error, solve_stages
 from beamdae.integrators.route import plan
-from beamdae.native.codes import DONE
+from beamdae.native import vectors
+from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.native.machine import MachineError
 
 
@@ -171,7 +172,8 @@ def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
 
 def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
     usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
-    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 3)
+    for module in (radau_loop, radau_stages):
+        monkeypatch.setattr(module, "MAX_ITERATIONS", 3)
     impatient = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
     assert impatient.status.success
     assert impatient.statistics.newton_failures > usual.statistics.newton_failures > 0
@@ -180,12 +182,67 @@ def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
 
 
 def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
-    monkeypatch.setattr(radau_loop, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(radau_loop, "UNKNOWN_RATE", 1.0)
+    monkeypatch.setattr(radau_stages, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(radau_stages, "UNKNOWN_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
     assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence
     assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
+
+
+# Pivots ------------------------------------------------------------------------------------------
+
+
+def eight_steps(of, rtol=1e-4):
+    """Rows of eight steps, and the run after them."""
+    equations = bd.equations_of_motion(of())
+    route = plan(equations, np.array([0.0, 1.0]))
+    method = bd.Radau(rtol).method_on(route)
+    method.begin(0.0, 1.0, 0.5, route.state)
+    run = method._run
+    run.most = 8
+    entered = 1
+    while radau_loop.radau_steps(run) == NEW_PIVOTS:
+        entered += 1
+    return run.rows.copy(), run, entered
+
+
+@pytest.mark.parametrize("of_pair", [False, True])
+def test_a_step_that_asks_for_other_pivots_is_repeated_as_it_was(of_pair, plain, monkeypatch):
+    rows, run, entered = eight_steps(pendulum)
+    assert entered == 1
+    asked = []
+
+    def factorize(linear, nonzeros):
+        asked.append(linear)
+        if len(asked) % 10 == (4 if of_pair else 5):
+            return NEW_PIVOTS
+        return vectors.factorize(linear, nonzeros)
+
+    monkeypatch.setattr(radau_stages, "factorize", factorize)
+    again, other, entered = eight_steps(pendulum)
+    assert entered > 2
+    assert_allclose(again, rows, rtol=0.0, atol=0.0)
+    for count in ("residuals", "jacobians", "failures", "rejected", "filled"):
+        assert getattr(other, count) == getattr(run, count)
+
+
+def test_a_matrix_without_pivots_refuses_the_step_and_no_other(plain, monkeypatch):
+    _, usual, _ = eight_steps(pendulum)
+    left = iter(range(3))
+
+    def factorize(linear, nonzeros):
+        if next(left, None) is not None:
+            linear.singular = 1
+        return SINGULAR if linear.singular else vectors.factorize(linear, nonzeros)
+
+    monkeypatch.setattr(radau_stages, "factorize", factorize)
+    _, run, _ = eight_steps(pendulum)
+    assert run.filled == 24
+    assert run.real.singular == run.pair.singular == 0
+    assert run.rejected == usual.rejected + 2
+    assert run.failures == usual.failures + 2
+    assert run.t < usual.t
 
 
 # Steps -------------------------------------------------------------------------------------------

@@ -3,8 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from pendulum import pendulum
 from rich.console import Console
 
+import beamdae as bd
 from beamdae.report import terminal
 from beamdae.report.fitted import Column, FittedTable
 
@@ -115,3 +117,19 @@ def test_ranges_of_columns_that_are_not_finite():
         ["1", "inf", "1"],
         ["1", "2", "2"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"limited_by": {"rod.x": 0.614, "rod.phi": 0.2}}, "rod.x 61%, rod.phi 20% of the steps"),
+        ({"limited_by": {}}, None),
+        ({}, None),
+    ],
+    ids=["some", "no step", "another method"],
+)
+def test_what_limits_the_step_has_a_line_where_it_is_known(settings, told):
+    solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 0.02)
+    facts = terminal.run_facts(solution.summary(), settings | {"orders": {"1": 2}})
+    assert facts.get("limited by") == told
+    assert "orders" not in facts["integrator"]

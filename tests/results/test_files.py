@@ -107,7 +107,7 @@ def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path,
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    monkeypatch.setattr(files, "_write_columns", full)
     with pytest.raises(BeamdaeError, match=r"run\.csv: it cannot be written, No space left"):
         write(tmp_path / "run.csv", TABLE, {"model": "new"})
     assert contents(tmp_path) == before

@@ -3,7 +3,6 @@
 import ctypes
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import sksundae
@@ -100,16 +99,24 @@ def test_a_library_without_the_functions_is_refused(monkeypatch):
     assert refused() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
 
 
-def test_what_is_not_loaded_is_not_loaded_for_it(monkeypatch, tmp_path):
-    absent = SimpleNamespace(__file__=str(tmp_path / "absent.so"))
-    monkeypatch.setattr(sksundae, "_cy_ida", absent)
+def test_a_compiled_module_that_cannot_be_opened_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(library_module, "_extension_module", lambda: str(tmp_path / "absent.so"))
     assert refused().startswith("scikit-sundae's IDA cannot be opened")
 
 
-def test_without_its_compiled_module_there_is_nothing(monkeypatch):
-    monkeypatch.delattr(sksundae, "_cy_ida")
-    monkeypatch.setitem(sys.modules, "sksundae._cy_ida", None)
-    assert refused().startswith("scikit-sundae has no compiled IDA")
+@pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
+def test_without_its_compiled_module_there_is_nothing(monkeypatch, tmp_path):
+    (tmp_path / "sksundae").mkdir()
+    (tmp_path / "sksundae" / "__init__.py").touch()
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    assert refused() == "scikit-sundae has no compiled IDA"
+    monkeypatch.setattr(sys, "path", [])
+    assert refused() == "scikit-sundae has no compiled IDA"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
+def test_what_is_opened_is_what_would_be_imported():
+    assert library_module._extension_module() == sksundae._cy_ida.__file__
 
 
 def test_names_on_windows():

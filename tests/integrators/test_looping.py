@@ -1,0 +1,83 @@
+"""Matrices of loops, and the pivots they are given."""
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import beamdae as bd
+from beamdae.errors import KernelWarning
+from beamdae.integrators.looping import Matrix
+from beamdae.native.loops import Loop
+from beamdae.native.objects import is_on
+
+
+def test_pivots_of_a_matrix_serve_another_of_its_pattern_and_its_own_follow():
+    pattern = sp.csc_array(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]))
+    real = Matrix.of(pattern)
+    pair = Matrix.of(pattern, complex, like=real)
+    real.nonzeros[:] = [4.0, 1.0, 1.0, 5.0, 1.0, 1.0, 6.0]
+    pair.nonzeros[:] = real.nonzeros * (1.0 + 2.0j)
+    factors, pair_factors = (matrix.linear(True, "auto") for matrix in (real, pair))
+    real.renew(factors)
+    pair.renew(pair_factors)
+    assert pair_factors.plan is factors.plan
+    assert pair_factors.factors.matrix.dtype == complex
+    # Where they have served, but do no longer, they are not given once more.
+    pair_factors.fresh = 0
+    pair.renew(pair_factors)
+    assert pair_factors.plan is not factors.plan
+    assert pair_factors.singular == 0
+
+
+def test_a_matrix_alone_is_given_its_own_pivots():
+    matrix = Matrix.of(sp.csc_array(np.eye(2)))
+    matrix.nonzeros[:] = [2.0, np.nan]
+    factors = matrix.linear(True, "auto")
+    matrix.renew(factors)
+    assert factors.singular == 1
+    matrix.nonzeros[:] = 2.0
+    factors.singular = 0
+    matrix.renew(factors)
+    assert factors.singular == 0
+    assert factors.plan.rows.size == 2
+
+
+def beam():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-4)
+    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=1))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), strip.start))
+    return mech
+
+
+@pytest.mark.skipif(not is_on(), reason="without machine code")
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        bd.GeneralizedAlpha(1e-3),
+        bd.GeneralizedAlpha(1e-3, formulation="stabilized-index2"),
+        bd.GeneralizedAlpha(rtol=1e-3),
+        bd.Radau(1e-3),
+        bd.Ida(1e-3),
+    ],
+    ids=lambda x: f"{x.label}",
+)
+def test_runs_are_in_machine_code_where_there_is_any(integrator, monkeypatch):
+    """Nothing else fails where a loop cannot be compiled: it runs as plain Python."""
+    loops = []
+    prepared = Loop.__init__
+
+    def seen(self, *arguments, **more):
+        prepared(self, *arguments, **more)
+        loops.append(self)
+
+    monkeypatch.setattr(Loop, "__init__", seen)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", KernelWarning)
+        solution = bd.simulate(beam(), integrator, 0.01)
+    assert solution.status.success
+    assert loops
+    assert solution.integrator.get("ida", "shared libraries") == "shared libraries"

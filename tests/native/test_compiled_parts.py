@@ -1,0 +1,161 @@
+"""Kernels and elimination within loops are the same in machine code as in plain Python."""
+
+import copy
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.testing import assert_allclose, assert_array_equal
+
+from beamdae.linear.analysis import plans
+from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
+from beamdae.native.elimination import Linear, factorize_linear, solve_linear
+from beamdae.native.lanes import WIDTH, lane_kernel
+from beamdae.native.loops import Loop
+from beamdae.native.objects import is_on
+from beamdae.native.vectors import call_kernels, factorize, solve
+
+pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")
+
+
+def in_silence(function, work):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return Loop(function, work)
+
+
+# Kernels.
+
+
+@dataclass(slots=True)
+class Kernels:
+    kernels: Any
+    shared: np.ndarray
+    local: np.ndarray
+    out: np.ndarray
+    alive: tuple = ()
+
+
+def evaluate_all(work):
+    call_kernels(work.kernels, work.shared, work.local, work.out)
+    return 0
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_kernels_are_called_with_their_own_numbers(count):
+    s, x = ca.SX.sym("s", 2), ca.SX.sym("x", 3)
+    functions = [
+        ca.Function("first_of_test", [s, x], [ca.vertcat(s[0] * ca.sin(x), x[0] / s[1])]),
+        ca.Function("second_of_test", [s, x], [ca.exp(-x[1:]) + s[1]]),
+    ]
+    lanes = [lane_kernel(function) for function in functions[:count]]
+    random = np.random.default_rng(0)
+    shared, local = random.normal(size=2), random.normal(size=9 * WIDTH)
+    places = [(0, WIDTH, 2 * WIDTH), (6 * WIDTH, 10 * WIDTH, WIDTH)]
+
+    def by_hand(kernel, first, begin, copies):
+        def call(shared, local, out):
+            own = local[first : first + 3 * copies].reshape(3, copies)
+            out[begin : begin + kernel.n_out * copies] = kernel(shared, own).ravel()
+
+        return call
+
+    made = [by_hand(k, *place) for k, place in zip(lanes, places, strict=False)]
+    rows = [(k.address, *place) for k, place in zip(lanes, places, strict=False)]
+    plain = Kernels(made, shared, local, np.zeros(13 * WIDTH))
+    table = np.array(rows, np.int64).reshape(-1, 4)
+    compiled = Kernels(table, shared, local.copy(), np.zeros(13 * WIDTH), tuple(lanes))
+    evaluate_all(plain)
+    in_silence(evaluate_all, compiled)()
+    assert_array_equal(compiled.out, plain.out)
+    assert_array_equal(compiled.local, local)
+    assert np.count_nonzero(plain.out) == (0, 8, 10)[count] * WIDTH
+
+
+# Elimination.
+
+
+@dataclass(slots=True)
+class System:
+    linear: Linear
+    nonzeros: np.ndarray
+    right: np.ndarray
+
+
+def solve_system(work):
+    code = factorize(work.linear, work.nonzeros)
+    if code == DONE:
+        solve(work.linear, work.right)
+    return code
+
+
+def solve_plainly(work):
+    code = factorize_linear(work.linear, work.nonzeros)
+    if code == DONE:
+        solve_linear(work.linear, work.right)
+    return code
+
+
+def system(kind, size, seed):
+    """A matrix with a band and a border, and a plan for it."""
+    random = np.random.default_rng(seed)
+    row, column = np.indices((size, size))
+    dense = (np.abs(row - column) < 3) | (np.minimum(row, column) < 2)
+    pattern = sp.csc_array(dense.astype(float))
+
+    def numbers(length):
+        real = random.normal(size=length)
+        return real + 1j * random.normal(size=length) if kind is complex else real
+
+    nonzeros = numbers(pattern.nnz) + 10.0 * (row == column).T[dense.T]
+    linear = Linear.empty(kind)
+    linear.take(next(plans(pattern, nonzeros)))
+    return System(linear, nonzeros, numbers(size)), pattern
+
+
+def assert_same_system(one, other, rtol):
+    for name in ("asks", "fresh", "singular", "factorizations", "solves"):
+        assert getattr(one.linear, name) == getattr(other.linear, name)
+    for name in ("matrix", "upper", "lower", "inverse", "refinements"):
+        x, y = getattr(one.linear.factors, name), getattr(other.linear.factors, name)
+        assert_allclose(x, y, rtol=0.0, atol=rtol * np.abs(y).max(initial=0.0))
+    assert_allclose(one.right, other.right, rtol=0.0, atol=rtol * np.abs(other.right).max())
+
+
+# Complex numbers are divided in another way.
+@pytest.mark.parametrize(("kind", "rtol"), [(float, 0.0), (complex, 1e-14)])
+@pytest.mark.parametrize("size", [1, 2, 12, 40])
+def test_elimination_is_the_same_compiled(kind, rtol, size):
+    plain, pattern = system(kind, size, size)
+    compiled = copy.deepcopy(plain)
+    loop = in_silence(solve_system, compiled)
+    right = plain.right.copy()
+    assert loop() == solve_plainly(plain) == DONE
+    assert_same_system(compiled, plain, rtol)
+    pattern = sp.csc_array((plain.nonzeros, pattern.indices, pattern.indptr))
+    assert_allclose(pattern @ compiled.right, right, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@pytest.mark.parametrize("number", [0.0, np.nan, np.inf])
+def test_what_cannot_be_eliminated_is_the_same_compiled(kind, number):
+    plain, _ = system(kind, 12, 0)
+    plain.nonzeros[:] = number
+    compiled = copy.deepcopy(plain)
+    with np.errstate(all="ignore"):
+        expected = solve_plainly(plain)
+    assert in_silence(solve_system, compiled)() == expected == NEW_PIVOTS
+    assert compiled.linear.asks == plain.linear.asks == 1
+    assert compiled.linear.factorizations == compiled.linear.solves == 0
+
+
+def test_without_a_plan_it_asks_for_one_and_what_has_none_is_singular():
+    own = System(Linear.empty(float), np.ones(1), np.ones(1))
+    assert in_silence(solve_system, own)() == NEW_PIVOTS
+    own.linear.asks, own.linear.singular = 0, 1
+    assert in_silence(solve_system, own)() == SINGULAR
+    assert own.linear.asks == 0

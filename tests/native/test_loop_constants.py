@@ -1,0 +1,45 @@
+"""The recipe of a loop: whatever its machine code depends on is in it."""
+
+import numpy as np
+import pytest
+
+from beamdae.native.loops import _parts
+
+FACTOR, SHIFT = 2.0, 1.0 + 2.0j
+WEIGHTS = np.array([[1.0, 2.0], [3.0, 0.1]])
+
+
+def scaled(work):
+    return FACTOR * work.x
+
+
+def shifted(work):
+    return scaled(work) + SHIFT.real + WEIGHTS[0, 1]
+
+
+def recipe():
+    return "\n".join(_parts(shifted, {}))
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("FACTOR", np.nextafter(2.0, 3.0)),
+        ("SHIFT", 1.0 + 3.0j),
+        ("WEIGHTS", np.nextafter(WEIGHTS, 9.0)),
+        ("WEIGHTS", WEIGHTS.ravel()),
+        ("WEIGHTS", WEIGHTS.astype(np.float32)),
+    ],
+)
+def test_a_constant_of_a_loop_or_of_what_it_calls_is_part_of_its_recipe(name, other, monkeypatch):
+    before = recipe()
+    assert recipe() == before
+    monkeypatch.setitem(globals(), name, other)
+    assert recipe() != before
+
+
+def test_large_arrays_are_told_in_full(monkeypatch):
+    monkeypatch.setitem(globals(), "WEIGHTS", np.zeros((100, 100)))
+    before = recipe()
+    WEIGHTS[50, 50] = 1e-300
+    assert recipe() != before
