@@ -13,14 +13,15 @@ sys.path.insert(0, str(FOLDER))
 pytestmark = pytest.mark.slow(reason="loops that are compiled, runs in turns")
 
 
-def test_pieces_take_time_and_a_run_takes_at_least_theirs():
+def test_times_of_runs_and_of_what_they_consist_of():
     import benchmark
 
     lines = benchmark.runs(1, benchmark.SYSTEMS[:1])
     assert len(lines) == len(benchmark.INTEGRATORS)
     assert (lines["calls [s]"] > 0.0).all()
-    # A run is its calls and more; half, for a machine that others use too.
-    assert (lines["price of Python"] > 0.5).all()
+    assert (lines["run [s]"] > 0.0).all()
+    # Another machine's load is in one of them alone: no more than an order is sure.
+    assert lines["price of Python"].between(0.1, 100.0).all()
 
 
 def test_a_checkout_beside_itself_takes_the_same_time():

@@ -32,7 +32,7 @@ sys.path.insert(0, str(MODELS))
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from linear import linear
+from lapack_superlu import linear
 from pendulum import pendulum
 from pieces import PIECES, Pieces, first_order_pieces, step_pieces
 from slider_crank import slider_crank
@@ -245,7 +245,7 @@ def main() -> None:
     if options.linear:
         print(linear().to_string(index=False))
         return
-    rounds = 3 if options.quick else 9
+    rounds = 2 if options.quick else 6
     write(options.out, "price_of_python", runs(rounds))
     peer = exudyn(options.peer)
     if peer is not None:
