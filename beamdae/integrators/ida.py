@@ -139,7 +139,7 @@ class Bdf:
             "max_order": self._control.max_order,
             "max_step": self._longest,
         }
-        self._ida = _made(self._form, settings.linear_solver, options)
+        self._ida = _made(self._form, route, settings.linear_solver, options)
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -215,11 +215,11 @@ class Bdf:
         }.get(code, reason(code))
 
 
-def _made(form: FirstOrder, linear_solver: str, options: dict[str, Any]) -> Any:
+def _made(form: FirstOrder, route: Route, linear_solver: str, options: dict[str, Any]) -> Any:
     """IDA with everything in machine code, or as it can be had."""
     if form.is_native:
         with contextlib.suppress(MachineError, UnavailableError):
-            return CompiledIda(form, options)
+            return CompiledIda(form, route.matrix("Ida", form.pattern), options)
     # Here, for scikit-sundae's class takes SciPy's optimizers along, a third of a run without it.
     from beamdae.integrators.preconditioned import WrappedIda
 

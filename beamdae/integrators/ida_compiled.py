@@ -42,15 +42,15 @@ class CompiledIda:
 
     name = "shared libraries"
 
-    def __init__(self, form: FirstOrder, options: dict[str, Any]) -> None:
-        """Compile, and make IDA with these options.
+    def __init__(self, form: FirstOrder, matrix: Matrix, options: dict[str, Any]) -> None:
+        """Compile, and make IDA with these options; `matrix` is that of its iteration.
 
         Raises
         ------
         MachineError, UnavailableError
             Where there is no machine code, or no library.
         """
-        functions, matrix = library().addresses, Matrix.of(form.pattern)
+        functions = library().addresses
         self._form = form
         self._newton = newton = Newton(
             form.buffers(True),

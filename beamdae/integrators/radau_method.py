@@ -128,7 +128,7 @@ class Collocating:
         velocities = self._control.policy == "velocities"
         self._tolerance = tolerance = Tolerance.honest(rtol, size, velocities)
         longest = route.longest_step("Radau", max_step)
-        real = Matrix.of(form.pattern)
+        real = route.matrix("Radau", form.pattern)
         pair = Matrix.of(form.pattern, complex, like=real)
 
         def make(native: bool) -> RadauRun:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.equations.consistent_start import Starter, require_inertia
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -15,6 +16,7 @@ from beamdae.equations.poles import require_no_pole
 from beamdae.equations.spectrum import Mode, fastest_modes
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import require_few
+from beamdae.integrators.looping import Matrix
 
 Array = np.ndarray
 
@@ -33,6 +35,8 @@ class Route:
         The fastest natural mode of each body at the start, found when first asked for.
     amplitudes
         How far the parts move, where a scout has seen it.
+    matrices
+        Those that were factorized on the way, by method: pivots of a scout serve the run after it.
     """
 
     starter: Starter
@@ -40,6 +44,12 @@ class Route:
     state: State
     fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
+    matrices: dict[str, Matrix] = field(default_factory=dict, compare=False)
+
+    def matrix(self, method: str, pattern: sp.csc_array) -> Matrix:
+        """A matrix of a method, to be factorized as the one of its scout was."""
+        self.matrices[method] = found = Matrix.of(pattern, like=self.matrices.get(method))
+        return found
 
     @property
     def equations(self) -> EquationsOfMotion:

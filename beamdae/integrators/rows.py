@@ -15,6 +15,8 @@ Array = np.ndarray
 
 # Rows of a block, or as many as make this many bytes where they are long.
 _ROWS_AT_ONCE, _BLOCK = 1024, 1e7
+# So many bytes are there; to ask takes as long as hundreds of steps.
+_LITTLE = 1e8
 # What a result makes of its rows while it is put together, in rows.
 _MADE_OF_ROWS = 2.0
 
@@ -79,7 +81,7 @@ class Rows:
 
     def _require_room(self) -> None:
         stored = sum(block.nbytes for block in self._blocks)
-        if stored and available_memory() < _MADE_OF_ROWS * stored:
+        if stored > _LITTLE and available_memory() < _MADE_OF_ROWS * stored:
             raise NoRoomError(
                 f"the {self._count} states stored take {gigabytes(stored)}, there is no memory to "
                 "store more and make a result of them; take longer steps or fewer elements, or end "
