@@ -1,138 +1,223 @@
-"""Time runs, building and linear algebra, as ratios.
+"""Time runs, as ratios: beside Exudyn, beside the code before, over what they consist of.
 
-    python validation/performance/benchmark.py            runs and building
+    python validation/performance/benchmark.py --peer PYTHON --before PATH
+    python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
 
-"price of Python" is the wall time of a run over the time its own counted residuals, Jacobians,
-factorizations and solutions take when called back to back. BEAMDAE_NATIVE=off shows plain
-Python in place of machine code. "setup" and "books" (the energy ledger of a run, its
-drift and residual) are those of a second run with the same equations of motion.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), PATH a checkout of beamdae; without
+them their tables are left out. "price of Python" is the time of a run over the time that its own
+counted residuals, matrices, factorizations and solutions take back to back (`pieces`), without a
+scout; "in loops" is the part of it within machine code. "setup" and "books" (the energy ledger of
+a run, its drift and residual) are those of a second run with the same equations of motion.
+Processor times, the least of several turns, unless they are called wall.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 MODELS = Path(__file__).parents[2] / "models"
 sys.path.insert(0, str(MODELS))
 
 import numpy as np
 import pandas as pd
-import scipy.sparse as sp
 from hub_beam import hub_beam
+from lapack_superlu import linear
 from pendulum import pendulum
+from pieces import PIECES, Pieces, first_order_pieces, step_pieces
 from slider_crank import slider_crank
+from tables import RESULTS, write
+from timing import Times, in_turns, integrated, taken
+from workers import Worker, checkout, exudyn
 
 import beamdae as bd
-from beamdae.equations.formulations import first_order
-from beamdae.equations.step_equations import step_equations
+from beamdae.native.loops import Loop
 from beamdae.results.solution import Statistics
-from beamdae.symbolic.compiled import Compiled
-from beamdae.symbolic.factorizations import factorization, single_threaded
+from beamdae.symbolic.factorizations import single_threaded
 
-# Goals of the project on two cores of a 2020s machine [s], and the CPU time the paper reports.
-RUNS = (
-    ("hub beam, Ida(1e-5)", hub_beam, {}, bd.Ida(1e-5), 0.08, 12.0),
-    ("hub beam, GeneralizedAlpha(1e-3)", hub_beam, {}, bd.GeneralizedAlpha(1e-3), 0.15, 12.0),
-    ("pendulum undamped, Ida(1e-5)", pendulum, {"damping": 0.0}, bd.Ida(1e-5), 0.5, None),
-    ("slider-crank chord, Ida(1e-4)", slider_crank, {"frame": "chord"}, bd.Ida(1e-4), 0.1, None),
+MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
+Systems = tuple[tuple[str, dict[str, Any]], ...]
+SYSTEMS: Systems = (
+    ("hub_beam", {}),
+    ("pendulum", {"damping": 0.0}),
+    ("slider_crank", {"frame": "chord"}),
 )
+INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
+# Steps and tolerances at which pieces are evaluated: what they take does not depend on them.
+STEP, RATE = 1e-3, 2e3
 
 
-def median_time(action: Callable[[], object], repeats: int) -> float:
-    """Median wall time of an action [s], after one call to warm up."""
-    action()
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times)
+def calls_of(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, found: Statistics
+) -> Callable[[], float]:
+    """What tells the time of a run's counted calls, back to back [s]."""
+    counts = dict(
+        zip(
+            PIECES,
+            (found.residual_calls, found.jacobian_calls, found.factorizations, found.solves),
+            strict=True,
+        )
+    )
+    if isinstance(integrator, bd.GeneralizedAlpha):
+        return partial(_total, [(step_pieces(equations, STEP, 200), counts)])
+    real = first_order_pieces(equations, RATE, 200)
+    if isinstance(integrator, bd.Ida):
+        return partial(_total, [(real, counts)])
+    # An iteration of Radau is three residuals, a real and a complex solution; its matrices come in
+    # pairs, and further solutions, those of the error, are real.
+    pair = first_order_pieces(equations, complex(RATE, RATE), 200)
+    of_pair = {"factorize": found.factorizations // 2, "solve": found.residual_calls // 3}
+    counts = {name: count - of_pair.get(name, 0) for name, count in counts.items()}
+    return partial(_total, [(real, counts), (pair, of_pair)])
+
+
+def _total(parts: list[tuple[Pieces, dict[str, int]]]) -> float:
+    return sum(count * pieces[name]() for pieces, counts in parts for name, count in counts.items())
 
 
 @single_threaded
-def kernel_time(equations: bd.EquationsOfMotion, integrator: object, s: Statistics) -> float:
-    """Time of a run's counted calls, back to back [s]."""
-    if isinstance(integrator, bd.Ida):
-        form = first_order(equations, integrator.formulation)
-        last = (equations.p, np.ones(1))
-    else:
-        form = step_equations(equations, integrator.formulation != "index3")
-        last = (equations.p,)
-    residual, jacobian = Compiled(form.residual, equations.p), Compiled(form.jacobian, *last)
-    linear = factorization(form.pattern)
-    for function in (residual, jacobian):
-        for buffer in function.inputs[: -len(last)]:
-            buffer[:] = 1e-3
-    nonzeros = jacobian()[0] + np.random.default_rng(0).normal(size=form.pattern.nnz)
-    linear.factorize(nonzeros)
-    right = np.ones(form.size)
-    calls = (
-        (residual, s.residual_calls),
-        (jacobian, s.jacobian_calls),
-        (lambda: linear.factorize(nonzeros), s.factorizations),
-        (lambda: linear.solve(right), s.solves),
-    )
-    return sum(count * median_time(action, 300) for action, count in calls)
-
-
-def _next_quality(solutions: Iterator[bd.Solution]) -> object:
-    return next(solutions).quality
-
-
-def runs() -> pd.DataFrame:
-    """Integration time of the published systems."""
+def runs(rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
+    """Integration time of the published systems, over that of its pieces."""
     lines = []
-    for name, model, parameters, integrator, goal, paper in RUNS:
+    for name, parameters in systems:
+        model = MODEL[name]
         equations = bd.equations_of_motion(model(**parameters))
-        times = np.linspace(0.0, model.t_end, 1001)
-        solutions = [integrator.integrate(equations, times) for _ in range(7)]
-        results = [solution.statistics for solution in solutions]
-        setup = statistics.median(r.setup_time for r in results)
-        # Every solution keeps its books when it is first asked for them.
-        books = median_time(partial(_next_quality, iter(solutions)), 6)
-        wall = statistics.median(r.wall_time for r in results)
-        kernels = kernel_time(equations, integrator, results[0])
-        lines.append(
-            {
-                "run": name,
-                "wall [s]": round(wall, 4),
-                "wall / goal": round(wall / goal, 2),
-                "price of Python": round(wall / kernels, 2),
-                "paper / wall": "" if paper is None else round(paper / wall),
-                "setup [s]": round(setup, 4),
-                "(setup + books) / wall": round((setup + books) / wall, 2),
+        # With scales given no scout goes before a run: its calls are not counted.
+        equations = replace(equations, scales=equations.position_scales)
+        times = np.linspace(0.0, model.t_end, 201)
+        for integrator in INTEGRATORS:
+            _, solution = integrated(equations, integrator, times)
+            found = solution.statistics
+            in_loops = Times()
+            actions = {
+                "run": partial(_watched, equations, integrator, times, in_loops),
+                "calls": calls_of(equations, integrator, found),
             }
-        )
+            taken_by = in_turns(actions, rounds)
+            run, calls = taken_by["run"], taken_by["calls"]
+            lines.append(
+                {
+                    "run": f"{name}, {integrator.label}",
+                    "steps": found.steps,
+                    "run [s]": run.least,
+                    "in loops [s]": in_loops.least,
+                    "calls [s]": calls.least,
+                    "price of Python": run.least / calls.least,
+                    "of medians": run.median / calls.median,
+                    "loops / calls": in_loops.least / calls.least,
+                    "setup [s]": found.setup_time,
+                    "books [s]": taken(lambda of=solution: of.quality),
+                }
+            )
     return pd.DataFrame(lines)
 
 
+def _watched(
+    equations: bd.EquationsOfMotion,
+    integrator: bd.Integrator,
+    times: np.ndarray,
+    in_loops: Times,
+) -> float:
+    """Time of a run; that within its compiled loops goes to `in_loops`."""
+    inside = 0.0
+    call = Loop.__call__
+
+    def timed(loop: Loop) -> int:
+        nonlocal inside
+        begin = time.process_time()
+        code = call(loop)
+        inside += time.process_time() - begin
+        return code
+
+    with patch.object(Loop, "__call__", timed):
+        whole, _ = integrated(equations, integrator, times)
+    in_loops.all.append(inside)
+    return whole
+
+
+def beside_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
+    """Eight elements of beamdae, and of Exudyn with three nodes, at the same step."""
+    lines = []
+    for name, system in (("hub_beam", "hub beam"), ("pendulum", "pendulum")):
+        model = MODEL[name]
+        equations = bd.equations_of_motion(model(elements=8, damping=0.0))
+        times = np.linspace(0.0, model.t_end, round(model.t_end / 0.01) + 1)
+        asked = {"system": system, "elements": 8, "nodes": 3, "step": 1e-3, "path": False}
+        actions = {
+            "beamdae": partial(_own, equations, bd.GeneralizedAlpha(1e-3), times),
+            "Exudyn": lambda asked=asked: peer(**asked)["integrate"],
+        }
+        found = in_turns(actions, rounds)
+        lines.append({"run": f"{name}, step=1e-3", **_compared(found, "beamdae", "Exudyn")})
+    return pd.DataFrame(lines)
+
+
+def _own(equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray) -> float:
+    return integrated(equations, integrator, times)[0]
+
+
+def beside_before(folder: Path, rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
+    """Runs of another checkout and of this one."""
+    lines = []
+    with checkout(folder) as before, checkout(MODELS.parent) as now:
+        for name, parameters in systems:
+            for integrator, settings in (
+                ("Ida", {"rtol": 1e-5}),
+                ("Radau", {"rtol": 1e-4}),
+                ("GeneralizedAlpha", {"step": 1e-3}),
+            ):
+                asked = {
+                    "model": name,
+                    "parameters": parameters,
+                    "integrator": integrator,
+                    "settings": settings,
+                }
+                actions = {
+                    "now": lambda asked=asked: now(**asked)["integrate"],
+                    "before": lambda asked=asked: before(**asked)["integrate"],
+                }
+                found = in_turns(actions, rounds)
+                line = {"run": f"{name}, {getattr(bd, integrator)(**settings).label}"}
+                lines.append({**line, **_compared(found, "now", "before")})
+    return pd.DataFrame(lines)
+
+
+def _compared(found: dict[str, Times], one: str, other: str) -> dict[str, float]:
+    return {
+        f"{one} [s]": found[one].least,
+        f"{other} [s]": found[other].least,
+        "ratio": found[one].least / found[other].least,
+        "of medians": found[one].median / found[other].median,
+    }
+
+
 def building() -> pd.DataFrame:
-    """Building and compiling the functions, and cost a call, over the number of elements."""
+    """From a model to its equations, and to all that Ida needs, in a warm process."""
     lines = []
     for elements in (8, 32, 128, 512):
         mechanism = hub_beam(elements=elements)
-
-        def build(mechanism: bd.Mechanism = mechanism) -> tuple[Compiled, Compiled]:
-            form = first_order(bd.equations_of_motion(mechanism), "stabilized-index1")
-            return Compiled(form.residual), Compiled(form.jacobian)
-
-        residual, jacobian = build()
+        states = [
+            taken(lambda mechanism=mechanism: bd.equations_of_motion(mechanism)) for _ in range(3)
+        ]
+        setups = []
+        for _ in range(3):
+            equations = bd.equations_of_motion(mechanism)
+            whole = taken(
+                lambda of=equations: bd.GeneralizedAlpha(1e-3).integrate(of, np.array([0.0, 1e-3]))
+            )
+            setups.append(whole)
         lines.append(
-            {
-                "elements": elements,
-                "build [s]": round(median_time(build, 3), 3),
-                "residual / element [us]": round(median_time(residual, 200) / elements * 1e6, 2),
-                "jacobian / element [us]": round(median_time(jacobian, 50) / elements * 1e6, 2),
-            }
+            {"elements": elements, "equations [s]": min(states), "first step [s]": min(setups)}
         )
     return pd.DataFrame(lines)
 
@@ -140,60 +225,36 @@ def building() -> pd.DataFrame:
 def shell() -> pd.DataFrame:
     """From shell to table."""
     command = [sys.executable, "-m", "beamdae", "run", str(MODELS / "hub_beam.py"), "--out"]
+    walls = []
     with tempfile.TemporaryDirectory() as folder:
-        wall = median_time(
-            lambda: subprocess.run([*command, folder], check=True, capture_output=True), 3
-        )
-    return pd.DataFrame(
-        [
-            {
-                "command": "beamdae run hub_beam.py",
-                "wall [s]": round(wall, 2),
-                "wall / goal": round(wall / 2.5, 2),
-            }
-        ]
-    )
-
-
-def _linear_times(pattern: sp.csc_array, method: str, nonzeros: np.ndarray) -> tuple[float, float]:
-    solver = factorization(pattern, method)
-    right = np.ones(pattern.shape[0])
-    return (
-        median_time(lambda: solver.factorize(nonzeros), 50),
-        median_time(lambda: solver.solve(right), 200),
-    )
-
-
-@single_threaded
-def linear() -> pd.DataFrame:
-    """Factorize and solve, LAPACK against SuperLU: what is behind factorizations.DENSE_LIMIT."""
-    lines = []
-    for elements in (4, 8, 11, 16, 32, 64):
-        equations = bd.equations_of_motion(hub_beam(elements=elements))
-        for name, form, last in (
-            ("Ida", first_order(equations, "stabilized-index1"), (np.array([2e3]),)),
-            ("GeneralizedAlpha", step_equations(equations, False), ()),
-        ):
-            function = Compiled(form.jacobian, *(equations.p, *last))
-            if not last:
-                function.inputs[-2][:] = [2e3, 3e6, 3e-7]
-            function.inputs[1 if last else 2][: equations.n] = equations.q0
-            nonzeros = function()[0].copy()
-            line = {"form": name, "unknowns": form.size, "non-zeros": form.pattern.nnz}
-            for method in ("dense", "sparse"):
-                factorize, solve = _linear_times(form.pattern, method, nonzeros)
-                line[f"{method} factorize [us]"] = round(factorize * 1e6)
-                line[f"{method} solve [us]"] = round(solve * 1e6, 1)
-            lines.append(line)
-    return pd.DataFrame(lines)
+        for _ in range(4):
+            begin = time.perf_counter()
+            subprocess.run([*command, folder], check=True, capture_output=True)
+            walls.append(time.perf_counter() - begin)
+    return pd.DataFrame([{"command": "beamdae run hub_beam.py", "wall [s]": min(walls)}])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--linear", action="store_true")
-    tables = (linear,) if parser.parse_args().linear else (runs, building, shell)
-    for table in tables:
-        print(table().to_string(index=False), end="\n\n")
+    parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
+    parser.add_argument("--before", type=Path, help="a checkout to compare with")
+    parser.add_argument("--quick", action="store_true", help="fewer turns")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
+    options = parser.parse_args()
+    if options.linear:
+        print(linear().to_string(index=False))
+        return
+    rounds = 2 if options.quick else 6
+    write(options.out, "price_of_python", runs(rounds))
+    peer = exudyn(options.peer)
+    if peer is not None:
+        with peer:
+            write(options.out, "beside_exudyn", beside_exudyn(peer, 2 * rounds))
+    if options.before is not None:
+        write(options.out, "beside_before", beside_before(options.before, rounds))
+    write(options.out, "building", building())
+    print(shell().to_string(index=False))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,14 @@
-"""Cost over the number of elements of one beam, and over the number of beams of a chain.
+"""Cost over the number of elements of one beam, and over the number of beams of chains and rings.
 
-    python validation/performance/scaling.py             all of both, about fifteen minutes
-    python validation/performance/scaling.py --quick     up to a quarter of that
+    python validation/performance/scaling.py --peer PYTHON    five minutes
+    python validation/performance/scaling.py --quick          up to a quarter of the size
 
-"build" is from a model to its compiled residual and Jacobian, "s / 100 steps" is what so many steps
-add to a run, "slope" that of its logarithm over that of the size, over the last two doublings.
-Processor times, the least of several. "peak" is the memory of a process that does nothing else.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), beside which 256 elements are timed if
+it is there. Residual, iteration matrix, factorization and solution are those of generalized-alpha
+on index 3 (`pieces`); "step" is what a step of 1e-3 s adds to a run, with all that belongs to it.
+"slope" is that of the logarithm of a time over that of the size, between neighboring sizes and of
+all from 32 elements (8 beams) on. Processor times, the least of several turns. "peak" is the memory
+of a process that does nothing else.
 """
 
 from __future__ import annotations
@@ -14,173 +17,164 @@ import argparse
 import resource
 import subprocess
 import sys
-import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from pieces import PIECES, step_pieces
+from systems import beam, chain, ring
+from tables import RESULTS, write
+from timing import integrated, taken
+from workers import Worker, exudyn
+
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
-from beamdae.equations.formulations import first_order
-from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.radau_coefficients import GAMMA
-from beamdae.symbolic.compiled import Compiled
-from beamdae.symbolic.factorizations import SparseFactorization, single_threaded
+from beamdae.symbolic.factorizations import single_threaded
 
-INTEGRATORS = (bd.Ida(1e-4), bd.Radau(1e-4), bd.GeneralizedAlpha(rtol=1e-4))
-ELEMENTS = (64, 128, 256, 512, 1024)
-BEAMS = (6, 12, 24, 48, 96, 192)
-# A run of the first steps is taken from one of 100 more: what is left is steps alone.
-FIRST, MORE = 40, 100
-STEP = 1e-4
-
-
-def beam(elements: int) -> bd.Mechanism:
-    """A curved, hinged beam with a mass at its tip, under gravity."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
-    strip = mech.add(bd.Beam("beam", arc, _strip(), elements=elements))
-    mech.add(bd.PointMass("tip mass", 0.060, on=strip.end))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), strip.start))
-    return mech
-
-
-def chain(beams: int) -> bd.Mechanism:
-    """A hanging chain of straight beams of 4 elements, hinged to each other."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    before = mech.ground.at(0.0, 0.0)
-    for k in range(beams):
-        line = bd.Line((0.4 * k, 0.0), (0.4 * (k + 1), 0.0))
-        link = mech.add(bd.Beam(f"link {k}", line, _strip(), elements=4))
-        mech.add(bd.Revolute(f"hinge {k}", before, link.start))
-        before = link.end
-    return mech
-
-
-def _strip() -> bd.Section:
-    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-    return bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-4)
-
-
-def least_time(action: Callable[[], object], repeats: int) -> float:
-    """Least processor time of an action [s]."""
-    times = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        action()
-        times.append(time.process_time() - begin)
-    return min(times)
-
-
-def form_of(equations: bd.EquationsOfMotion, integrator: bd.Integrator) -> tuple[Compiled, ...]:
-    """Compiled residual and Jacobian of an integrator at the consistent start, and its pattern."""
-    start = Starter(equations).state(np.zeros(2), equations.q0, equations.v0)
-    if isinstance(integrator, bd.GeneralizedAlpha):
-        form = step_equations(equations, False)
-        motion = (
-            start.q,
-            start.v,
-            start.a,
-            start.q,
-            np.array([2.0 / STEP, 3.0 / STEP**2, STEP**2]),
-        )
-        arguments = (np.zeros(form.size), np.zeros(2), *motion)
-        functions = (Compiled(form.residual, equations.p), Compiled(form.jacobian, equations.p))
-    else:
-        form = first_order(equations, "stabilized-index1")
-        arguments = (np.zeros(2), *form.pack(start))
-        rate = np.array([GAMMA / STEP])
-        functions = (
-            Compiled(form.residual, equations.p),
-            Compiled(form.jacobian, equations.p, rate),
-        )
-    for function in functions:
-        function(*arguments)
-    return *functions, form.pattern
-
-
-def added(integrator: bd.Integrator, equations: bd.EquationsOfMotion) -> tuple[float, float]:
-    """Time and factorizations that `MORE` steps add to a run."""
-    times, counts = [], []
-    # With scales given no scout goes before the run.
-    equations = replace(equations, scales=equations.position_scales)
-    for steps in (FIRST, FIRST + MORE):
-        limited = replace(integrator, max_steps=steps)
-        found: list[bd.Solution] = []
-        times.append(
-            least_time(lambda run=limited, to=found: to.append(bd.simulate(equations, run, 5.0)), 4)
-        )
-        assert found[0].statistics.steps == steps, found[0].status
-        counts.append(found[0].statistics.factorizations)
-    return times[1] - times[0], counts[1] - counts[0]
+ELEMENTS = (8, 32, 128, 512, 2048, 4096)
+BEAMS = (2, 4, 8, 16, 32, 64)
+RING = 32
+STEP = 1e-3
+# A run of the first steps is taken from one of more: what is left is steps alone.
+FIRST = 20
+BESIDE = 256
+# With so many short elements Exudyn's iteration cannot leave less, from rounding.
+LEFT = 1e-4
+TIMES = (*(f"{piece} [us]" for piece in PIECES), "step [us]")
 
 
 @single_threaded
-def measured(
-    model: Callable[[int], bd.Mechanism], size: int, integrator: bd.Integrator
-) -> dict[str, object]:
+def measured(model: Callable[[int], bd.Mechanism], size: int, turns: int) -> dict[str, object]:
     """A line of the table."""
-    build = least_time(lambda: form_of(bd.equations_of_motion(model(size)), integrator), 2)
+    building = taken(lambda: bd.equations_of_motion(model(size)))
     equations = bd.equations_of_motion(model(size))
-    residual, jacobian, pattern = form_of(equations, integrator)
-    factors = SparseFactorization(pattern)
-    nonzeros = jacobian.outputs[0]
-    factorize = least_time(lambda: [factors.factorize(nonzeros) for _ in range(5)], 5) / 5
-    evaluate = least_time(lambda: [residual() for _ in range(50)], 5) / 50
-    taken, factorizations = added(integrator, equations)
-    return {
-        "integrator": integrator.method,
+    line: dict[str, object] = {
         f"{model.__name__}": size,
-        "unknowns": pattern.shape[0],
-        "build [s]": build,
-        "residual [us]": evaluate * 1e6,
-        "factorization [ms]": factorize * 1e3,
-        "fill": factors.fill,
-        "factorizations / 100 steps": factorizations,
-        "s / 100 steps": taken,
+        "unknowns": equations.n + equations.m,
+        "build [s]": building,
     }
+    pieces = step_pieces(equations, STEP, max(2048 // size, 2))
+    for piece in PIECES:
+        line[f"{piece} [us]"] = 1e6 * min(pieces[piece]() for _ in range(3 * turns))
+    line["step [us]"] = 1e6 * step_time(equations, turns)
+    return line
 
 
-SLOPES = ("build [s]", "residual [us]", "factorization [ms]", "s / 100 steps")
+def step_time(equations: bd.EquationsOfMotion, turns: int) -> float:
+    """What a step adds to a run [s]."""
+    more, least = more_steps(equations.n), []
+    for steps in (FIRST, FIRST + more):
+        times = np.array([0.0, steps * STEP])
+        runs = [integrated(equations, bd.GeneralizedAlpha(STEP), times)[0] for _ in range(turns)]
+        least.append(min(runs))
+    return (least[1] - least[0]) / more
 
 
-def table(model: Callable[[int], bd.Mechanism], sizes: tuple[int, ...]) -> None:
-    """Print the lines of a model, and the slopes of its last doublings."""
+def more_steps(unknowns: int) -> int:
+    """How many steps take long enough to be told from all else."""
+    return int(np.clip(200_000 // unknowns, 40, 1000))
+
+
+def slopes(lines: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
+    """Slopes between neighbors, and over all from a size on."""
+    logs = np.log(lines[[size, *TIMES]])
+    found = logs[list(TIMES)].diff().div(logs[size].diff(), axis=0).iloc[1:]
+    found.insert(0, "sizes", [f"{a} to {b}" for a, b in pairwise(lines[size])])
+    late = logs[lines[size] >= first]
+    if len(late) > 1:
+        fits = {name: np.polyfit(late[size], late[name], 1)[0] for name in TIMES}
+        found.loc[len(lines)] = {"sizes": f"from {first} on", **fits}
+    return found
+
+
+def beside(peer: Worker, turns: int, elements: int = BESIDE) -> pd.DataFrame:
+    """A step and a degree of freedom, beside Exudyn's elements of two nodes."""
+    equations = bd.equations_of_motion(beam(elements))
+    asked = {"system": "hub beam", "elements": elements, "nodes": 2, "step": STEP}
+    asked = {**asked, "tolerance": LEFT, "path": False}
+    more = more_steps(equations.n)
+    unknowns = peer(**asked, end=STEP * FIRST)["unknowns"]
+    theirs: list[list[float]] = [[], []]
+    own = []
+    for _ in range(turns):
+        own.append(step_time(equations, 1))
+        for k, steps in enumerate((FIRST, FIRST + more)):
+            theirs[k].append(peer(**asked, end=steps * STEP)["integrate"])
+    step = (min(theirs[1]) - min(theirs[0])) / more
     lines = pd.DataFrame(
-        [measured(model, size, integrator) for integrator in INTEGRATORS for size in sizes]
+        {
+            "tool": ["beamdae", "Exudyn"],
+            "elements": elements,
+            "nodes": [4, 2],
+            "unknowns": [equations.n, unknowns],
+            "step [us]": [1e6 * float(np.median(own)), 1e6 * step],
+        }
     )
-    print(lines.to_string(index=False, float_format=lambda x: f"{x:.3g}"), end="\n\n")
-    doublings = np.log(sizes[-1] / sizes[-3])
-    slopes = lines.groupby("integrator", sort=False)[list(SLOPES)].agg(
-        lambda x: np.log(x.iloc[-1] / x.iloc[-3]) / doublings
-    )
-    print(f"slopes, {sizes[-3]} to {sizes[-1]}")
-    print(slopes.to_string(float_format=lambda x: f"{x:.2f}"), end="\n\n")
+    lines["step / unknown [us]"] = lines["step [us]"] / lines["unknowns"]
+    lines["ratio"] = lines["step / unknown [us]"] / lines["step / unknown [us]"].iloc[1]
+    return lines
+
+
+def draw(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
+    """Times over sizes, and a line of slope 1."""
+    figure, axes = plt.subplots(1, len(tables), figsize=(5.0 * len(tables), 4.2), squeeze=False)
+    for axis, (lines, size, label) in zip(axes.flat, tables, strict=True):
+        x = lines[size].to_numpy(float)
+        for name, marker in zip(TIMES, "osv^D", strict=True):
+            axis.plot(x, lines[name], marker=marker, markersize=4, label=name.split(" [")[0])
+        linear = lines["residual [us]"].iloc[-1] * x / x[-1] * 0.5
+        axis.plot(x, linear, color="0.5", linestyle="--", label="slope 1")
+        axis.set(xscale="log", yscale="log", xlabel=label, ylabel="processor time [us]")
+        axis.set_xticks(x, [f"{size:g}" for size in x])
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize="small")
+    figure.tight_layout()
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
 
 
 def peak(elements: int) -> None:
     """Print the peak memory of a run, of this process."""
-    bd.simulate(beam(elements), replace(INTEGRATORS[0], max_steps=MORE), 2.0)
+    bd.GeneralizedAlpha(STEP).integrate(
+        bd.equations_of_motion(beam(elements)), np.array([0.0, FIRST * STEP])
+    )
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"peak of Ida with {elements} elements: {used / 2**20:.2f} GB")
+    print(f"peak of {FIRST} steps with {elements} elements: {used / 2**20:.2f} GB")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--quick", action="store_true", help="up to a quarter of the size")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
     parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.peak:
         peak(options.peak)
         return
-    last = -2 if options.quick else None
+    last, turns = (-2, 3) if options.quick else (None, 5)
     # First of all: a process counts what the one had in use that started it.
     command = [sys.executable, __file__, "--peak", str(ELEMENTS[:last][-1])]
     print(subprocess.run(command, check=True, capture_output=True, text=True).stdout, flush=True)
-    table(beam, ELEMENTS[:last])
-    table(chain, BEAMS[:last])
+    beams = pd.DataFrame([measured(beam, size, turns) for size in ELEMENTS[:last]])
+    chains = pd.DataFrame([measured(chain, size, turns) for size in BEAMS[:last]])
+    write(options.out, "scaling_elements", beams)
+    write(options.out, "scaling_elements_slopes", slopes(beams, "beam", 32))
+    write(options.out, "scaling_beams", chains)
+    write(options.out, "scaling_beams_slopes", slopes(chains, "chain", 8))
+    write(options.out, "scaling_ring", pd.DataFrame([measured(ring, RING, turns)]))
+    peer = exudyn(options.peer)
+    if peer is not None:
+        with peer:
+            write(options.out, "scaling_beside_exudyn", beside(peer, turns))
+    tables = ((beams, "beam", "elements of a beam"), (chains, "chain", "beams of a chain"))
+    draw(tables, options.out / "scaling.png")
 
 
 if __name__ == "__main__":

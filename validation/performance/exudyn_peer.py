@@ -1,0 +1,221 @@
+"""The hub beam and the pendulum in Exudyn 1.13 or later (`pip install exudyn`).
+
+    python validation/performance/exudyn_peer.py '{"system": "hub beam", "elements": 8}'
+
+prints what a run cost and the path of its tip. Without an argument it answers runs like that, one a
+line, until its input ends: `peers.Exudyn` times them in between others.
+
+Geometrically exact 2D beams that are curved and free of stress at the start: elements of 2 or 3
+nodes with the length of their chords and their curvature. The torque is a symbolic function, one
+thread works, nothing is written, factors are kept as long as they serve (modified Newton).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+# The module without range checks; it says so.
+sys.exudynFast = True
+with contextlib.redirect_stdout(io.StringIO()):
+    import exudyn as exu
+    from exudyn import utilities as exd
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Arc:
+    """An arc of so many equal elements; angles from the x-axis."""
+
+    start: tuple[float, float]
+    radius: float
+    length: float
+    angle: float
+    elements: int
+
+    @property
+    def turn(self) -> float:
+        """Angle of an element."""
+        return self.length / self.radius / self.elements
+
+    def point(self, angle: float) -> list[float]:
+        """Where the tangent has this angle."""
+        x = self.start[0] + self.radius * (np.sin(angle) - np.sin(self.angle))
+        y = self.start[1] - self.radius * (np.cos(angle) - np.cos(self.angle))
+        return [float(x), float(y)]
+
+
+def beam(mbs: Any, arc: Arc, section: dict[str, float], nodes: int) -> tuple[list[int], list[int]]:
+    """Add elements of 2 or 3 nodes; returns the nodes at their ends, and the elements."""
+    angles = arc.angle + arc.turn * np.arange(arc.elements + 1)
+    ends = [_node(mbs, arc.point(angle), angle) for angle in angles]
+    half, chord = 0.5 * arc.turn, 2.0 * arc.radius * np.sin(0.5 * arc.turn)
+    length = chord
+    if nodes == 3:
+        # The quadratic axis whose tangents at both Gauss points are those of the arc.
+        gauss = 1.0 / np.sqrt(3.0)
+        sag = chord * np.tan(gauss * half) / (4.0 * gauss)
+        length = 2.0 * np.hypot(0.5 * chord, 2.0 * sag * gauss)
+    added = []
+    for k in range(arc.elements):
+        own = [ends[k], ends[k + 1]]
+        if nodes == 3:
+            middle = angles[k] + half
+            between = 0.5 * (np.array(arc.point(angles[k])) + arc.point(angles[k + 1]))
+            point = between - sag * np.array([-np.sin(middle), np.cos(middle)])
+            own.insert(1, _node(mbs, point.tolist(), middle))
+        element = exd.ObjectBeamGeometricallyExact2D(
+            nodeNumbers=own,
+            length=length,
+            referenceCurvature=arc.turn / length,
+            includeReferenceRotations=True,
+            **section,
+        )
+        added.append(mbs.AddObject(element))
+    return ends, added
+
+
+def _node(mbs: Any, point: list[float], angle: float) -> int:
+    return mbs.AddNode(exd.NodeRigidBody2D(referenceCoordinates=[*point, float(angle)]))
+
+
+def section(E: float, rho: float, area: float, inertia: float, damping: float) -> dict[str, float]:
+    """Stiffness, mass and Kelvin-Voigt damping; Poisson's ratio is 0.3."""
+    stiffness = {
+        "bending": E * inertia,
+        "axial": E * area,
+        "shear": 5.0 / 6.0 * E / 2.6 * area,
+    }
+    return {
+        "massPerLength": rho * area,
+        "crossSectionInertia": rho * inertia,
+        **{f"{kind}Stiffness": value for kind, value in stiffness.items()},
+        **{f"{kind}Damping": damping * value for kind, value in stiffness.items()},
+    }
+
+
+def hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
+    """Beam on a hub that a torque turns; returns the node of its tip."""
+    arc = Arc((0.05, 0.0), 5.0, 5.0 * np.pi / 3.0, 0.0, elements)
+    ends, _ = beam(mbs, arc, section(68.952e9, 2766.7, 8e-5, 1.06667e-8, damping), nodes)
+    node = _node(mbs, [0.0, 0.0], 0.0)
+    hub = mbs.AddObject(exd.ObjectRigidBody2D(mass=1.0, inertia=0.3, nodeNumber=node))
+    ground = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=mbs.AddObject(exd.ObjectGround())))
+    center = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=hub))
+    mbs.AddObject(exd.RevoluteJoint2D(markerNumbers=[ground, center]))
+    rim = mbs.AddMarker(exd.MarkerBodyRigid(bodyNumber=hub, localPosition=[0.05, 0.0, 0.0]))
+    root = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=ends[0]))
+    axes = [1, 1, 0, 0, 0, 1]
+    mbs.AddObject(exd.GenericJoint(markerNumbers=[rim, root], constrainedAxes=axes))
+
+    def torque(mbs: Any, t: float, load: Any) -> list[Any]:
+        return [0.0, 0.0, 10.0 * exu.symbolic.sin(2.0 * np.pi * t)]
+
+    turned = mbs.AddMarker(exd.MarkerBodyRigid(bodyNumber=hub))
+    load = mbs.AddLoad(exd.LoadTorqueVector(markerNumber=turned, loadVector=[0.0, 0.0, 10.0]))
+    name = "loadVectorUserFunction"
+    mbs.SetLoadParameter(load, name, torque)
+    mbs.SetLoadParameter(load, name, exd.CreateSymbolicUserFunction(mbs, torque, name, load))
+    return ends[-1]
+
+
+def pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
+    """Hanging beam with a mass at its tip; returns the node there."""
+    area, gravity, mass = 0.03 * 0.0025, 9.81, 0.060
+    arc = Arc((0.0, 0.0), 0.85, 0.80, -0.60, elements)
+    strip = section(68.95e9, 2760.0, area, area * 0.0025**2 / 12.0, damping)
+    ends, added = beam(mbs, arc, strip, nodes)
+    for element in added:
+        marker = mbs.AddMarker(exd.MarkerBodyMass(bodyNumber=element))
+        load = exd.LoadMassProportional(markerNumber=marker, loadVector=[0.0, -gravity, 0.0])
+        mbs.AddLoad(load)
+    ground = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=mbs.AddObject(exd.ObjectGround())))
+    root = mbs.AddMarker(exd.MarkerNodePosition(nodeNumber=ends[0]))
+    mbs.AddObject(exd.RevoluteJoint2D(markerNumbers=[ground, root]))
+    tip = exd.ObjectGenericODE2(
+        nodeNumbers=[ends[-1]],
+        massMatrix=np.diag([mass, mass, 0.0]),
+        forceVector=np.array([0.0, -mass * gravity, 0.0]),
+    )
+    mbs.AddObject(tip)
+    return ends[-1]
+
+
+# Model, end time, and the residual at which Newton's iteration ends.
+SYSTEMS = {"hub beam": (hub_beam, 2.0, 1e-6), "pendulum": (pendulum, 5.0, 1e-5)}
+
+
+def run(
+    system: str,
+    elements: int = 8,
+    nodes: int = 3,
+    step: float = 1e-3,
+    damping: float = 0.0,
+    end: float | None = None,
+    rho_inf: float = 0.9,
+    tolerance: float | None = None,
+    path: bool = True,
+) -> dict[str, Any]:
+    """Processor times of building and integration [s], counts, the path (t, x, y) of the tip."""
+    model, t_end, allowed = SYSTEMS[system]
+    t_end, allowed = end or t_end, tolerance or allowed
+    begin = time.process_time()
+    mbs = exu.SystemContainer().AddSystem()
+    tip = model(mbs, elements, nodes, damping)
+    position = exd.SensorNode(
+        nodeNumber=tip, storeInternal=True, outputVariableType=exu.OutputVariableType.Position
+    )
+    sensor = mbs.AddSensor(position)
+    mbs.Assemble()
+    settings = _settings(t_end, step, allowed, rho_inf)
+    built = time.process_time()
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+    solved = time.process_time()
+    rows = np.asarray(mbs.GetSensorStoredData(sensor))[:, :3]
+    counts = mbs.sys["dynamicSolver"].it
+    return {
+        "build": built - begin,
+        "integrate": solved - built,
+        "unknowns": len(mbs.systemData.GetODE2Coordinates()),
+        "steps": counts.currentStepIndex,
+        "newton": counts.newtonStepsCount,
+        "jacobians": counts.newtonJacobiCount,
+        "path": np.unique(rows, axis=0).tolist() if path else [],
+    }
+
+
+def _settings(end: float, step: float, tolerance: float, rho_inf: float) -> Any:
+    settings = exu.SimulationSettings()
+    integration = settings.timeIntegration
+    integration.numberOfSteps, integration.endTime = round(end / step), end
+    integration.verboseMode = 0
+    integration.generalizedAlpha.spectralRadius = rho_inf
+    integration.newton.useModifiedNewton = True
+    integration.newton.relativeTolerance = 1e-8
+    integration.newton.absoluteTolerance = tolerance
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = 0.01
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.parallel.numberOfThreads = 1
+    return settings
+
+
+def main() -> None:
+    # What the library prints must not get between the answers.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    for line in sys.argv[1:] or sys.stdin:
+        print(json.dumps(run(**json.loads(line))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""What integrators in compiled loops call, back to back: residuals, matrices, factors, solutions.
+
+`step_pieces` are those of generalized-alpha, `first_order_pieces` those of Ida and, with real and
+complex matrices, of Radau. Each is a compiled loop over one of them, and nothing else.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import (
+    FirstOrderSums,
+    first_order,
+    first_order_jacobian,
+    first_order_residual,
+)
+from beamdae.equations.step_equations import (
+    Predicted,
+    StepSums,
+    step_equations,
+    step_matrix,
+    step_residual,
+)
+from beamdae.integrators.looping import Matrix, Running
+from beamdae.native.codes import DONE
+from beamdae.native.vectors import combine, factorize, solve
+
+Array = np.ndarray
+Pieces = dict[str, Callable[[], float]]
+
+# Time and branch at which all of it is evaluated.
+TIME = np.array([0.1, 0.5])
+PIECES = ("residual", "matrix", "factorize", "solve")
+
+
+@dataclass(slots=True)
+class StepWork:
+    """Equations of a step at a prediction."""
+
+    form: StepSums
+    linear: Any
+    at: Predicted
+    x: Array
+    right: Array
+    change: Array
+    nonzeros: Array
+    repeats: int
+
+
+@dataclass(slots=True)
+class FirstOrderWork:
+    """First-order equations at a state."""
+
+    form: FirstOrderSums
+    linear: Any
+    y: Array
+    yp: Array
+    rate: float
+    right: Array
+    change: Array
+    nonzeros: Array
+    repeats: int
+
+
+def step_residuals(work: StepWork) -> int:
+    for _ in range(work.repeats):
+        step_residual(work.form, 0.1, 0.5, work.at, work.x, work.change)
+    return DONE
+
+
+def step_matrices(work: StepWork) -> int:
+    for _ in range(work.repeats):
+        step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
+    return DONE
+
+
+def first_order_residuals(work: FirstOrderWork) -> int:
+    for _ in range(work.repeats):
+        first_order_residual(work.form, 0.1, 0.5, work.y, work.yp, work.change)
+    return DONE
+
+
+def first_order_jacobians(work: FirstOrderWork) -> int:
+    for _ in range(work.repeats):
+        first_order_jacobian(work.form, 0.1, 0.5, work.rate, work.y, work.yp, work.nonzeros)
+    return DONE
+
+
+def factorizations(work: Any) -> int:
+    for _ in range(work.repeats):
+        code = factorize(work.linear, work.nonzeros)
+        if code != DONE:
+            return code
+    return DONE
+
+
+def solutions(work: Any) -> int:
+    for _ in range(work.repeats):
+        combine(work.change, (1.0,), (work.right,))
+        solve(work.linear, work.change)
+    return DONE
+
+
+def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> Pieces:
+    """Those of generalized-alpha on index 3: each returns the time of one call [s]."""
+    form, member = step_equations(equations, False), bd.GeneralizedAlpha(step)
+    start = Starter(equations).state(TIME, equations.q0, equations.v0)
+    c_f = step**2 * member.beta
+    share = (1.0 - member.alpha_f) / (1.0 - member.alpha_m)
+    coefficients = np.array([member.gamma / (step * member.beta), 1.0 / (c_f * share), c_f])
+    at = Predicted(start.q, start.v, start.a, start.q.copy(), coefficients)
+    x = np.concatenate([np.zeros(equations.n), c_f * start.lam])
+    matrix = Matrix.of(form.pattern)
+    matrix.nonzeros[:] = form.jacobian(TIME, at, x)
+    right = np.full(form.size, 1e-3)
+
+    def make(native: bool) -> StepWork:
+        linear = matrix.linear(native, "auto")
+        return StepWork(
+            form.buffers(native), linear, at, x, right, right.copy(), matrix.nonzeros, repeats
+        )
+
+    functions = (step_residuals, step_matrices, factorizations, solutions)
+    return _timed(make, functions, matrix, repeats)
+
+
+def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: int) -> Pieces:
+    """Those of Ida, or with a complex rate Radau's factorizations and solutions of a pair."""
+    form = first_order(equations, "stabilized-index1")
+    y, yp = form.pack(Starter(equations).state(TIME, equations.q0, equations.v0))
+    matrix = Matrix.of(form.pattern, type(rate))
+    # dR/dy + rate dR/dy', of which the Jacobian gives sums with a real rate.
+    at_zero, at_one = (form.jacobian(TIME, y, yp, c) for c in (0.0, 1.0))
+    matrix.nonzeros[:] = at_zero + rate * (at_one - at_zero)
+    right = np.full(form.size, 1e-3, type(rate))
+
+    def make(native: bool) -> FirstOrderWork:
+        return FirstOrderWork(
+            form.buffers(native),
+            matrix.linear(native, "auto"),
+            y,
+            yp,
+            rate.real,
+            right,
+            right.copy(),
+            matrix.nonzeros,
+            repeats,
+        )
+
+    if isinstance(rate, complex):
+        return _timed(make, (None, None, factorizations, solutions), matrix, repeats)
+    functions = (first_order_residuals, first_order_jacobians, factorizations, solutions)
+    return _timed(make, functions, matrix, repeats)
+
+
+def _timed(
+    make: Callable[[bool], Any],
+    functions: tuple[Callable[[Any], int] | None, ...],
+    matrix: Matrix,
+    repeats: int,
+) -> Pieces:
+    def linears(work: Any) -> list[tuple[Any, Matrix]]:
+        return [(work.linear, matrix)]
+
+    work = make(True)
+    pieces = {}
+    # Solutions need the factors: all work on the same.
+    order = sorted(zip(PIECES, functions, strict=True), key=lambda x: x[0] != "factorize")
+    for name, function in order:
+        if function is None:
+            continue
+        running = Running(function, lambda native: work, linears, True)
+        assert running.is_native, name
+        assert running() == DONE, name
+
+        def time_of_one(running: Running = running) -> float:
+            begin = time.process_time()
+            running()
+            return (time.process_time() - begin) / repeats
+
+        pieces[name] = time_of_one
+    return pieces

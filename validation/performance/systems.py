@@ -1,0 +1,71 @@
+"""What is timed: the two systems that Exudyn has too, and such that grow."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
+
+import numpy as np
+from hub_beam import hub_beam
+
+import beamdae as bd
+
+
+def exact_hub_beam(bodies: int, elements: int, damping: float) -> bd.Mechanism:
+    """The hub beam in frames and strains whose limit, with many bodies, is the exact beam."""
+    return hub_beam(
+        elements=elements, bodies=bodies, frame="chord", strain="green", damping=damping
+    )
+
+
+def exact_pendulum(bodies: int, elements: int, damping: float) -> bd.Mechanism:
+    """The pendulum, likewise."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
+    beams = bd.welded_beams(mech, "beam", arc, strip(damping), bodies, elements=elements)
+    mech.add(bd.PointMass("tip mass", 0.060, on=beams[-1].end))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beams[0].start))
+    mech.observe("tip", beams[-1].end)
+    return mech
+
+
+def strip(damping: float) -> bd.Section:
+    """The section of the pendulum."""
+    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+    return bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=damping)
+
+
+def beam(elements: int) -> bd.Mechanism:
+    """The hub beam with one floating frame."""
+    return exact_hub_beam(1, elements, 0.0)
+
+
+def chain(beams: int) -> bd.Mechanism:
+    """A hanging chain of straight beams of 4 elements, hinged to each other."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    before = mech.ground.at(0.0, 0.0)
+    for k in range(beams):
+        line = bd.Line((0.4 * k, 0.0), (0.4 * (k + 1), 0.0))
+        link = mech.add(bd.Beam(f"link {k}", line, strip(1e-4), elements=4))
+        mech.add(bd.Revolute(f"hinge {k}", before, link.start))
+        before = link.end
+    return mech
+
+
+def ring(beams: int) -> bd.Mechanism:
+    """A closed ring of curved beams, hinged to each other and, at one hinge, to the ground."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    length = 0.4
+    radius, turn = beams * length / (2.0 * np.pi), 2.0 * np.pi / beams
+    links = []
+    for k in range(beams):
+        angle = k * turn
+        start = (radius * np.sin(angle), radius * (1.0 - np.cos(angle)))
+        arc = bd.Arc(radius=radius, length=length, start=start, angle=angle)
+        links.append(mech.add(bd.Beam(f"link {k}", arc, strip(1e-4), elements=4)))
+    mech.add(bd.Revolute("support", mech.ground.at(0.0, 0.0), links[0].start))
+    for k, link in enumerate(links):
+        mech.add(bd.Revolute(f"hinge {k}", links[k - 1].end, link.start))
+    return mech
