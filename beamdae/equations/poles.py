@@ -72,6 +72,7 @@ def _pole(law: LawOfPart, intervals: Array) -> float | None:
     """A time at which a law is infinite, if one is found: one that stands out among the looks."""
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _LOOKS, axis=1), 0.5 * (start + end))
+    most = size.max(axis=1)
     beside, before = np.zeros_like(size), np.zeros_like(size)
     beside[:, :-1], before[:, 1:] = size[:, 1:], size[:, :-1]
     peak = (size >= before) & (size >= beside) & ((size > before) | (size > beside))
@@ -92,5 +93,7 @@ def _pole(law: LawOfPart, intervals: Array) -> float | None:
         at = np.take_along_axis(looks, np.argmax(sizes, axis=1)[:, None], axis=1).ravel()
     ends = np.array([-1.0, 1.0])
     far, near = (around(distance * ends)[1].max(axis=1) for distance in (_FAR, _NEAR))
-    (found,) = np.nonzero(np.isinf(sizes).any(axis=1) | (near > _GROWTH * far))
+    # Rounding grows by any factor from next to nothing, but not beyond what the law is elsewhere.
+    grows = (near > _GROWTH * far) & (near >= most[interval])
+    (found,) = np.nonzero(np.isinf(sizes).any(axis=1) | grows)
     return float(at[found[0]]) if len(found) else None

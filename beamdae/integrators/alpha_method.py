@@ -27,9 +27,9 @@ from beamdae.results.solution import Statistics
 
 Array = np.ndarray
 
-# What rounding leaves of an increment relative to the scale of its coordinate, and relative to the
-# size of the mechanism where that is much larger.
-_ROUNDING, _ROUNDING_OF_SIZE = 1e-14, 1e-15
+# What rounding leaves of an increment, relative to the scale of its coordinate or to the size of
+# the mechanism. Ten times as much would show in the sixth digit of long runs.
+_ROUNDING = 1e-15
 # Smallest step over the length of the run.
 _SMALLEST = 1e-9
 _LOOKS = 64
@@ -97,7 +97,7 @@ class Steps:
                 weights=weights,
                 rows=np.zeros((_LOOKS, 1 + 3 * n + m)),
                 newton_tolerance=newton_tolerance,
-                least=max(_ROUNDING, _ROUNDING_OF_SIZE * size),
+                least=_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
                 largest=largest,
                 smallest=smallest,

@@ -102,6 +102,19 @@ def reason(status: int) -> str:
     return _REASONS.get(status, f"error {status} of SUNDIALS")
 
 
+# What solvers hold of C. That of a dead one is freed when the next one is made: an interrupt in
+# what Python calls when an object dies would be lost, with a traceback.
+_alive: list[tuple[weakref.ref[Solver], contextlib.ExitStack]] = []
+
+
+def _release_dead() -> None:
+    """Free what no solver holds any more; every entry once, whatever thread is here."""
+    for entry in [entry for entry in list(_alive) if entry[0]() is None]:
+        with contextlib.suppress(ValueError):
+            _alive.remove(entry)
+            entry[1].close()
+
+
 class Solver:
     """IDA for r(t, y, y') = 0 whose Jacobian is the identity, of which the diagonal is kept.
 
@@ -161,7 +174,8 @@ class Solver:
             self._do("IDASetMaxStep", max_step)
             self._do("IDASetMaxOrd", max_order)
             self._do("IDASetMaxNumSteps", _STEPS)
-            weakref.finalize(self, stack.pop_all().close)
+            _release_dead()
+            _alive.append((weakref.ref(self), stack.pop_all()))
 
     def _made(self, stack: contextlib.ExitStack) -> tuple[Pointers, int, int]:
         """What IDA needs and IDA, which the stack frees in the reverse order; matrix and solver."""

@@ -6,6 +6,7 @@ import time
 import casadi as ca
 import numpy as np
 import pytest
+from spin_up import spin_up
 
 import beamdae as bd
 from beamdae.beams.mesh import Mesh
@@ -155,6 +156,13 @@ def test_poles_of_all_orders_are_found_at_looks_and_between(pole, power):
 )
 def test_peaks_roots_and_growth_are_no_poles(law):
     poles_of(bd.Law((law,)))
+
+
+def test_regression_rounding_of_next_to_nothing_is_no_pole():
+    """The spin-up of the published beam was refused for runs of less than a millisecond."""
+    laws = bd.equations_of_motion(spin_up()).laws
+    for end in (1e-6, 1e-5, 3e-4, 1e-2):
+        require_no_pole(laws, ((0.0, end),))
 
 
 def test_a_pole_on_a_piece_that_is_over_is_none():

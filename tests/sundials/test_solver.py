@@ -204,7 +204,11 @@ def test_everything_is_freed_once_in_the_reverse_order(freed):
     assert freed == []
     del direct
     gc.collect()
+    # Not before somebody asks for memory again, where an interrupt is heard.
+    assert freed == []
+    another = Robertson().made(Direct)
     assert freed == FREED
+    del another
 
 
 def test_everything_is_freed_after_an_error(freed, monkeypatch):

@@ -22,7 +22,7 @@ from pan_liu_2012.runs import deviation, observed
 
 SPEEDS = (0.5, 1.0, 2.0, 4.0, 6.0)
 RUN_UP, END, ROWS = 5.0, 8.0, 1e-2
-SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-9)
+SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-11)
 COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
 ROOT = (0.05, 0.0)
 AFTERWARDS = "mean tip deflection after the run-up"

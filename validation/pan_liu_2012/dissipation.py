@@ -26,7 +26,7 @@ def integrators() -> dict[str, object]:
     for start in ("plain", "cured"):
         for rho in RADII:
             chosen[f"generalized-alpha, {start} start, rho_inf {rho:g}"] = bd.GeneralizedAlpha(
-                step=1e-3, rho_inf=rho, start=start, newton_tolerance=1e-9
+                step=1e-3, rho_inf=rho, start=start, newton_tolerance=1e-11
             )
     for order in (2, 5):
         for rtol in (1e-3, 1e-4, 1e-5):
@@ -52,7 +52,7 @@ def run(integrator: object) -> bd.Solution:
 
 def reference() -> bd.Solution:
     """A step that resolves the axial vibrations; barely dissipative."""
-    return run(bd.GeneralizedAlpha(step=2e-5, rho_inf=0.95, newton_tolerance=1e-9))
+    return run(bd.GeneralizedAlpha(step=2e-5, rho_inf=0.95, newton_tolerance=1e-11))
 
 
 def tables() -> dict[str, pd.DataFrame]:

@@ -9,7 +9,7 @@ from spin_up import spin_up
 import beamdae as bd
 from pan_liu_2012.runs import WITNESS, observed, second_method
 
-LONG_SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-9)
+LONG_SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-11)
 COLUMNS = {"deformation.u [m]": "u", "deformation.v [m]": "v"}
 # First-order steady extension rho A W^2 L^3 / (3 EA), published as 5.14e-4 m (Simo & Vu-Quoc, J.
 # Appl. Mech. 53 (1986) 855), and exact for N = EA (r' - 1): tan(b L)/b - L, b^2 = rho A W^2/EA.

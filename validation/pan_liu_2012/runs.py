@@ -11,8 +11,8 @@ import beamdae as bd
 
 # Half the paper's step, and Newton's iteration converged to rounding: the rows are the same on
 # every machine.
-SCHEME = bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-9)
-PAPER_SCHEME = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-9)
+SCHEME = bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-11)
+PAPER_SCHEME = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-11)
 WITNESS = bd.Ida(rtol=1e-6)
 
 

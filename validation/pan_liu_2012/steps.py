@@ -62,7 +62,7 @@ def errors(system: str) -> dict[str, pd.DataFrame]:
         return observed(make(**parameters), end, 1e-2, integrator)
 
     def scheme(step: float) -> bd.GeneralizedAlpha:
-        return bd.GeneralizedAlpha(step=step, newton_tolerance=1e-9)
+        return bd.GeneralizedAlpha(step=step, newton_tolerance=1e-11)
 
     exact = run(scheme(FINE_STEP))
     others = [("IDA, rtol 1e-7", np.nan, run(WITNESS))]

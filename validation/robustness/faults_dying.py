@@ -146,6 +146,9 @@ def study_killed(bench: Bench) -> None:
     working = _alive(mark)
     process.kill()
     process.wait()
+    for stream in (process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()
     kept = len(list(results(bench).glob("outcomes/*.json")))
     expect(working > 1 and kept > 0, f"killed with {working} processes and {kept} outcomes")
     end = time.perf_counter() + 40.0
