@@ -15,6 +15,9 @@ from beamdae.symbolic.kernel_rows import KernelRows
 MX = ca.MX
 Array = np.ndarray
 
+# Of forces at rows of states, as many as stay in the caches.
+_NUMBERS_AT_ONCE = 50000
+
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
 # What tables hold besides the observed columns.
@@ -47,8 +50,13 @@ class BalanceRows:
     forces: tuple[KernelRows, ...]
     joints: tuple[KernelRows, ...]
 
-    def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-        """Rows (energies, powers, norms) of states at (t, branch)."""
+    def __call__(self, times: Array, *state: Array) -> Array:
+        """Rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
+        at_once = max(_NUMBERS_AT_ONCE // self.equations.n, 1)
+        parts = (slice(i, i + at_once) for i in range(0, len(times), at_once))
+        return np.concatenate([self._some(times[i], *(x[i] for x in state)) for i in parts])
+
+    def _some(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         e = self.equations
         force, still, reaction = (np.zeros((len(q), e.n)) for _ in range(3))
         energies, drivers = np.zeros((len(q), 5)), np.zeros(len(q))
