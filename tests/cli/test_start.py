@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from beamdae.native.objects import is_on
+
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
 import sys
@@ -23,6 +25,7 @@ NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
+@pytest.mark.skipif(not is_on(), reason="without machine code scikit-sundae is imported")
 def test_a_run_imports_what_it_needs(tmp_path):
     for _ in range(2):  # The first one compiles what is not in the cache yet.
         done = subprocess.run(
