@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import ConstraintTerm, EquationsOfMotion, ForceTerm
 from beamdae.symbolic.kernel_sums import Copies, Gathered, SumBuilder
-from beamdae.symbolic.statements import MATRIX_SHARED
+from beamdae.symbolic.local import MATRIX_SHARED
 
 Array = np.ndarray
 _TIME = 2

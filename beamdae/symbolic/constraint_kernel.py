@@ -1,0 +1,174 @@
+"""Holonomic constraints of one statement, and what is derived from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.local import SX, Local, column_misfit
+
+
+@dataclass(frozen=True)
+class ConstraintKernel:
+    """Holonomic constraints 0 = g(time, q, data) of one joint and everything derived from them."""
+
+    local: Local
+    constraint: SX
+    _kernels: dict[Any, Kernel] = field(default_factory=dict, init=False, repr=False)
+    reused: ClassVar[bool] = False
+
+    @property
+    def inputs(self) -> list[SX]:
+        """(time, q, data), what it may depend on."""
+        return [self.local.time, self.local.q, self.local.data]
+
+    @property
+    def outputs(self) -> list[SX]:
+        """The constraints alone."""
+        return [self.constraint]
+
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
+        """The kernel of these `outputs`."""
+        (constraint,) = outputs
+        return cls(local, constraint)
+
+    @property
+    def size(self) -> int:
+        """Number of constraints."""
+        return self.constraint.shape[0]
+
+    @cached_property
+    def misfit(self) -> str:
+        """What is wrong with its expression, a phrase, or nothing."""
+        x = self.local
+        return column_misfit("constraint", self.constraint, x.n_multipliers, x.time, x.q, x.data)
+
+    @cached_property
+    def has_branches(self) -> bool:
+        """Whether it follows a law of several pieces."""
+        return ca.depends_on(self.constraint, self.local.time[1])
+
+    @cached_property
+    def _jacobian(self) -> SX:
+        return ca.jacobian(self.constraint, self.local.q)
+
+    @cached_property
+    def _g_dot(self) -> SX:
+        return self.local.dot(self.constraint)
+
+    @cached_property
+    def level_functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """g, g_dot and g_ddot as functions of their own, (time, q, v, a, data) each."""
+        x = self.local
+        levels = (self.constraint, self._g_dot, x.ddot(self.constraint))
+        inputs = [x.time, x.q, x.v, x.a, x.data]
+        g, g_dot, g_ddot = (ca.Function("level", inputs, [ca.densify(o)]) for o in levels)
+        return g, g_dot, g_ddot
+
+    def _local(self, levels: tuple[int, ...], mu: SX) -> SX:
+        """(q, v, a, lam, mu, data), of v and a what the levels ask for."""
+        x = self.local
+        v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
+        return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
+
+    def _kept(
+        self,
+        make: Callable[[tuple[int, ...], bool], Kernel],
+        levels: tuple[int, ...],
+        stabilized: bool,
+    ) -> Kernel:
+        key = (make.__name__, levels, stabilized)
+        if key not in self._kernels:
+            self._kernels[key] = make(levels, stabilized)
+        return self._kernels[key]
+
+    def _mu(self, stabilized: bool) -> SX:
+        return SX.sym("mu", self.local.n_multipliers if stabilized else 0)
+
+    def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        """Shared (t, branch), local (q, v, a, lam, mu, data) -> G^T lam, G^T mu, levels.
+
+        Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
+        or 2, a with level 2, mu and G^T mu if `stabilized`.
+        """
+        return self._kept(self._residual_kernel, levels, stabilized)
+
+    def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        x, mu = self.local, self._mu(stabilized)
+        reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
+        stated = [self.constraint, self._g_dot]
+        if 2 in levels:
+            stated.append(x.ddot(self.constraint))
+        outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
+        return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
+
+    def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        """Shared `MATRIX_SHARED` -> matrices of `residual_kernel`, local as there.
+
+        G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
+        level 2 d g_ddot/dq, d g_ddot/dv and c_a G.
+        """
+        return self._kept(self._matrices_kernel, levels, stabilized)
+
+    def _matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        x, mu, c = self.local, self._mu(stabilized), SX.sym("c", 5)
+        outputs = [self._jacobian, c[3] * self._jacobian]
+        outputs += [
+            ca.jacobian(self._jacobian.T @ held, x.q)
+            for held in ([x.lam, mu] if stabilized else [x.lam])
+        ]
+        if 1 in levels:
+            outputs.append(c[4] * ca.jacobian(self._g_dot, x.q))
+        if 2 in levels:
+            g_ddot = x.ddot(self.constraint)
+            outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c[2] * self._jacobian]
+        return Kernel.of("joint", ca.vertcat(x.time, c), self._local(levels, mu), outputs)
+
+    @cached_property
+    def reaction_function(self) -> ca.Function:
+        """(time, q, data, lam) -> G^T lam, shape (size of q,)."""
+        x = self.local
+        return ca.Function(
+            "reaction", [x.time, x.q, x.data, x.lam], [ca.densify(self._jacobian.T @ x.lam)]
+        )
+
+    @cached_property
+    def matrices_function(self) -> ca.Function:
+        """(time, q, v, data, lam) -> G, d g_dot/dq and d(G^T lam)/dq, sparse."""
+        x = self.local
+        outputs = [
+            self._jacobian,
+            ca.jacobian(self._g_dot, x.q),
+            ca.jacobian(self._jacobian.T @ x.lam, x.q),
+        ]
+        return ca.Function("matrices", [x.time, x.q, x.v, x.data, x.lam], ca.cse(outputs))
+
+    @cached_property
+    def acceleration_function(self) -> ca.Function:
+        """(time, q, v, a, data) -> d g_ddot/dq, d g_ddot/dv, sparse."""
+        x = self.local
+        level = x.ddot(self.constraint)
+        outputs = [ca.jacobian(level, x.q), ca.jacobian(level, x.v)]
+        return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
+
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, lam, data) -> G^T lam, g, g_dot and the power of a driver."""
+        x = self.local
+        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
+        outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
+        local = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
+
+    @cached_property
+    def power_function(self) -> ca.Function:
+        """(time, q, data, lam) -> lam . dg/dt, the power of a driver on the mechanism [W]."""
+        x = self.local
+        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
+        return ca.Function("power", [x.time, x.q, x.data, x.lam], [ca.densify(ca.dot(rate, x.lam))])

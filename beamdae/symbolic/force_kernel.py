@@ -1,0 +1,118 @@
+"""Virtual work of one statement, and what is derived from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+
+from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.local import SX, Local, column_misfit
+
+
+@dataclass(frozen=True)
+class ForceKernel:
+    """Virtual work of one statement: minus the generalized forces, F = M a - f.
+
+    Attributes
+    ----------
+    local
+        Symbols.
+    force
+        F(time, q, v, a, data), shape (size,): inertial, elastic, damping and gravity forces and
+        loads on the left-hand side of F + G^T lam = 0.
+    energies
+        (kinetic, strain, gravity) [J].
+    powers
+        (power of the loads, dissipated power) [W].
+    reused
+        Whether many statements share the kernel, so that compiling it to machine code pays.
+    """
+
+    local: Local
+    force: SX
+    energies: SX = field(default_factory=lambda: SX.zeros(3))
+    powers: SX = field(default_factory=lambda: SX.zeros(2))
+    reused: bool = False
+
+    @property
+    def inputs(self) -> list[SX]:
+        """(time, q, v, a, data), what it may depend on."""
+        x = self.local
+        return [x.time, x.q, x.v, x.a, x.data]
+
+    @property
+    def outputs(self) -> list[SX]:
+        """(force, energies, powers)."""
+        return [self.force, self.energies, self.powers]
+
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> ForceKernel:
+        """The kernel of these `outputs`."""
+        force, energies, powers = outputs
+        return cls(local, force, energies, powers)
+
+    @cached_property
+    def misfit(self) -> str:
+        """What is wrong with its expressions, a phrase, or nothing."""
+        x = self.local
+        motion = (x.time, x.q, x.v, x.data)
+        return (
+            column_misfit("force", self.force, x.size, *motion, x.a)
+            or column_misfit("energies", self.energies, 3, *motion)
+            or column_misfit("powers", self.powers, 2, *motion)
+        )
+
+    @cached_property
+    def has_branches(self) -> bool:
+        """Whether it follows a law of several pieces."""
+        return ca.depends_on(self.force, self.local.time[1])
+
+    @cached_property
+    def force_function(self) -> ca.Function:
+        """(time, q, v, a, data) -> F."""
+        return ca.Function("force", self.inputs, [ca.densify(self.force)])
+
+    @cached_property
+    def tangent_function(self) -> ca.Function:
+        """(..., c_v, c_a) -> dF/dq and c_v dF/dv + c_a dF/da, (size, size) each, sparse."""
+        x = self.local
+        c_v, c_a, d = SX.sym("c_v"), SX.sym("c_a"), SX.sym("d", x.size)
+        moved = ca.substitute(
+            self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c_v * d, x.a + c_a * d)
+        )
+        damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
+        outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
+        return ca.Function("tangent", [*self.inputs, c_v, c_a], outputs)
+
+    @cached_property
+    def force_kernel(self) -> Kernel:
+        """Shared (t, branch), local (q, v, a, data) -> F."""
+        x = self.local
+        local = ca.vertcat(x.q, x.v, x.a, x.data)
+        return Kernel.of("force", x.time, local, [ca.densify(self.force)])
+
+    @cached_property
+    def tangent_kernel(self) -> Kernel:
+        """Shared `MATRIX_SHARED`, local as above -> c_q dF/dq, c_v dF/dv and c_a dF/da."""
+        x, c = self.local, SX.sym("c", 5)
+        outputs = [c[k] * ca.jacobian(self.force, held) for k, held in enumerate((x.q, x.v, x.a))]
+        local = ca.vertcat(x.q, x.v, x.a, x.data)
+        return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
+
+    @cached_property
+    def balance_kernel(self) -> Kernel:
+        """Local (t, branch, q, v, a, data) -> F, F at a = 0, (energies, powers)."""
+        x = self.local
+        local = ca.vertcat(x.time, x.q, x.v, x.a, x.data)
+        still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
+        outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
+        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
+
+    @cached_property
+    def energy_function(self) -> ca.Function:
+        """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
+        x = self.local
+        values = ca.densify(ca.vertcat(self.energies, self.powers))
+        return ca.Function("energy", [x.time, x.q, x.v, x.data], [values])
