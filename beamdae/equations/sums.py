@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import ConstraintTerm, EquationsOfMotion, ForceTerm
-from beamdae.symbolic.kernel_sums import Copies, Gathered, SumBuilder
 from beamdae.symbolic.local import MATRIX_SHARED
+from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
 
 Array = np.ndarray
 _TIME = 2
