@@ -14,11 +14,10 @@ from beamdae.integrators.alpha_loop import (
     NEW_STEP,
     NOT_CONVERGED,
     NOT_FINITE,
-    AlphaRun,
-    Motion,
     adaptive_steps,
     fixed_steps,
 )
+from beamdae.integrators.alpha_run import AlphaRun, Motion
 from beamdae.integrators.alpha_step import StepChange
 from beamdae.integrators.drive import StepError
 from beamdae.integrators.looping import Matrix, Running

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
-from beamdae.integrators.alpha_loop import Motion
+from beamdae.integrators.alpha_run import Motion
 
 Array = np.ndarray
 

@@ -15,8 +15,9 @@ import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.alpha_loop import Motion, _accept, _reject
+from beamdae.integrators.alpha_loop import _accept, _reject
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
+from beamdae.integrators.alpha_run import Motion
 from beamdae.integrators.alpha_step import StepChange, parameters
 
 MEMBERS = [

@@ -1,0 +1,76 @@
+"""What a drive asks of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from beamdae.equations.formulations import State
+from beamdae.results.solution import Statistics
+
+Array = np.ndarray
+
+# What a step gives: its end, and the stages inside it where a method has them.
+Taken = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
+
+
+class Method(Protocol):
+    """What a drive asks of a method; one object a run.
+
+    It has `step`, or `advance` where it takes many at once.
+    """
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """What "auto" and tolerances came to, by name."""
+
+    @property
+    def counts(self) -> Statistics:
+        """Calls and rejected steps so far."""
+
+    @property
+    def steps_between_looks(self) -> int:
+        """After how many steps progress is told."""
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval at a consistent state."""
+
+
+class StepMethod(Method, Protocol):
+    """A method that is asked for one step after the other."""
+
+    def step(self) -> Taken:
+        """Time and state after one more step, at most at the end of the interval.
+
+        A method with stages may add (time, state) of those inside the step, in the order of time
+        and always as many: output between steps and the energy ledger then use them, see
+        `Interval`.
+
+        Raises
+        ------
+        StepError
+            If there is none.
+        """
+
+
+class LoopMethod(Method, Protocol):
+    """A method that takes many steps at once.
+
+    Attributes
+    ----------
+    rows_per_step
+        1, and the number of stages inside a step.
+    """
+
+    rows_per_step: int
+
+    def advance(self, most: int) -> Array:
+        """Rows (t, q, v, a, lam) of one to `most` more steps, up to the end of the interval.
+
+        Raises
+        ------
+        StepError
+            If there is not one.
+        """
