@@ -122,7 +122,7 @@ class Running(Generic[W]):
             Whether machine code is possible.
         """
         self._function = function
-        self._loop: Callable[[], int] | None = None
+        self._loop: Loop | None = None
         if native:
             self.work = make(True)
             try:
@@ -143,5 +143,5 @@ class Running(Generic[W]):
                 if linear.asks:
                     matrix.renew(linear)
             # The arrays of a plan are of its own size.
-            self._loop = Loop(self._function, self.work)
+            self._loop.bind()
         return code
