@@ -84,16 +84,6 @@ class SparseSum:
         self._values.append(ca.vec(block.values.nz[:]))
         self._size += block.values.nnz()
 
-    def add_identity(self, size: int, value: ca.MX | float, row: int, column: int) -> None:
-        """Add value * identity of `size` at (row, column)."""
-        eye = sp.eye_array(size, format="csr")
-        index = np.arange(size)
-        self._entries.append(
-            (index + row, index + column, np.full(size, self._size), eye.data.copy())
-        )
-        self._values.append(ca.MX(value))
-        self._size += 1
-
     def assemble(self) -> tuple[sp.csc_array, ca.MX]:
         """The pattern (data all one) and the expression of its non-zeros in CSC order."""
         if not self._entries:
@@ -121,14 +111,22 @@ def _expand(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     r, c = block.rows.shape[0] // block.count, block.columns.shape[0] // block.count
     row, column = (np.array(x, int) for x in block.values.sparsity().get_triplet())
     row += column // c * r
-    left, right = sp.csr_array(block.rows), sp.csr_array(block.columns)
-    of_left, of_right = (np.diff(x.indptr)[at] for x, at in ((left, row), (right, column)))
-    pairs = of_left * of_right
-    source = np.repeat(np.arange(len(row)), pairs)
-    within = np.arange(len(source)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    a = left.indptr[row[source]] + within // of_right[source]
-    b = right.indptr[column[source]] + within % of_right[source]
-    i, j = left.indices[a], right.indices[b]
+    i, j, source, weight = products(
+        sp.csr_array(block.rows), row, sp.csr_array(block.columns), column
+    )
     if block.is_transposed:
         i, j = j, i
-    return i, j, source, left.data[a] * right.data[b]
+    return i, j, source, weight
+
+
+def products(
+    left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(i, j, which, weight) of every product left[row, i] right[column, j] of these pairs."""
+    of_left, of_right = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
+    pairs = of_left * of_right
+    which = np.repeat(np.arange(len(row)), pairs)
+    within = np.arange(len(which)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    a = left.indptr[row[which]] + within // of_right[which]
+    b = right.indptr[column[which]] + within % of_right[which]
+    return left.indices[a], right.indices[b], which, left.data[a] * right.data[b]

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from beamdae.native.lanes import padded
 from beamdae.symbolic.kernel_sums import Call, Kernel, SumPlan
+from beamdae.symbolic.sparse_sums import products
 
 Array = np.ndarray
 
@@ -98,7 +99,7 @@ class SumBuilder:
         entry = np.tile(np.arange(len(own_row)), count)
         source = copies.starts[output] + entry * copies.padded + copy
         left, right = sp.csr_array(rows), sp.csr_array(columns)
-        i, j, which, weight = _products(
+        i, j, which, weight = products(
             left, copy * r + own_row[entry], right, copy * c + own_column[entry]
         )
         if transposed:
@@ -178,16 +179,3 @@ def _spread(data: Array, padded: int) -> Array:
         return np.zeros(0)
     more = np.repeat(data[:, -1:], padded - data.shape[1], axis=1)
     return np.concatenate([data, more], axis=1).ravel()
-
-
-def _products(
-    left: sp.csr_array, row: Array, right: sp.csr_array, column: Array
-) -> tuple[Array, Array, Array, Array]:
-    """(i, j, which, weight) of every product left[row, i] right[column, j]."""
-    of_left, of_right = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
-    pairs = of_left * of_right
-    which = np.repeat(np.arange(len(row)), pairs)
-    within = np.arange(len(which)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    a = left.indptr[row[which]] + within // of_right[which]
-    b = right.indptr[column[which]] + within % of_right[which]
-    return left.indices[a], right.indices[b], which, left.data[a] * right.data[b]
