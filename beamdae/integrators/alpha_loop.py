@@ -15,6 +15,7 @@ from beamdae.equations.step_equations import (
     step_residual,
 )
 from beamdae.integrators.alpha_run import AlphaRun, Motion
+from beamdae.integrators.drive import fitted
 from beamdae.native.codes import DONE, FULL, NEW_PIVOTS, SINGULAR
 from beamdae.native.vectors import combine, factorize, fill, largest, norm, solve
 
@@ -38,8 +39,6 @@ _LEAST_SHRINKAGE, _MOST_SHRINKAGE = 0.9, 0.2
 # Where Newton's iteration fails nothing is known of the error.
 _FAILED_SHRINKAGE = 0.5
 _SAFETY = 0.8
-# The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
 
 
 def fixed_steps(run: AlphaRun) -> int:
@@ -63,15 +62,15 @@ def adaptive_steps(run: AlphaRun) -> int:
         if run.filled == run.most:
             return FULL
         left = run.end - run.t
-        # The last two are equal.
-        h = left if run.next >= _NEARLY * left else min(run.next, 0.5 * left)
+        h = fitted(run.next, left)
+        last = h == left
         if abs(h - run.kept.h) <= 1e-9 * h:
             h = run.kept.h
         if h != run.now.h:
             run.next = h
             return NEW_STEP
         t = run.t
-        code = _advance(run, run.end if h >= _NEARLY * left else t + h)
+        code = _advance(run, run.end if last else t + h)
         if code == NEW_PIVOTS:
             return code
         run.error = math.inf
@@ -85,7 +84,6 @@ def adaptive_steps(run: AlphaRun) -> int:
             continue
         run.t = t
         run.rejected += 1
-        run.reason = code
         _reject(run, h)
         _keep(run.now, run.kept)
         # Of states beyond all numbers the step is none either.

@@ -105,4 +105,3 @@ class AlphaRun:
     jacobians: int = 0
     failures: int = 0
     rejected: int = 0
-    reason: int = 0

@@ -5,6 +5,7 @@ Plain Python over arrays: `native.loops` compiles it, and where that cannot be h
 
 from __future__ import annotations
 
+from beamdae.integrators.drive import fitted
 from beamdae.integrators.radau_coefficients import C
 from beamdae.integrators.radau_run import ERROR_TOO_LARGE, TOO_SMALL, RadauRun
 from beamdae.integrators.radau_stages import (
@@ -31,8 +32,6 @@ _KEEP_RATE = 0.05
 _RETREAT = 0.5
 _RETURN = 1.1
 _SLOW_RATE = 0.2
-# The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
 
 
 def radau_steps(run: RadauRun) -> int:
@@ -42,7 +41,7 @@ def radau_steps(run: RadauRun) -> int:
         if run.filled == 3 * run.most:
             return FULL
         left = run.end - run.t
-        h = left if size.next >= _NEARLY * left else min(size.next, 0.5 * left)
+        h = fitted(size.next, left)
         # Of states beyond all numbers the step is none either.
         if size.next != size.next or h < min(size.smallest, left):
             return run.reason
