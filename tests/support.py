@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.equations import measures
 from beamdae.integrators import ida
 from beamdae.sundials.library import UnavailableError
 from beamdae.symbolic.sparse_sums import SparseSum
@@ -162,11 +163,20 @@ class Numeric:
     def mass(self):
         return self._tangent(1, 0.0, 1.0)
 
-    @cached_property
-    def energies(self):
+    def _balance(self, q=None, v=None, a=None, lam=None, time=None):
+        """The row of the books at a state."""
+        given = [self.time if time is None else time, self.equations.q0 if q is None else q]
+        given += [np.zeros(self.n) if x is None else x for x in (v, a)]
+        given += [np.zeros(self.m) if lam is None else lam]
+        return measures.balance(self.equations)(*(np.asarray(x, float)[None] for x in given))[0]
+
+    def energies(self, *state, **more):
         """(kinetic, strain, gravity, power of the loads, dissipated power)."""
-        e = self.equations
-        return self._function("energies", lambda t, q, v, a, lam: e.energies(t, q, v, e.p))
+        return self._balance(*state, **more)[[0, 1, 2, 3, 5]]
+
+    def driver_power(self, *state, **more):
+        """Power of the drivers."""
+        return self._balance(*state, **more)[4]
 
     @cached_property
     def levels(self):
@@ -192,11 +202,6 @@ class Numeric:
     def reaction(self):
         e = self.equations
         return self._function("reaction", lambda t, q, v, a, lam: e.reaction(t, q, e.p, lam))
-
-    @cached_property
-    def driver_power(self):
-        e = self.equations
-        return self._function("power", lambda t, q, v, a, lam: e.driver_power(t, q, e.p, lam))
 
     @cached_property
     def _observed(self):

@@ -211,14 +211,6 @@ class EquationsOfMotion:
                 target.append(Block(values, term.operator, term.operator, term.count))
         return stiffness, damping_and_mass
 
-    def energies(self, time: MX, q: MX, v: MX, p: MX) -> MX:
-        """(kinetic, strain, gravity energy [J], power of the loads, dissipated power [W])."""
-        total = MX.zeros(5)
-        for term in self.forces:
-            function = self._map(term.kernel.energy_function, term.count, [0], [0])
-            total += function(*self._inputs(term, time, (q, v), p))
-        return total
-
     def level(self, order: int, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
         """Constraints g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
         total = MX.zeros(self.m)
@@ -240,14 +232,6 @@ class EquationsOfMotion:
             total += scatter(t.operator, forces)
         return total
 
-    def driver_power(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
-        """Power of the drivers on the mechanism, lam . dg/dt [W]."""
-        total = MX(0)
-        for t in self.joints:
-            function = self._map(t.kernel.power_function, t.count, [0], [0])
-            total += function(*self._inputs(t, time, (q,), p), self._held(t, lam))
-        return total
-
     def constraint_blocks(
         self, time: MX, q: MX, v: MX, p: MX, lam: MX
     ) -> tuple[list[Block], list[Block], list[Block]]:
@@ -261,19 +245,6 @@ class EquationsOfMotion:
             rate.append(Block(g_dot_q, t.rows, t.operator, t.count))
             curvature.append(Block(reaction_q, t.operator, t.operator, t.count))
         return jacobian, rate, curvature
-
-    def acceleration_blocks(
-        self, time: MX, q: MX, v: MX, a: MX, p: MX
-    ) -> tuple[list[Block], list[Block]]:
-        """Blocks of d g_ddot/dq and d g_ddot/dv, (m, n) each."""
-        by_q: list[Block] = []
-        by_v: list[Block] = []
-        for t in self.joints:
-            function = self._map(t.kernel.acceleration_function, t.count, [0])
-            blocks = function(*self._inputs(t, time, (q, v, a), p))
-            for target, values in zip((by_q, by_v), blocks, strict=True):
-                target.append(Block(values, t.rows, t.operator, t.count))
-        return by_q, by_v
 
     def observed(self, time: MX, q: MX, v: MX, p: MX, lam: MX) -> MX:
         """All observed columns, in the order of `observables`."""

@@ -150,14 +150,6 @@ class ConstraintKernel:
         return ca.Function("matrices", [x.time, x.q, x.v, x.data, x.lam], ca.cse(outputs))
 
     @cached_property
-    def acceleration_function(self) -> ca.Function:
-        """(time, q, v, a, data) -> d g_ddot/dq, d g_ddot/dv, sparse."""
-        x = self.local
-        level = x.ddot(self.constraint)
-        outputs = [ca.jacobian(level, x.q), ca.jacobian(level, x.v)]
-        return ca.Function("acceleration", [x.time, x.q, x.v, x.a, x.data], ca.cse(outputs))
-
-    @cached_property
     def balance_kernel(self) -> Kernel:
         """Local (t, branch, q, v, lam, data) -> G^T lam, g, g_dot and the power of a driver."""
         x = self.local
@@ -165,10 +157,3 @@ class ConstraintKernel:
         outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
         local = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
         return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
-
-    @cached_property
-    def power_function(self) -> ca.Function:
-        """(time, q, data, lam) -> lam . dg/dt, the power of a driver on the mechanism [W]."""
-        x = self.local
-        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
-        return ca.Function("power", [x.time, x.q, x.data, x.lam], [ca.densify(ca.dot(rate, x.lam))])

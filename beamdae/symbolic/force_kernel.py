@@ -109,10 +109,3 @@ class ForceKernel:
         still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
         return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
-
-    @cached_property
-    def energy_function(self) -> ca.Function:
-        """(time, q, v, data) -> (kinetic, strain, gravity, load power, dissipated power)."""
-        x = self.local
-        values = ca.densify(ca.vertcat(self.energies, self.powers))
-        return ca.Function("energy", [x.time, x.q, x.v, x.data], [values])
