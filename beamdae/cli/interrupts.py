@@ -47,6 +47,11 @@ def heard() -> bool:
     return bool(_heard)
 
 
+def terminated() -> bool:
+    """Whether the process is to end soon: those who send SIGTERM do not wait for long."""
+    return signal.SIGTERM in _heard
+
+
 def code() -> int:
     """The exit code of an interrupted command: 128 and the number of the signal, 130 or 143."""
     return 128 + (_heard[0] if _heard else signal.SIGINT)

@@ -74,7 +74,7 @@ def run_command(
     """Simulate one model and write its CSV, JSON and PNG.
 
     Ends with 0 where the run reached its end, with 1 where it did not (what it reached is written),
-    with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM.
+    with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG.
     """
     model = configured(path, model_name, settings)
     method = _integrator(
@@ -103,7 +103,8 @@ def run_command(
             _estimate(solution, verify, files, told)
     _say(solution, model.name, told)
     with _to_the_end(told):
-        _draw(solution, f"{model.name}, {method.label}", files, told)
+        if not interrupts.terminated():
+            _draw(solution, f"{model.name}, {method.label}", files, told)
     say_written(console(), told.written)
     if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
         reason = "interrupted after the run"

@@ -150,6 +150,8 @@ MOMENTS = {
 @pytest.mark.parametrize(("lines", "files", "words"), MOMENTS.values(), ids=MOMENTS)
 def test_interrupted_run_keeps_what_it_has(here, lines, files, words, number):
     lines = lines.replace("strike()", f"strike({int(number)})")
+    if number == signal.SIGTERM:
+        files = files - {"arm.png"}
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py", "--rtol", "1e-9", "--integrator", "ida", "--t-end", "0.5")
     _, errors = command.communicate(timeout=120)
