@@ -7,9 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import ConstraintTerm, EquationsOfMotion, ForceTerm
+from beamdae.equations.equations_of_motion import (
+    ConstraintTerm,
+    EquationsOfMotion,
+    ForceTerm,
+    once,
+)
+from beamdae.symbolic.force_kernel import Tangents
+from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import MATRIX_SHARED
 from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
+from beamdae.symbolic.turns import Turned, turned_operator
 
 Array = np.ndarray
 _TIME = 2
@@ -58,11 +66,9 @@ def residual_sum(
     See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = equations.n, equations.m, SumBuilder(_TIME)
-    for term in equations.forces:
-        inputs = _motion(term.operator, at.q, at.v, at.a)
-        data = data_of(equations, term)
-        copies = total.add(term.kernel.force_kernel, inputs, data, term.count)
-        total.add_column(copies, 0, term.operator, dynamic)
+    for term, by in zip(equations.forces, _turns(equations), strict=True):
+        copies = _add_force(total, equations, at, term, by, term.kernel.force_kernel)
+        total.add_column(copies, 0, by.picked, dynamic)
     for joint in equations.joints:
         kernel = joint.kernel.residual_kernel(levels, stabilized)
         inputs = _joint_inputs(joint, at, levels, stabilized)
@@ -73,6 +79,30 @@ def residual_sum(
         for k in range(len(levels)):
             total.add_column(copies, 1 + stabilized + k, joint.rows, dynamic + n + k * m)
     return total
+
+
+@once
+def _turns(equations: EquationsOfMotion) -> list[Turned]:
+    """Operators of the forces as kernels take them: those of elements turn within."""
+    return [
+        turned_operator(term.operator, term.count)
+        if term.kernel.reused
+        else Turned(term.operator, None, np.zeros((0, term.count)))
+        for term in equations.forces
+    ]
+
+
+def _add_force(
+    total: SumBuilder,
+    equations: EquationsOfMotion,
+    at: Places,
+    term: ForceTerm,
+    by: Turned,
+    kernel: Kernel,
+) -> Copies:
+    inputs = _motion(by.picked, at.q, at.v, at.a)
+    data = np.concatenate([data_of(equations, term), by.data])
+    return total.add(by.kernel(kernel, len(inputs)), inputs, data, term.count)
 
 
 def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
@@ -86,20 +116,18 @@ def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
 
 
 def add_tangents(
-    total: SumBuilder, equations: EquationsOfMotion, at: Places
-) -> list[tuple[ForceTerm, Copies]]:
-    """Add the kernels of c_q dF/dq, c_v dF/dv and c_a dF/da (outputs 0, 1 and 2)."""
+    total: SumBuilder, equations: EquationsOfMotion, at: Places, sums: Tangents
+) -> list[tuple[sp.csr_array, Copies]]:
+    """Add the kernels of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, an output each.
+
+    With each kernel goes the operator of its rows and columns.
+    """
     return [
         (
-            term,
-            total.add(
-                term.kernel.tangent_kernel,
-                _motion(term.operator, at.q, at.v, at.a),
-                data_of(equations, term),
-                term.count,
-            ),
+            by.picked,
+            _add_force(total, equations, at, term, by, term.kernel.tangent_kernel(sums)),
         )
-        for term in equations.forces
+        for term, by in zip(equations.forces, _turns(equations), strict=True)
     ]
 
 

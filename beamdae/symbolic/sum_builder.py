@@ -9,10 +9,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.native.lanes import padded
-from beamdae.symbolic.kernel_sums import Call, Kernel, SumPlan
+from beamdae.symbolic.kernel_sums import Kernel, Stretch, SumPlan
 from beamdae.symbolic.sparse_sums import products
 
 Array = np.ndarray
+
+# Copies of a stretch, whole vectors: so the matrices of elements stay in the caches until they are
+# added up.
+_AT_ONCE = 72
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,23 @@ class Gathered:
 
 @dataclass(frozen=True)
 class Copies:
-    """A kernel added to a sum: `starts` tells where in `out` each of its outputs begins."""
+    """A kernel added to a sum, and where its numbers begin among those of all kernels."""
 
     kernel: Kernel
     count: int
-    padded: int
-    starts: tuple[int, ...]
+    start: int
+
+    def sources(self, output: int, entry: Array, copy: Array) -> Array:
+        """Where entries of one of its outputs are."""
+        sizes = [pattern.nnz() for pattern in self.kernel.outputs]
+        return self.start + _places(self.count, sum(sizes), sum(sizes[:output]) + entry, copy)
+
+
+def _places(count: int, height: int, component: Array, copy: Array) -> Array:
+    """Where a component of a copy stands: stretch by stretch, (component, copy) of each."""
+    stretch = copy // _AT_ONCE
+    lanes = np.where(stretch == count // _AT_ONCE, padded(count % _AT_ONCE), _AT_ONCE)
+    return stretch * (_AT_ONCE * height) + component * lanes + copy % _AT_ONCE
 
 
 @dataclass
@@ -47,35 +62,39 @@ class SumBuilder:
     _local: int = 0
     _out: int = 0
     _data: list[tuple[int, Array]] = field(default_factory=list)
-    _calls: list[Call] = field(default_factory=list)
+    _calls: list[Stretch] = field(default_factory=list)
+    _sources: list[int] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
     def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: Array, count: int) -> Copies:
         """Add `count` copies of a kernel with these local inputs, the last of them `data`."""
-        room = padded(count)
-        row = 0
+        copies, numbers, row = Copies(kernel, count, self._out), kernel.function.numel_in(1), 0
+        if kernel.function.numel_out(0) == 0:
+            return copies
         for gathered in inputs:
             operator = sp.coo_array(gathered.operator)
             height = operator.shape[0] // count
             copy, own = np.divmod(operator.coords[0], max(height, 1))
-            at = self._local + (row + own) * room + copy
+            at = self._local + _places(count, numbers, row + own, copy)
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
-        self._data.append((self._local + row * room, _spread(data, room)))
-        row += data.shape[0]
-        assert row == kernel.function.numel_in(1)
-        starts = self._out + room * np.cumsum([0, *(s.nnz() for s in kernel.outputs)])
-        self._calls.append(Call(kernel, self._local, self._out, room, count))
-        self._local += row * room
-        self._out = int(starts[-1])
-        return Copies(kernel, count, room, tuple(starts[:-1].tolist()))
+        assert row + data.shape[0] == numbers
+        for first in range(0, count, _AT_ONCE):
+            own = data[:, first : first + _AT_ONCE]
+            lanes = padded(own.shape[1])
+            self._calls.append(Stretch(kernel, self._local, lanes, own.shape[1]))
+            self._sources.append(self._out)
+            self._data.append((self._local + row * lanes, _spread(own, lanes)))
+            self._local += numbers * lanes
+            self._out += kernel.function.numel_out(0) * lanes
+        return copies
 
     def add_column(self, copies: Copies, output: int, operator: sp.csr_array, row: int) -> None:
         """Add operator^T (columns of all copies) to the rows from `row` on; columns are dense."""
         found = sp.coo_array(operator)
         copy, own = np.divmod(found.coords[0], found.shape[0] // copies.count)
-        source = copies.starts[output] + own * copies.padded + copy
+        source = copies.sources(output, own, copy)
         at = found.coords[1] + row
         self._entries.append((at, np.zeros_like(at), source, found.data))
 
@@ -97,7 +116,7 @@ class SumBuilder:
         own_row, own_column = (np.array(x, int) for x in pattern.get_triplet())
         copy = np.repeat(np.arange(count), len(own_row))
         entry = np.tile(np.arange(len(own_row)), count)
-        source = copies.starts[output] + entry * copies.padded + copy
+        source = copies.sources(output, entry, copy)
         left, right = sp.csr_array(rows), sp.csr_array(columns)
         i, j, which, weight = products(
             left, copy * r + own_row[entry], right, copy * c + own_column[entry]
@@ -140,28 +159,41 @@ class SumBuilder:
         return tuple(np.concatenate(x) for x in zip(*(self._entries or none), strict=True))
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        size = self._out + self.n_shared + 1
-        # Shared numbers and the one are counted from the end.
-        columns = np.where(source < 0, source + size, source)
-        order = np.argsort(rows, kind="stable")
+        starts = np.array([*self._sources, self._out])
+        # Shared numbers and the one are counted from the end, and come last.
+        behind = source < 0
+        stretch = np.where(behind, len(self._calls), np.searchsorted(starts, source, "right") - 1)
+        columns = np.where(behind, source + self.n_shared + 1, source - starts[stretch])
+        order = np.lexsort((rows, stretch))
+        plain, weighted = _split(order, weight == 1.0)
         at, of, weights = self._collected_gathers()
-        picked = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
+        alone = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
+        picked, gathered = _split(np.argsort(at, kind="stable"), alone)
+        firsts = np.array([call.local for call in self._calls], int)
+        calls = np.arange(len(firsts))
+        stretches = [firsts, [call.lanes for call in self._calls]]
+        of_local = np.searchsorted(firsts, at, "right") - 1
+        ended = ((of_local, picked), (of_local, gathered), (stretch, plain), (stretch, weighted))
+        stretches += [np.searchsorted(by[entries], calls, "right") for by, entries in ended]
         local = np.zeros(self._local)
         for start, values in self._data:
             local[start : start + values.size] = values
         return SumPlan(
             self.n_shared,
-            size,
+            max([self.n_shared + 1, *np.diff(starts)]),
             local,
             tuple(self._calls),
+            np.ascontiguousarray(np.array(stretches, np.int64).reshape(6, -1).T),
             at=_index(at[picked]),
             of=_index(of[picked]),
-            more_at=_index(at[~picked]),
-            more_of=_index(of[~picked]),
-            rows=_index(rows[order]),
-            columns=_index(columns[order]),
-            more_weights=np.ascontiguousarray(weights[~picked]),
-            weights=np.ascontiguousarray(weight[order]),
+            more_at=_index(at[gathered]),
+            more_of=_index(of[gathered]),
+            gathered=weights[gathered],
+            rows=_index(rows[plain]),
+            columns=_index(columns[plain]),
+            more_rows=_index(rows[weighted]),
+            more_columns=_index(columns[weighted]),
+            weights=weight[weighted],
         )
 
     def _collected_gathers(self) -> tuple[Array, ...]:
@@ -169,8 +201,14 @@ class SumBuilder:
         return tuple(np.concatenate(x) for x in zip(*(self._gathers or none), strict=True))
 
 
+def _split(order: Array, chosen: Array) -> tuple[Array, Array]:
+    """What is chosen and what is not, in this order."""
+    return order[chosen[order]], order[~chosen[order]]
+
+
 def _index(numbers: Array) -> Array:
-    return np.ascontiguousarray(numbers, np.int64)
+    # Unsigned: compiled loops then need not ask whether an index counts from the end.
+    return numbers.astype(np.uint32)
 
 
 def _spread(data: Array, padded: int) -> Array:
