@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import ConstraintTerm, EquationsOfMotion, ForceTerm
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.local import MATRIX_SHARED
 from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
 
@@ -46,8 +47,16 @@ def _joint_inputs(
     return _motion(term.operator, *motion) + _motion(term.rows, *held)
 
 
+def _add_forces(total: SumBuilder, structure: Structure, at: Places, row: int) -> None:
+    """Add F, from a row on."""
+    for term in structure.forces:
+        inputs = _motion(term.operator, at.q, at.v, at.a)
+        copies = total.add(term.kernel.force_kernel, inputs, term.data, term.count)
+        total.add_column(copies, 0, term.operator, row)
+
+
 def residual_sum(
-    equations: EquationsOfMotion,
+    structure: Structure,
     at: Places,
     levels: tuple[int, ...],
     stabilized: bool,
@@ -57,16 +66,12 @@ def residual_sum(
 
     See `ConstraintKernel.residual_kernel`.
     """
-    n, m, total = equations.n, equations.m, SumBuilder(_TIME)
-    for term in equations.forces:
-        inputs = _motion(term.operator, at.q, at.v, at.a)
-        data = data_of(equations, term)
-        copies = total.add(term.kernel.force_kernel, inputs, data, term.count)
-        total.add_column(copies, 0, term.operator, dynamic)
-    for joint in equations.joints:
+    n, m, total = structure.n, structure.m, SumBuilder(_TIME)
+    _add_forces(total, structure, at, dynamic)
+    for joint in structure.joints:
         kernel = joint.kernel.residual_kernel(levels, stabilized)
         inputs = _joint_inputs(joint, at, levels, stabilized)
-        copies = total.add(kernel, inputs, data_of(equations, joint), joint.count)
+        copies = total.add(kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, dynamic)
         if stabilized:
             total.add_column(copies, 1, joint.operator, 0)
@@ -75,18 +80,34 @@ def residual_sum(
     return total
 
 
-def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
+def motion_sum(structure: Structure, at: Places) -> SumBuilder:
+    """Rows: F, g, g_dot and g_ddot; what is not finite in G leaves them as they are."""
+    levels, total = (0, 1, 2), SumBuilder(_TIME)
+    _add_forces(total, structure, at, 0)
+    for joint in structure.joints:
+        kernel = joint.kernel.residual_kernel(levels, False)
+        inputs = _joint_inputs(joint, at, levels, False)
+        copies = total.add(kernel, inputs, joint.data, joint.count)
+        for k in levels:
+            total.add_column(copies, 1 + k, joint.rows, structure.n + k * structure.m)
+    return total
+
+
+def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
     """Rows: G^T lam."""
     total = SumBuilder(_TIME)
-    for joint in equations.joints:
-        kernel, data = joint.kernel.residual_kernel((), False), data_of(equations, joint)
-        copies = total.add(kernel, _joint_inputs(joint, at, (), False), data, joint.count)
+    for joint in structure.joints:
+        kernel, inputs = (
+            joint.kernel.residual_kernel((), False),
+            _joint_inputs(joint, at, (), False),
+        )
+        copies = total.add(kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, 0)
     return total
 
 
 def add_tangents(
-    total: SumBuilder, equations: EquationsOfMotion, at: Places
+    total: SumBuilder, structure: Structure, at: Places
 ) -> list[tuple[ForceTerm, Copies]]:
     """Add the kernels of c_q dF/dq, c_v dF/dv and c_a dF/da (outputs 0, 1 and 2)."""
     return [
@@ -95,17 +116,17 @@ def add_tangents(
             total.add(
                 term.kernel.tangent_kernel,
                 _motion(term.operator, at.q, at.v, at.a),
-                data_of(equations, term),
+                term.data,
                 term.count,
             ),
         )
-        for term in equations.forces
+        for term in structure.forces
     ]
 
 
 def add_joint_matrices(
     total: SumBuilder,
-    equations: EquationsOfMotion,
+    structure: Structure,
     at: Places,
     levels: tuple[int, ...],
     stabilized: bool,
@@ -117,11 +138,11 @@ def add_joint_matrices(
             total.add(
                 joint.kernel.matrices_kernel(levels, stabilized),
                 _joint_inputs(joint, at, levels, stabilized),
-                data_of(equations, joint),
+                joint.data,
                 joint.count,
             ),
         )
-        for joint in equations.joints
+        for joint in structure.joints
     ]
 
 

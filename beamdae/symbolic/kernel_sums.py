@@ -9,7 +9,7 @@ are laid out for machine code with a copy a lane: component by component, copies
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -38,6 +38,17 @@ class Kernel:
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
+    _copies: dict[int, ca.Function] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+
+    def copies(self, count: int) -> ca.Function:
+        """The function of many copies side by side: making it costs as much as using it."""
+        if count not in self._copies:
+            function = self.function
+            many = function.map("copies", "serial", count, [0], []) if count > 1 else function
+            self._copies[count] = many
+        return self._copies[count]
 
     @cached_property
     def native(self) -> LaneKernel | None:
@@ -103,12 +114,17 @@ class Call(NamedTuple):
 
 @dataclass(frozen=True)
 class SumPlan:
-    """A sum without buffers, see `Sum`; what it has of constants is shared by all of them."""
+    """A sum without buffers and numbers, see `Sum`; what it has of constants is shared by all.
+
+    The numbers of a model go to local[data_at] = p[data_of].
+    """
 
     n_shared: int
+    n_local: int
     n_out: int
-    local: Array
     calls: tuple[Call, ...]
+    data_at: Array
+    data_of: Array
     at: Array
     of: Array
     more_at: Array
@@ -123,8 +139,13 @@ class SumPlan:
         """Whether all kernels can be had in machine code."""
         return all(call.kernel.native is not None for call in self.calls)
 
-    def sum(self, native: bool) -> Sum:
-        """The sum with buffers, with kernels in machine code or by the virtual machine."""
+    def sum(self, native: bool, p: Array) -> Sum:
+        """The sum with buffers, with kernels in machine code or by the virtual machine.
+
+        `p` are the numbers of the model.
+        """
+        local = np.zeros(self.n_local)
+        local[self.data_at] = p[self.data_of]
         out = np.zeros(self.n_out)
         out[-1] = 1.0
         kernels: Any = [_Evaluated(call) for call in self.calls]
@@ -135,7 +156,7 @@ class SumPlan:
             kernels = np.array(rows, np.int64).reshape(-1, 4)
         return Sum(
             np.zeros(self.n_shared),
-            self.local.copy(),
+            local,
             out,
             kernels,
             self.at,
@@ -156,8 +177,7 @@ class _Evaluated:
     def __init__(self, call: Call) -> None:
         kernel, local, out, padded, count = call
         function = kernel.function
-        many = function.map("copies", "serial", count, [0], []) if count > 1 else function
-        self._compiled = Compiled(many)
+        self._compiled = Compiled(kernel.copies(count))
         shape = (function.numel_in(1), padded)
         self._local, self._in = slice(local, local + shape[0] * padded), shape
         entries = function.numel_out(0)

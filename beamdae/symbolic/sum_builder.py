@@ -46,13 +46,16 @@ class SumBuilder:
     n_shared: int
     _local: int = 0
     _out: int = 0
-    _data: list[tuple[int, Array]] = field(default_factory=list)
+    _data: list[tuple[Array, Array]] = field(default_factory=list)
     _calls: list[Call] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
-    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: Array, count: int) -> Copies:
-        """Add `count` copies of a kernel with these local inputs, the last of them `data`."""
+    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: slice, count: int) -> Copies:
+        """Add `count` copies of a kernel with these local inputs.
+
+        The last of them stand at `data` among the numbers of the model, copy after copy.
+        """
         room = padded(count)
         row = 0
         for gathered in inputs:
@@ -62,8 +65,12 @@ class SumBuilder:
             at = self._local + (row + own) * room + copy
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
-        self._data.append((self._local + row * room, _spread(data, room)))
-        row += data.shape[0]
+        numbers = (data.stop - data.start) // count
+        own, lane = np.divmod(np.arange(numbers * room), room)
+        # Lanes to spare have the numbers of the last copy: they must not be special.
+        of = data.start + own + numbers * np.minimum(lane, count - 1)
+        self._data.append((self._local + row * room + np.arange(numbers * room), of))
+        row += numbers
         assert row == kernel.function.numel_in(1)
         starts = self._out + room * np.cumsum([0, *(s.nnz() for s in kernel.outputs)])
         self._calls.append(Call(kernel, self._local, self._out, room, count))
@@ -146,14 +153,15 @@ class SumBuilder:
         order = np.argsort(rows, kind="stable")
         at, of, weights = self._collected_gathers()
         picked = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
-        local = np.zeros(self._local)
-        for start, values in self._data:
-            local[start : start + values.size] = values
+        none = [(np.zeros(0, int), np.zeros(0, int))]
+        data_at, data_of = map(np.concatenate, zip(*(self._data or none), strict=True))
         return SumPlan(
             self.n_shared,
+            self._local,
             size,
-            local,
             tuple(self._calls),
+            data_at=_index(data_at),
+            data_of=_index(data_of),
             at=_index(at[picked]),
             of=_index(of[picked]),
             more_at=_index(at[~picked]),
@@ -171,11 +179,3 @@ class SumBuilder:
 
 def _index(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, np.int64)
-
-
-def _spread(data: Array, padded: int) -> Array:
-    """Columns of data, and the last one again and again: lanes to spare must not be special."""
-    if data.size == 0:
-        return np.zeros(0)
-    more = np.repeat(data[:, -1:], padded - data.shape[1], axis=1)
-    return np.concatenate([data, more], axis=1).ravel()
