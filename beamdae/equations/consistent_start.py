@@ -13,8 +13,7 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.independence import require_independent
-from beamdae.equations.start_sums import StartEquations, start_sums
-from beamdae.equations.structure import once
+from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
 from beamdae.symbolic.sparse_sums import column_of
@@ -49,6 +48,36 @@ class Starter:
     @cached_property
     def _solver(self) -> Factorization:
         return factorization(self._own.sums.saddle_pattern)
+
+    def require_inertia(self) -> None:
+        """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
+
+        Beyond `_MOST_MASSES` coordinates the signs of its diagonal alone are looked at.
+
+        Raises
+        ------
+        BeamdaeError
+            Naming the coordinate.
+        """
+        e, block = self.equations, self._own.sums.block
+        nonzeros = self._own.saddle(np.zeros(2), e.q0, e.v0, None, _MASS)
+        mass = nonzeros[block.entries]
+        if not np.isfinite(mass).all():
+            return
+        size = float(np.max(np.abs(mass), initial=0.0))
+        skew = np.abs(mass - block.transposed(mass))
+        if np.max(skew, initial=0.0) > _SKEW * size:
+            worst = int(np.argmax(skew))
+            row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
+            raise BeamdaeError(
+                f"{e.q_names[row]}: the mass matrix must be symmetric, this row is not."
+            )
+        least, coordinate = _least_inertia(block.matrix(nonzeros))
+        if least < -_SKEW * size:
+            raise BeamdaeError(
+                f"{e.q_names[coordinate]}: the mass matrix must not be negative in any direction, "
+                f"along this coordinate it is {least:.3g}."
+            )
 
     def forces(self, time: Array, state: State, a: Array) -> Array:
         """F at accelerations `a`, in place of those of the state."""
@@ -199,40 +228,20 @@ class Starter:
         require_independent(pattern, gradients, e.lam_names, float(time[0]))
 
 
-@once
-def require_inertia(e: EquationsOfMotion) -> None:
-    """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
-
-    Beyond `_MOST_MASSES` coordinates the signs of its diagonal alone are looked at.
-
-    Raises
-    ------
-    BeamdaeError
-        Naming the coordinate.
-    """
-    nonzeros = StartEquations(e).saddle(np.zeros(2), e.q0, e.v0, None, _MASS)
-    block = start_sums(e.structure).block
-    mass = nonzeros[block.entries]
-    if not np.isfinite(mass).all():
-        return
-    size = float(np.max(np.abs(mass), initial=0.0))
-    skew = np.abs(mass - block.transposed(mass))
-    if np.max(skew, initial=0.0) > _SKEW * size:
-        worst = int(np.argmax(skew))
-        row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
-        raise BeamdaeError(f"{e.q_names[row]}: the mass matrix must be symmetric, this row is not.")
-    least, coordinate = _least_inertia(block.matrix(nonzeros))
-    if least < -_SKEW * size:
-        raise BeamdaeError(
-            f"{e.q_names[coordinate]}: the mass matrix must not be negative in any direction, "
-            f"along this coordinate it is {least:.3g}."
-        )
-
-
 def _least_inertia(mass: sp.csc_array) -> tuple[float, int]:
-    """Smallest eigenvalue and the coordinate that moves most in it, or smallest of the diagonal."""
+    """Smallest eigenvalue, or 0 if all are positive, and the coordinate that moves most in it.
+
+    Of many coordinates the smallest of the diagonal.
+    """
     if mass.shape[0] > _MOST_MASSES:
         diagonal = mass.diagonal()
         return float(diagonal.min()), int(diagonal.argmin())
-    values, vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
+    dense = mass.toarray()
+    try:
+        np.linalg.cholesky(dense)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        return 0.0, 0
+    values, vectors = la.eigh(dense, subset_by_index=(0, 0))
     return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
