@@ -4,11 +4,10 @@ import numpy as np
 import scipy.sparse as sp
 
 import beamdae as bd
-from beamdae.equations.consistent_start import _saddle_function
 from beamdae.equations.formulations import first_order
+from beamdae.equations.start_sums import StartEquations
 from beamdae.equations.step_equations import Predicted, step_equations
 from beamdae.integrators.radau_coefficients import GAMMA, PAIR
-from beamdae.symbolic.compiled import Compiled
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)
@@ -58,10 +57,9 @@ def matrices(equations, step):
         coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
         predicted = Predicted(q, v, a, q, coefficients)
         found[name] = (form.pattern, form.jacobian(time, predicted, x))
-    function, pattern = _saddle_function(equations)
-    inertia_alone = np.array([0.0, 0.0, 1.0])
-    nonzeros = Compiled(function, equations.p)(time, q, v, a, inertia_alone)[1]
-    return {**found, "start": (pattern, nonzeros.copy())}
+    start = StartEquations(equations)
+    nonzeros = start.saddle(time, q, v, a, (0.0, 0.0, 1.0))
+    return {**found, "start": (start.sums.saddle_pattern, nonzeros)}
 
 
 def backward_error(pattern, nonzeros, x, right):

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import beamdae as bd
 from beamdae.equations import measures
+from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.sums import Places, reaction_sum
 from beamdae.integrators import ida
 from beamdae.sundials.library import UnavailableError
-from beamdae.symbolic.sparse_sums import SparseSum
+from beamdae.symbolic.kernel_sums import evaluate
 
 # Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
 SOFT = bd.Material(E=60.0, nu=0.3, rho=1.3)
@@ -119,56 +121,40 @@ class Numeric:
         self.n, self.m = self.equations.n, self.equations.m
 
     @cached_property
-    def _symbols(self):
-        e = self.equations
-        return ca.MX.sym("time", 2), *(ca.MX.sym(x, e.n) for x in "qva"), ca.MX.sym("lam", e.m)
+    def _start(self):
+        return StartEquations(self.equations)
 
-    def _function(self, name, make):
-        time, q, v, a, lam = self._symbols
-        inputs = [time, q, v, a, lam]
-        function = ca.Function(name, inputs, [ca.densify(make(time, q, v, a, lam))])
-
-        def call(q=None, v=None, a=None, lam=None, time=None):
-            given = [self.time if time is None else time, self.equations.q0 if q is None else q]
-            given += [np.zeros(self.n) if x is None else x for x in (v, a)]
-            given += [np.zeros(self.m) if lam is None else lam]
-            value = np.array(function(*given))
-            return value[:, 0] if value.shape[1] == 1 else value
-
-        return call
-
-    @cached_property
-    def force(self):
-        e = self.equations
-        return self._function("F", lambda t, q, v, a, lam: e.force(t, q, v, a, e.p))
-
-    def _tangent(self, which, c_v, c_a):
-        e = self.equations
-
-        def make(t, q, v, a, lam):
-            blocks = e.tangent(t, q, v, a, ca.MX(e.p), ca.MX(c_v), ca.MX(c_a))[which]
-            return SparseSum.of((e.n, e.n), blocks).matrix()
-
-        return self._function("tangent", make)
-
-    @cached_property
-    def stiffness(self):
-        return self._tangent(0, 0.0, 0.0)
-
-    @cached_property
-    def damping(self):
-        return self._tangent(1, 1.0, 0.0)
-
-    @cached_property
-    def mass(self):
-        return self._tangent(1, 0.0, 1.0)
-
-    def _balance(self, q=None, v=None, a=None, lam=None, time=None):
-        """The row of the books at a state."""
+    def _given(self, q, v, a, lam, time):
+        """(time, q, v, a, lam), what is left out of the start or of rest."""
         given = [self.time if time is None else time, self.equations.q0 if q is None else q]
         given += [np.zeros(self.n) if x is None else x for x in (v, a)]
         given += [np.zeros(self.m) if lam is None else lam]
-        return measures.balance(self.equations)(*(np.asarray(x, float)[None] for x in given))[0]
+        return [np.asarray(x, float) for x in given]
+
+    def force(self, q=None, v=None, a=None, lam=None, time=None):
+        """F."""
+        return self._start.force(*self._given(q, v, a, lam, time)[:4])
+
+    def _block(self, c, q, v, a, lam, time):
+        nonzeros = self._start.saddle(*self._given(q, v, a, lam, time)[:4], c)
+        return self._start.sums.block.matrix(nonzeros).toarray()
+
+    def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
+        """dF/dq."""
+        return self._block((1.0, 0.0, 0.0), q, v, a, lam, time)
+
+    def damping(self, q=None, v=None, a=None, lam=None, time=None):
+        """dF/dv."""
+        return self._block((0.0, 1.0, 0.0), q, v, a, lam, time)
+
+    def mass(self, q=None, v=None, a=None, lam=None, time=None):
+        """dF/da."""
+        return self._block((0.0, 0.0, 1.0), q, v, a, lam, time)
+
+    def _balance(self, q=None, v=None, a=None, lam=None, time=None):
+        """The row of the books at a state."""
+        given = self._given(q, v, a, lam, time)
+        return measures.balance(self.equations)(*(x[None] for x in given))[0]
 
     def energies(self, *state, **more):
         """(kinetic, strain, gravity, power of the loads, dissipated power)."""
@@ -178,40 +164,37 @@ class Numeric:
         """Power of the drivers."""
         return self._balance(*state, **more)[4]
 
-    @cached_property
+    @property
     def levels(self):
         """Three functions: g, g_dot and g_ddot."""
-        e = self.equations
-        return [
-            self._function("g", lambda t, q, v, a, lam, k=k: e.level(k, t, q, v, a, e.p))
-            for k in range(3)
-        ]
+        return [partial(self._level, k) for k in range(3)]
 
-    @cached_property
-    def constraint_matrix(self):
-        e = self.equations
+    def _level(self, k, q=None, v=None, a=None, lam=None, time=None):
+        return self._start.levels(*self._given(q, v, a, lam, time)[:4])[k]
 
-        def make(t, q, v, a, lam):
-            blocks = e.constraint_blocks(t, q, v, ca.MX(e.p), lam)[0]
-            return SparseSum.of((e.m, e.n), blocks).matrix()
+    def constraint_matrix(self, q=None, v=None, a=None, lam=None, time=None):
+        """G = dg/dq."""
+        pattern = self._start.sums.gradient_pattern
+        nonzeros = self._start.gradients(*self._given(q, v, a, lam, time)[:2])
+        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape).toarray()
 
-        call = self._function("G", make)
-        return lambda *args, **kwargs: call(*args, **kwargs).reshape(self.m, self.n)
+    def reaction(self, q=None, v=None, a=None, lam=None, time=None):
+        """G^T lam."""
+        time, q, _, _, lam = self._given(q, v, a, lam, time)
+        plan = reaction_sum(self.equations.structure, Places(q=0, lam=self.n)).vector()
+        total, result = plan.sum(False, self.equations.p), np.zeros(self.n)
+        total.shared[:] = time
+        evaluate(total, np.concatenate([q, lam]), result)
+        return result
 
-    @cached_property
-    def reaction(self):
-        e = self.equations
-        return self._function("reaction", lambda t, q, v, a, lam: e.reaction(t, q, e.p, lam))
-
-    @cached_property
-    def _observed(self):
-        e = self.equations
-        return self._function("observed", lambda t, q, v, a, lam: e.observed(t, q, v, e.p, lam))
+    def _observed(self, q=None, v=None, a=None, lam=None, time=None):
+        given = self._given(q, v, a, lam, time)
+        return measures.ObservedRows(self.equations)(*(x[None] for x in given))[0]
 
     def observed(self, name, **state):
         """The columns of one observable."""
         first = 0
-        values = np.atleast_1d(self._observed(**state))
+        values = self._observed(**state)
         for observable in self.equations.observables:
             count = len(observable.columns)
             if observable.name == name:

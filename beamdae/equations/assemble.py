@@ -12,9 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import (
-    ConstraintTerm,
     EquationsOfMotion,
-    ForceTerm,
     Observable,
     PartCoordinates,
     RangeTerm,
@@ -29,6 +27,13 @@ from beamdae.equations.fit import (
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.poles import LawOfPart, laws_of
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    ObservedTerm,
+    Structure,
+    interned,
+)
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
@@ -36,6 +41,7 @@ from beamdae.parts.part import Part
 from beamdae.symbolic.alike import by_kernel
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.memory import require_memory
+from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
 from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
     SX,
@@ -237,9 +243,12 @@ def build(
         # A part may state several constraints, one after the other.
         rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     observed = [
-        _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
+        _observed_term(name, quantity, owners, numbers, rows)
+        for name, quantity in observables.items()
     ]
-    _require_headers(coordinates, held, observed)
+    named = tuple(Observable(name, quantity.columns) for name, quantity in observables.items())
+    _require_headers(coordinates, held, named)
+    terms = (tuple(force_terms), tuple(constraint_terms), tuple(observed))
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
@@ -251,9 +260,8 @@ def build(
         breakpoints=breakpoints,
         time_scale=time_scale,
         scales=None if scales is None else _constant(scales),
-        observables=tuple(observed),
-        forces=tuple(force_terms),
-        joints=tuple(constraint_terms),
+        observables=named,
+        structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
     )
@@ -301,9 +309,9 @@ def _stack(operators: list[sp.csr_array]) -> sp.csr_array:
     return operators[0] if len(operators) == 1 else sp.csr_array(sp.vstack(operators))
 
 
-def _observable(
+def _observed_term(
     name: str, quantity: Quantity, owners: Owners, numbers: _Numbers, rows: dict[str, slice]
-) -> Observable:
+) -> ObservedTerm:
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
@@ -317,8 +325,6 @@ def _observable(
             f"{name}: the quantity must give one value for each of its columns ({columns}), "
             f"got shape {value.shape}."
         )
-    inputs = [local.time, local.q, local.v, local.data, local.lam]
-    function = ca.Function("observed", inputs, [value])
-    return Observable(
-        name, quantity.columns, function, operator, numbers.store(quantity.data), lam_rows
-    )
+    data = np.reshape(np.asarray(quantity.data, float), (-1, 1))
+    (alike,) = by_kernel([ObservedStatement(ObservedKernel(local, value), data)])
+    return ObservedTerm(alike.kernel, operator, numbers.store(alike.data), lam_rows)

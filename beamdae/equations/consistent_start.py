@@ -6,21 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.independence import require_independent
+from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.compiled import Compiled
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
-from beamdae.symbolic.sparse_sums import SparseSum
+from beamdae.symbolic.sparse_sums import column_of
 
 Array = np.ndarray
-MX = ca.MX
 
 _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
@@ -28,8 +26,8 @@ _POSITION_TOLERANCE = 1e-12
 _RIGID_TIME = 1.0
 
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
-_MASS = np.array([0.0, 0.0, 1.0])
-_CLOSING = np.array([_RIGID_TIME**2, 0.0, 1.0])
+_MASS = (0.0, 0.0, 1.0)
+_CLOSING = (_RIGID_TIME**2, 0.0, 1.0)
 # Numbers of a law that are rounded by hand do not meet exactly; this much [m or rad] is no jump.
 _JUMP = 1e-3
 # What rounding leaves of a mass matrix that is not what it should be, relative to its entries.
@@ -44,41 +42,59 @@ class Starter:
     equations: EquationsOfMotion
 
     @cached_property
-    def _constraints(self) -> Compiled:
-        return Compiled(_constraints_function(self.equations)[0], self.equations.p)
+    def _own(self) -> StartEquations:
+        return StartEquations(self.equations)
 
     @cached_property
-    def _saddle(self) -> tuple[Compiled, Factorization, sp.csc_array]:
-        function, pattern = _saddle_function(self.equations)
-        return Compiled(function, self.equations.p), factorization(pattern), pattern
+    def _solver(self) -> Factorization:
+        return factorization(self._own.sums.saddle_pattern)
+
+    def require_inertia(self) -> None:
+        """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
+
+        Beyond `_MOST_MASSES` coordinates the signs of its diagonal alone are looked at.
+
+        Raises
+        ------
+        BeamdaeError
+            Naming the coordinate.
+        """
+        e, block = self.equations, self._own.sums.block
+        nonzeros = self._own.saddle(np.zeros(2), e.q0, e.v0, None, _MASS)
+        mass = nonzeros[block.entries]
+        if not np.isfinite(mass).all():
+            return
+        size = float(np.max(np.abs(mass), initial=0.0))
+        skew = np.abs(mass - block.transposed(mass))
+        if np.max(skew, initial=0.0) > _SKEW * size:
+            worst = int(np.argmax(skew))
+            row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
+            raise BeamdaeError(
+                f"{e.q_names[row]}: the mass matrix must be symmetric, this row is not."
+            )
+        least, coordinate = _least_inertia(block.matrix(nonzeros))
+        if least < -_SKEW * size:
+            raise BeamdaeError(
+                f"{e.q_names[coordinate]}: the mass matrix must not be negative in any direction, "
+                f"along this coordinate it is {least:.3g}."
+            )
 
     def forces(self, time: Array, state: State, a: Array) -> Array:
         """F at accelerations `a`, in place of those of the state."""
-        return self._saddle[0](time, state.q, state.v, a, _MASS)[0].copy()
+        return self._own.force(time, state.q, state.v, a)
 
     def linearized(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
         """Stiffness dF/dq, damping dF/dv and mass dF/da, sparse (n, n) each."""
-        e = self.equations
-        function, _, pattern = self._saddle
-        matrices = []
-        for c in np.eye(3):
-            nonzeros = function(time, state.q, state.v, state.a, c)[1].copy()
-            whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-            matrices.append(sp.csc_array(whole[: e.n, : e.n]))
-        return tuple(matrices)
+        own, (q, v, a, _) = self._own, state
+        return tuple(
+            own.sums.block.matrix(own.saddle(time, q, v, a, c)) for c in np.eye(3).tolist()
+        )
 
     def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
         """Accelerations that forces bring about in the jointed mechanism: f -> a."""
         e = self.equations
         solver, _ = self._factorized(time, state.q, state.v, _MASS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
-
-    def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
-        """G = dg/dq, sparse (m, n)."""
-        still = np.zeros(self.equations.n)
-        pattern = _constraints_function(self.equations)[1]
-        nonzeros = self._constraints(time, q, still, still)[3].copy()
-        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Consistent state nearest to (q, v) at time = (t, branch).
@@ -100,9 +116,8 @@ class Starter:
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""
         e = self.equations
-        still = np.zeros(e.n)
-        before = self._constraints(np.array([time[0], branch_before]), q, still, still)[0].copy()
-        jump = np.abs(self._constraints(time, q, still, still)[0] - before)
+        before = self._own.levels(np.array([time[0], branch_before]), q)[0]
+        jump = np.abs(self._own.levels(time, q)[0] - before)
         if e.m > 0 and np.max(jump) > _JUMP * min(1.0, e.length):
             name = e.lam_names[int(np.argmax(jump))]
             raise BeamdaeError(
@@ -119,8 +134,8 @@ class Starter:
         1 / (1 + (w T)^2) of their acceleration.
         """
         e = self.equations
-        gamma = -self._constraints(time, q, v, np.zeros(e.n))[2].copy()
-        solver, force = self._factorized(time, q, v, np.array([stiff_time**2, 0.0, 1.0]))
+        gamma = -self._own.levels(time, q, v)[2]
+        solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
@@ -135,19 +150,18 @@ class Starter:
             return np.zeros(e.n)
         q, v, a, _ = state
         levels = [
-            self._constraints(time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a)[
-                2
-            ].copy()
+            self._own.levels(time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a)[2]
             for d in (delta, -delta)
         ]
         rate = (levels[0] - levels[1]) / (2.0 * delta)
         solver, _ = self._factorized(time, q, v, _MASS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 
-    def _factorized(self, time: Array, q: Array, v: Array, c: Array) -> tuple[Factorization, Array]:
-        e = self.equations
-        function, solver, pattern = self._saddle
-        force, nonzeros = function(time, q, v, np.zeros(e.n), c)
+    def _factorized(
+        self, time: Array, q: Array, v: Array, c: tuple[float, float, float]
+    ) -> tuple[Factorization, Array]:
+        e, solver, pattern = self.equations, self._solver, self._own.sums.saddle_pattern
+        force, nonzeros = self._own.force(time, q, v), self._own.saddle(time, q, v, None, c)
         if not np.all(np.isfinite(force)):
             raise BeamdaeError(
                 f"{self._name(force)}: the forces are not finite at t = {time[0]:g}, "
@@ -185,7 +199,7 @@ class Starter:
         e = self.equations
         still = np.zeros(e.n)
         for _ in range(_POSITION_ITERATIONS):
-            g = self._constraints(time, q, still, still)[0].copy()
+            g = self._own.levels(time, q)[0]
             if not np.all(np.isfinite(g)):
                 bad = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
                 raise BeamdaeError(f"{bad}: the constraint is not finite at t = {time[0]:g}.")
@@ -202,82 +216,32 @@ class Starter:
 
     def _project(self, time: Array, q: Array, v: Array) -> Array:
         e = self.equations
-        g_dot = self._constraints(time, q, v, np.zeros(e.n))[1].copy()
+        g_dot = self._own.levels(time, q, v)[1]
         if e.m == 0 or not np.any(g_dot):
             return v
         solver, _ = self._factorized(time, q, v, _MASS)
         return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
 
     def _check_rank(self, time: Array, q: Array) -> None:
-        e = self.equations
-        scaled = self.constraint_matrix(time, q) @ sp.diags_array(e.position_scales)
-        require_independent(sp.csr_array(scaled), e.lam_names, float(time[0]))
-
-
-@once
-def _constraints_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_array]:
-    """(time, q, v, a, p) -> g, g_dot, g_ddot and the non-zeros of G; its pattern."""
-    time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
-    p = MX.sym("p", len(e.p))
-    levels = [ca.densify(e.level(k, time, q, v, a, p)) for k in range(3)]
-    gradients, _, _ = e.constraint_blocks(time, q, v, p, MX.zeros(e.m))
-    pattern, nonzeros = SparseSum.of((e.m, e.n), gradients).assemble()
-    return ca.Function("constraints", [time, q, v, a, p], [*levels, nonzeros]), pattern
-
-
-@once
-def _saddle_function(e: EquationsOfMotion) -> tuple[ca.Function, sp.csc_array]:
-    """(time, q, v, a, c, p) -> F and non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]]; pattern."""
-    time, q, v, a = MX.sym("time", 2), *(MX.sym(x, e.n) for x in "qva")
-    p, c = MX.sym("p", len(e.p)), MX.sym("c", 3)
-    total = SparseSum((e.n + e.m, e.n + e.m))
-    stiffness, damping_and_mass = e.tangent(time, q, v, a, p, c[1], c[2])
-    for block in stiffness:
-        total.add(block.scaled(c[0]))
-    for block in damping_and_mass:
-        total.add(block)
-    for block in e.constraint_blocks(time, q, v, p, MX.zeros(e.m))[0]:
-        total.add(block, e.n, 0)
-        total.add(block.transposed, 0, e.n)
-    pattern, nonzeros = total.assemble()
-    force = ca.densify(e.force(time, q, v, a, p))
-    return ca.Function("saddle", [time, q, v, a, c, p], [force, nonzeros]), pattern
-
-
-@once
-def require_inertia(e: EquationsOfMotion) -> None:
-    """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
-
-    Beyond `_MOST_MASSES` coordinates the signs of its diagonal alone are looked at.
-
-    Raises
-    ------
-    BeamdaeError
-        Naming the coordinate.
-    """
-    function, pattern = _saddle_function(e)
-    nonzeros = Compiled(function, e.p)(np.zeros(2), e.q0, e.v0, np.zeros(e.n), _MASS)[1]
-    whole = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-    mass = sp.csc_array(whole[: e.n, : e.n])
-    if not np.isfinite(mass.data).all():
-        return
-    size = float(np.max(np.abs(mass.data), initial=0.0))
-    skew = sp.coo_array(mass - mass.T)
-    if np.max(np.abs(skew.data), initial=0.0) > _SKEW * size:
-        row = int(skew.coords[0][int(np.argmax(np.abs(skew.data)))])
-        raise BeamdaeError(f"{e.q_names[row]}: the mass matrix must be symmetric, this row is not.")
-    least, coordinate = _least_inertia(mass)
-    if least < -_SKEW * size:
-        raise BeamdaeError(
-            f"{e.q_names[coordinate]}: the mass matrix must not be negative in any direction, "
-            f"along this coordinate it is {least:.3g}."
-        )
+        e, pattern = self.equations, self._own.sums.gradient_pattern
+        gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
+        require_independent(pattern, gradients, e.lam_names, float(time[0]))
 
 
 def _least_inertia(mass: sp.csc_array) -> tuple[float, int]:
-    """Smallest eigenvalue and the coordinate that moves most in it, or smallest of the diagonal."""
+    """Smallest eigenvalue, or 0 if all are positive, and the coordinate that moves most in it.
+
+    Of many coordinates the smallest of the diagonal.
+    """
     if mass.shape[0] > _MOST_MASSES:
         diagonal = mass.diagonal()
         return float(diagonal.min()), int(diagonal.argmin())
-    values, vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
+    dense = mass.toarray()
+    try:
+        np.linalg.cholesky(dense)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        return 0.0, 0
+    values, vectors = la.eigh(dense, subset_by_index=(0, 0))
     return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))

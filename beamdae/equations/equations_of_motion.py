@@ -1,50 +1,22 @@
-"""Equations of motion of a mechanism: F(t, q, v, a, p) + G^T lam = 0, g(t, q) = 0.
+"""Equations of motion of a mechanism: F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0.
 
-Immutable, and symbolic: every method takes and returns CasADi expressions. Formulations combine
-them into residuals, `compiled` turns those into numpy functions.
+Immutable: a structure, which models that differ in numbers alone share, and the numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from functools import cached_property
+from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
-from beamdae.symbolic.sparse_sums import Block, gather, scatter
-from beamdae.symbolic.statements import ConstraintKernel, ForceKernel, Named, RangeStatement
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.symbolic.statements import Named, RangeStatement
 
 Array = np.ndarray
-MX = ca.MX
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class ForceTerm:
-    """Copies of one force kernel on the global coordinates."""
-
-    kernel: ForceKernel
-    operator: sp.csr_array
-    data: slice
-    count: int
-
-
-@dataclass(frozen=True)
-class ConstraintTerm:
-    """Copies of one constraint kernel on the global coordinates; `rows` picks their rows of g."""
-
-    kernel: ConstraintKernel
-    operator: sp.csr_array
-    data: slice
-    rows: sp.csr_array
-    count: int
 
 
 @dataclass(frozen=True)
@@ -65,14 +37,10 @@ class RangeTerm:
 
 @dataclass(frozen=True)
 class Observable:
-    """Named columns with units, and the function that gives them."""
+    """Named columns with units, in the order of `Structure.observed`."""
 
     name: str
     columns: tuple[Named, ...]
-    function: ca.Function
-    operator: sp.csr_array
-    data: slice
-    rows: slice
 
     @property
     def headers(self) -> list[str]:
@@ -125,6 +93,8 @@ class EquationsOfMotion:
     scales
         How far each coordinate moves [its unit], (n,), where that is given; None: integrators
         find out.
+    structure
+        The kernels of forces, joints and observables, without numbers.
     laws
         Those that change with time, with the parts that follow them.
     """
@@ -139,8 +109,7 @@ class EquationsOfMotion:
     breakpoints: tuple[float, ...]
     time_scale: float | None
     observables: tuple[Observable, ...]
-    forces: tuple[ForceTerm, ...] = field(repr=False)
-    joints: tuple[ConstraintTerm, ...] = field(repr=False)
+    structure: Structure = field(repr=False)
     scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
@@ -149,12 +118,22 @@ class EquationsOfMotion:
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.coordinates)
+        return self.structure.n
 
     @property
     def m(self) -> int:
         """Number of constraints."""
-        return len(self.multipliers)
+        return self.structure.m
+
+    @property
+    def forces(self) -> tuple[ForceTerm, ...]:
+        """Terms of F."""
+        return self.structure.forces
+
+    @property
+    def joints(self) -> tuple[ConstraintTerm, ...]:
+        """Terms of g."""
+        return self.structure.joints
 
     @cached_property
     def q_names(self) -> tuple[str, ...]:
@@ -171,105 +150,3 @@ class EquationsOfMotion:
         """Natural size of each coordinate: the characteristic length, or 1 for an angle."""
         angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         return np.where(angle, 1.0, self.length)
-
-    # Symbolic pieces ------------------------------------------------------------------------
-
-    def _inputs(
-        self, term: ForceTerm | ConstraintTerm, time: MX, vectors: Sequence[MX], p: MX
-    ) -> list[MX]:
-        """(time, local vectors, data), a column a copy."""
-        local = [gather(term.operator, x, term.count) for x in vectors]
-        data = ca.reshape(p[term.data], term.kernel.local.n_data, term.count)
-        return [time, *local, data]
-
-    def _map(
-        self, function: ca.Function, count: int, shared: Iterable[int], summed: Iterable[int] = ()
-    ) -> Any:
-        if count == 1:
-            return function
-        return function.map(function.name(), "serial", count, list(shared), list(summed))
-
-    def force(self, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
-        """F(t, q, v, a, p), shape (n,)."""
-        total = MX.zeros(self.n)
-        for term in self.forces:
-            function = self._map(term.kernel.force_function, term.count, [0])
-            total += scatter(term.operator, function(*self._inputs(term, time, (q, v, a), p)))
-        return total
-
-    def tangent(
-        self, time: MX, q: MX, v: MX, a: MX, p: MX, c_v: MX, c_a: MX
-    ) -> tuple[list[Block], list[Block]]:
-        """Blocks of dF/dq and of c_v dF/dv + c_a dF/da."""
-        stiffness: list[Block] = []
-        damping_and_mass: list[Block] = []
-        for term in self.forces:
-            function = self._map(term.kernel.tangent_function, term.count, [0, 5, 6])
-            inputs = self._inputs(term, time, (q, v, a), p)
-            blocks = function(*inputs, c_v, c_a)
-            for target, values in zip((stiffness, damping_and_mass), blocks, strict=True):
-                target.append(Block(values, term.operator, term.operator, term.count))
-        return stiffness, damping_and_mass
-
-    def level(self, order: int, time: MX, q: MX, v: MX, a: MX, p: MX) -> MX:
-        """Constraints g (order 0), g_dot (1) or g_ddot (2) along the motion, shape (m,)."""
-        total = MX.zeros(self.m)
-        for t in self.joints:
-            function = self._map(t.kernel.level_functions[order], t.count, [0])
-            total += scatter(t.rows, function(*self._inputs(t, time, (q, v, a), p)))
-        return total
-
-    def _held(self, term: ConstraintTerm, lam: MX) -> MX:
-        """Multipliers, a column a copy."""
-        return gather(term.rows, lam, term.count)
-
-    def reaction(self, time: MX, q: MX, p: MX, lam: MX) -> MX:
-        """G^T lam, shape (n,)."""
-        total = MX.zeros(self.n)
-        for t in self.joints:
-            function = self._map(t.kernel.reaction_function, t.count, [0])
-            forces = function(*self._inputs(t, time, (q,), p), self._held(t, lam))
-            total += scatter(t.operator, forces)
-        return total
-
-    def constraint_blocks(
-        self, time: MX, q: MX, v: MX, p: MX, lam: MX
-    ) -> tuple[list[Block], list[Block], list[Block]]:
-        """Blocks of G, d g_dot/dq (m, n) and d(G^T lam)/dq (n, n)."""
-        jacobian, rate, curvature = [], [], []
-        for t in self.joints:
-            function = self._map(t.kernel.matrices_function, t.count, [0])
-            inputs = (*self._inputs(t, time, (q, v), p), self._held(t, lam))
-            big_g, g_dot_q, reaction_q = function(*inputs)
-            jacobian.append(Block(big_g, t.rows, t.operator, t.count))
-            rate.append(Block(g_dot_q, t.rows, t.operator, t.count))
-            curvature.append(Block(reaction_q, t.operator, t.operator, t.count))
-        return jacobian, rate, curvature
-
-    def observed(self, time: MX, q: MX, v: MX, p: MX, lam: MX) -> MX:
-        """All observed columns, in the order of `observables`."""
-        columns = [
-            o.function(
-                time, gather(o.operator, q, 1), gather(o.operator, v, 1), p[o.data], lam[o.rows]
-            )
-            for o in self.observables
-        ]
-        return ca.vertcat(*columns) if columns else MX.zeros(0)
-
-
-def once(
-    build: Callable[Concatenate[EquationsOfMotion, P], T],
-) -> Callable[Concatenate[EquationsOfMotion, P], T]:
-    """Decorate what is built from equations of motion: built once for the same ones, kept on them.
-
-    What it gives has to be immutable: runs share it.
-    """
-
-    @wraps(build)
-    def kept(equations: EquationsOfMotion, *args: P.args, **kwargs: P.kwargs) -> T:
-        key = (build, args, tuple(sorted(kwargs.items())))
-        if key not in equations._derived:
-            equations._derived[key] = build(equations, *args, **kwargs)
-        return equations._derived[key]
-
-    return kept

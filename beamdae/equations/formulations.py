@@ -26,7 +26,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import Structure, once
 from beamdae.equations.sums import (
     C_A,
     Places,
@@ -168,7 +169,7 @@ class FirstOrder:
 
     def buffers(self, native: bool = False) -> FirstOrderSums:
         """What a run evaluates R and its Jacobian with, for itself alone."""
-        residual, jacobian = (total.sum(native) for total in self.sums)
+        residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
         return FirstOrderSums(
             self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
         )
@@ -226,7 +227,7 @@ def first_order_parts(
 
 @once
 def first_order(equations: EquationsOfMotion, name: str, apart: bool = False) -> FirstOrder:
-    """Build a first-order form.
+    """A first-order form.
 
     Parameters
     ----------
@@ -236,34 +237,36 @@ def first_order(equations: EquationsOfMotion, name: str, apart: bool = False) ->
         Whether dR/dy and dR/dy' are evaluated one by one, see `first_order_parts`.
     """
     form = FORMULATIONS[one_of("formulation", "name", name, FIRST_ORDER)]
-    pattern, jacobian = _jacobian_sum(equations, form, apart)
-    return FirstOrder(equations, form, pattern, (_residual_plan(equations, name), jacobian))
+    pattern, jacobian = _jacobian_sum(equations.structure, name, apart)
+    return FirstOrder(
+        equations, form, pattern, (_residual_plan(equations.structure, name), jacobian)
+    )
 
 
 @once
-def _residual_plan(equations: EquationsOfMotion, name: str) -> SumPlan:
-    form, n = FORMULATIONS[name], equations.n
-    places = _places(equations, form)
-    return residual_sum(equations, places, form.levels, form.stabilized, dynamic=n).vector()
+def _residual_plan(structure: Structure, name: str) -> SumPlan:
+    form, n = FORMULATIONS[name], structure.n
+    places = _places(structure, form)
+    return residual_sum(structure, places, form.levels, form.stabilized, dynamic=n).vector()
 
 
-def _size(equations: EquationsOfMotion, form: Formulation) -> int:
-    return 2 * equations.n + equations.m * (2 if form.stabilized else 1)
+def _size(structure: Structure, form: Formulation) -> int:
+    return 2 * structure.n + structure.m * (2 if form.stabilized else 1)
 
 
-def _places(equations: EquationsOfMotion, form: Formulation) -> Places:
+def _places(structure: Structure, form: Formulation) -> Places:
     """Where (y, y') has what the kernels ask for."""
-    n, m, size = equations.n, equations.m, _size(equations, form)
+    n, m, size = structure.n, structure.m, _size(structure, form)
     held = 2 * n + (size if form.impulses else 0)
     return Places(q=0, v=n, a=size + n, lam=held, mu=held + m)
 
 
-def _jacobian_sum(
-    equations: EquationsOfMotion, form: Formulation, apart: bool
-) -> tuple[sp.csc_array, SumPlan]:
+@once
+def _jacobian_sum(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
     """The pattern of dR/dy + c dR/dy' and its non-zeros, or the two one after the other."""
-    n, m, size = equations.n, equations.m, _size(equations, form)
-    total, at = matrix_builder(), _places(equations, form)
+    form = FORMULATIONS[name]
+    n, m, size = structure.n, structure.m, _size(structure, form)
+    total, at = matrix_builder(), _places(structure, form)
     # Where what is multiplied by c goes: among the rest, or into a matrix of its own below it.
     below = size if apart else 0
     total.add_diagonal(n, (below, 0), C_A, 1.0)
@@ -271,12 +274,12 @@ def _jacobian_sum(
     # Damping and mass add up at one place, unless they are wanted apart.
     sums: Tangents = ((0,), (1,), (2,)) if apart else ((0,), (1, 2))
     places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
-    for on_q, copies in add_tangents(total, equations, at, sums):
+    for on_q, copies in add_tangents(total, structure, at, sums):
         for output, place in enumerate(places):
             total.add_matrix(copies, output, on_q, on_q, place)
     # c_l is c; where the multipliers themselves are unknowns G^T stands without it.
     reaction, by_c = (1, below) if form.impulses else (0, 0)
-    for joint, copies in add_joint_matrices(total, equations, at, form.levels, form.stabilized):
+    for joint, copies in add_joint_matrices(total, structure, at, form.levels, form.stabilized):
         on_q, on_g = joint.operator, joint.rows
         total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
         total.add_matrix(copies, 2, on_q, on_q, (n, 0))

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.errors import BeamdaeError
+from beamdae.symbolic.sparse_sums import column_of
 
 Array = np.ndarray
 
@@ -22,30 +23,36 @@ _DOUBTFUL = 1e-8
 _INVERSE_ITERATIONS = 3
 
 
-def require_independent(gradients: sp.csr_array, names: tuple[str, ...], t: float) -> None:
+def require_independent(
+    pattern: sp.csc_array, gradients: Array, names: tuple[str, ...], t: float
+) -> None:
     """Refuse constraints that hold nothing or depend on each other at time `t` [s].
 
-    `gradients` are those of the constraints `names`, a row each, in the scales of the coordinates.
+    `gradients` are the non-zeros on `pattern` of those of the constraints `names`, a row each, in
+    the scales of the coordinates.
 
     Raises
     ------
     BeamdaeError
         Naming them.
     """
-    count, size = gradients.shape
+    count, size = pattern.shape
     if count == 0:
         return
-    lengths = np.sqrt(gradients.multiply(gradients).sum(axis=1))
+    lengths = np.sqrt(np.bincount(pattern.indices, gradients**2, count))
     if np.any(lengths <= _VANISHING):
         name = names[int(np.argmin(lengths))]
         raise BeamdaeError(
             f"{name}: this constraint holds nothing at t = {t:g}, its gradient is zero; "
             "it cannot be met from the start given, or is none."
         )
-    scaled = sp.csr_array(sp.diags_array(1.0 / lengths) @ gradients)
-    if count > _FEW and _are_clearly_independent(scaled):
+    scaled = gradients / lengths[pattern.indices]
+    if count > _FEW and _are_clearly_independent(
+        sp.csr_array(sp.csc_array((scaled, pattern.indices, pattern.indptr), shape=(count, size)))
+    ):
         return
-    matrix = scaled.toarray()
+    matrix = np.zeros((count, size))
+    matrix[pattern.indices, column_of(pattern)] = scaled
     left, singular, _ = la.svd(matrix, full_matrices=False)
     rank = int(np.sum(singular > _DEPENDENT))
     if rank == count:

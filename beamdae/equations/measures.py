@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import once
 from beamdae.equations.sums import data_of
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_rows import KernelRows
 
-MX = ca.MX
 Array = np.ndarray
 
 # Of forces at rows of states, as many as stay in the caches.
@@ -28,18 +26,19 @@ LEDGER_COLUMNS = tuple(
 DRIFT_COLUMNS = ("drift.position", "drift.velocity")
 
 
-def _symbols(e: EquationsOfMotion) -> tuple[MX, ...]:
-    """(time, q, v, a, p, lam), the arguments of every function here."""
-    vectors = (MX.sym(name, e.n) for name in ("q", "v", "a"))
-    return (MX.sym("time", 2), *vectors, MX.sym("p", len(e.p)), MX.sym("lam", e.m))
+@dataclass(frozen=True)
+class ObservedRows:
+    """All observed columns, in the order of `Structure.observed`."""
 
+    equations: EquationsOfMotion
 
-@once
-def observed(e: EquationsOfMotion) -> RowFunction:
-    """All observed columns, in the order of `observables`."""
-    symbols = _symbols(e)
-    time, q, v, _, p, lam = symbols
-    return _of_rows("observed", symbols, e.observed(time, q, v, p, lam))
+    def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+        """Rows of the columns at states (q, v, a, lam) at (t, branch)."""
+        e, found = self.equations, [np.zeros((len(times), 0))]
+        for term in e.structure.observed:
+            local = (np.asarray(term.operator @ x.T).T for x in (q, v))
+            found.append(term.kernel.function(times, *local, e.p[term.data], lam[:, term.rows]))
+        return np.hstack(found)
 
 
 @dataclass(frozen=True)
@@ -94,19 +93,3 @@ def balance(e: EquationsOfMotion) -> BalanceRows:
         for t in e.joints
     )
     return BalanceRows(e, tuple(forces), tuple(joints))
-
-
-@once
-def drift(e: EquationsOfMotion) -> RowFunction:
-    """Largest |g| and |g_dot|."""
-    symbols = _symbols(e)
-    levels = [_largest(e.level(k, *symbols[:5])) for k in (0, 1)]
-    return _of_rows("drift", symbols, ca.vertcat(*levels))
-
-
-def _largest(x: MX) -> MX:
-    return ca.norm_inf(x) if x.numel() else MX(0)
-
-
-def _of_rows(name: str, symbols: tuple[MX, ...], value: MX) -> RowFunction:
-    return RowFunction(ca.Function(name, list(symbols), ca.cse([ca.densify(value)])))

@@ -10,7 +10,10 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.parts.part import Part
+from beamdae.symbolic.alike import by_kernel
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.local import Local
+from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
 
 Array = np.ndarray
 
@@ -23,15 +26,21 @@ _FAR, _NEAR, _GROWTH = 4.0**-6, 4.0**-11, 16.0
 
 
 class LawOfPart(NamedTuple):
-    """A law that changes with time, as a function of (t, branch), and the part that follows it."""
+    """A law that changes with time, and the part that follows it.
+
+    It is an observed quantity of no coordinates: laws that differ in numbers alone share the
+    function, which has these as data.
+    """
 
     part: str
     function: RowFunction
+    data: Array
 
     def size(self, times: Array, branches: Array) -> Array:
         """Size of its values at rows of times [s], each on its branch; that of no number is 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
-        sizes = np.abs(self.function(rows)).reshape(times.shape)
+        none = np.zeros(0)
+        sizes = np.abs(self.function(rows, none, none, self.data, none)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
@@ -40,12 +49,14 @@ def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
     found: dict[int, LawOfPart] = {}
     for part in parts:
         for law in part.laws:
-            time = ca.SX.sym("t", 2)
-            value = law(time)
-            if id(law) not in found and ca.depends_on(value, time):
-                found[id(law)] = LawOfPart(
-                    part.name, RowFunction(ca.Function("law", [time], [ca.densify(value)]))
-                )
+            if id(law) in found:
+                continue
+            local = Local(0)
+            value = law(local.time)
+            if ca.depends_on(value, local.time):
+                stated = ObservedStatement(ObservedKernel(local, value), np.zeros((0, 1)))
+                (alike,) = by_kernel([stated])
+                found[id(law)] = LawOfPart(part.name, alike.kernel.function, alike.data[:, 0])
     return tuple(found.values())
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, once
-from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.sparse_sums import SparseSum
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.start_sums import start_sums
+from beamdae.equations.structure import ConstraintTerm, Structure, once
+from beamdae.equations.sums import data_of
+from beamdae.symbolic.sparse_sums import column_of, products
 
 Array = np.ndarray
-MX = ca.MX
 
 # Of matrices that are in memory at once.
 _ENTRIES = 2_000_000
@@ -29,15 +29,15 @@ class JointMatrix:
     ----------
     equations
         Whose joints they are.
-    function
-        Rows of (time, q, p) -> non-zeros of G on `pattern`.
     pattern
         CSC pattern of G.
+    placed
+        Of each of the joints: from the gradients of its copies to the non-zeros of G.
     """
 
     equations: EquationsOfMotion
-    function: RowFunction
     pattern: sp.csc_array
+    placed: tuple[sp.csr_array, ...]
 
     def at(self, times: Array, q: Array) -> Array:
         """G at rows of (t, branch) and q, columns of zeros left out, shape (rows, m, .)."""
@@ -45,12 +45,23 @@ class JointMatrix:
         count = np.diff(pattern.indptr)
         (held,) = np.nonzero(count)
         column = np.repeat(np.arange(len(held)), count[held])
-        values = self.function(times, q, self.equations.p)
+        values = self._nonzeros(times, q)
         values *= np.repeat(self.equations.position_scales[held], count[held])
         matrix = np.zeros((len(q), self.equations.m, len(held)))
         matrix[:, pattern.indices, column] = values
         length = np.linalg.norm(matrix, axis=2, keepdims=True)
         return matrix / np.where(length > 0.0, length, 1.0)
+
+    def _nonzeros(self, times: Array, q: Array) -> Array:
+        """Non-zeros of G at rows of (t, branch) and q, a row each."""
+        total = np.zeros((len(q), self.pattern.nnz))
+        for joint, placed in zip(self.equations.joints, self.placed, strict=True):
+            count, size = joint.count, joint.kernel.local.size
+            local = np.asarray(joint.operator @ q.T).T.reshape(len(q) * count, size)
+            data = np.tile(data_of(self.equations, joint).T, (len(q), 1))
+            own = joint.kernel.gradients(np.repeat(times, count, axis=0), local, data)
+            total += own.reshape(len(q), -1) @ placed
+        return total
 
     def smallest(self, times: Array, q: Array) -> Array:
         """Smallest singular value of G at rows of (t, branch) and q, shape (rows,)."""
@@ -73,14 +84,31 @@ class JointMatrix:
         )
 
 
-@once
 def joint_matrix(e: EquationsOfMotion) -> JointMatrix:
     """The joint matrix of a mechanism."""
-    time, q, p = MX.sym("time", 2), MX.sym("q", e.n), MX.sym("p", len(e.p))
-    blocks, _, _ = e.constraint_blocks(time, q, MX.zeros(e.n), p, MX.zeros(e.m))
-    pattern, nonzeros = SparseSum.of((e.m, e.n), blocks).assemble()
-    function = ca.Function("joints", [time, q, p], [nonzeros])
-    return JointMatrix(e, RowFunction(function), pattern)
+    return JointMatrix(e, start_sums(e.structure).gradient_pattern, _placed(e.structure))
+
+
+@once
+def _placed(structure: Structure) -> tuple[sp.csr_array, ...]:
+    pattern = start_sums(structure).gradient_pattern
+    place = column_of(pattern) * structure.m + pattern.indices
+    return tuple(_placed_copies(joint, structure.m, place) for joint in structure.joints)
+
+
+def _placed_copies(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
+    """From the gradients of all copies to entries of G, which are at column * m + row = `place`."""
+    own = joint.kernel.gradient_pattern
+    row, column = (np.array(x, int) for x in own.get_triplet())
+    copy = np.repeat(np.arange(joint.count), len(row))
+    i, j, source, weight = products(
+        joint.rows,
+        copy * own.size1() + np.tile(row, joint.count),
+        joint.operator,
+        copy * own.size2() + np.tile(column, joint.count),
+    )
+    to = np.searchsorted(place, j.astype(np.int64) * m + i)
+    return sp.csr_array((weight, (source, to)), shape=(len(copy), len(place)))
 
 
 def _smallest(matrices: Array) -> Array:

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, once
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import Structure, once
 from beamdae.equations.sums import (
     Places,
     add_joint_matrices,
@@ -83,7 +84,8 @@ class StepEquations:
         """What a run evaluates the equations with, for itself alone."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
-        return StepSums(n, m, int(self.stabilized), motion, *(s.sum(native) for s in self.sums))
+        sums = (total.sum(native, self.equations.p) for total in self.sums)
+        return StepSums(n, m, int(self.stabilized), motion, *sums)
 
 
 @dataclass(slots=True)
@@ -175,21 +177,29 @@ def step_matrix(
 
 @once
 def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
-    """Build the step equations on index 3, or on the stabilized index-2 form."""
-    n, m = equations.n, equations.m
+    """The step equations on index 3, or on the stabilized index-2 form."""
+    return StepEquations(equations, stabilized, *_step_sums(equations.structure, stabilized))
+
+
+@once
+def _step_sums(
+    structure: Structure, stabilized: bool
+) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:
+    """The pattern of the iteration matrix, and the sums of `StepEquations`."""
+    n, m = structure.n, structure.m
     at = Places(q=0, v=n, a=2 * n, lam=3 * n)
     anchor = Places(q=3 * n + m, lam=4 * n + m)
     levels = (0, 1) if stabilized else (0,)
-    residual = residual_sum(equations, at, levels, stabilized=False)
-    held = np.unique(np.concatenate([[], *(j.operator.indices for j in equations.joints)]))
+    residual = residual_sum(structure, at, levels, stabilized=False)
+    held = np.unique(np.concatenate([[], *(j.operator.indices for j in structure.joints)]))
     corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
-    pattern, matrix = _matrix_sum(equations, at, anchor, sp.csr_array(corrected), stabilized)
-    sums = (residual.vector(), reaction_sum(equations, anchor).vector(), matrix)
-    return StepEquations(equations, stabilized, pattern, sums)
+    pattern, matrix = _matrix_sum(structure, at, anchor, sp.csr_array(corrected), stabilized)
+    sums = (residual.vector(), reaction_sum(structure, anchor).vector(), matrix)
+    return pattern, sums
 
 
 def _matrix_sum(
-    equations: EquationsOfMotion,
+    equations: Structure,
     at: Places,
     anchor: Places,
     corrected: sp.csr_array,

@@ -7,12 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import (
-    ConstraintTerm,
-    EquationsOfMotion,
-    ForceTerm,
-    once,
-)
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure, once
 from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import MATRIX_SHARED
@@ -54,8 +50,33 @@ def _joint_inputs(
     return _motion(term.operator, *motion) + _motion(term.rows, *held)
 
 
+def _add_forces(total: SumBuilder, structure: Structure, at: Places, row: int) -> None:
+    """Add F, from a row on."""
+    for term, by in zip(structure.forces, _turns(structure), strict=True):
+        copies = _add_force(total, at, term, by, term.kernel.force_kernel)
+        total.add_column(copies, 0, by.picked, row)
+
+
+@once
+def _turns(structure: Structure) -> list[Turned]:
+    """Operators of the forces as kernels take them: those of elements turn within."""
+    return [
+        turned_operator(term.operator, term.count)
+        if term.kernel.reused
+        else Turned(term.operator, None, np.zeros((0, term.count)))
+        for term in structure.forces
+    ]
+
+
+def _add_force(
+    total: SumBuilder, at: Places, term: ForceTerm, by: Turned, kernel: Kernel
+) -> Copies:
+    inputs = _motion(by.picked, at.q, at.v, at.a)
+    return total.add(by.kernel(kernel, len(inputs)), inputs, term.data, term.count, by.data)
+
+
 def residual_sum(
-    equations: EquationsOfMotion,
+    structure: Structure,
     at: Places,
     levels: tuple[int, ...],
     stabilized: bool,
@@ -65,14 +86,12 @@ def residual_sum(
 
     See `ConstraintKernel.residual_kernel`.
     """
-    n, m, total = equations.n, equations.m, SumBuilder(_TIME)
-    for term, by in zip(equations.forces, _turns(equations), strict=True):
-        copies = _add_force(total, equations, at, term, by, term.kernel.force_kernel)
-        total.add_column(copies, 0, by.picked, dynamic)
-    for joint in equations.joints:
+    n, m, total = structure.n, structure.m, SumBuilder(_TIME)
+    _add_forces(total, structure, at, dynamic)
+    for joint in structure.joints:
         kernel = joint.kernel.residual_kernel(levels, stabilized)
         inputs = _joint_inputs(joint, at, levels, stabilized)
-        copies = total.add(kernel, inputs, data_of(equations, joint), joint.count)
+        copies = total.add(kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, dynamic)
         if stabilized:
             total.add_column(copies, 1, joint.operator, 0)
@@ -81,59 +100,48 @@ def residual_sum(
     return total
 
 
-@once
-def _turns(equations: EquationsOfMotion) -> list[Turned]:
-    """Operators of the forces as kernels take them: those of elements turn within."""
-    return [
-        turned_operator(term.operator, term.count)
-        if term.kernel.reused
-        else Turned(term.operator, None, np.zeros((0, term.count)))
-        for term in equations.forces
-    ]
+def motion_sum(structure: Structure, at: Places) -> SumBuilder:
+    """Rows: F, g, g_dot and g_ddot; what is not finite in G leaves them as they are."""
+    levels, total = (0, 1, 2), SumBuilder(_TIME)
+    _add_forces(total, structure, at, 0)
+    for joint in structure.joints:
+        kernel = joint.kernel.residual_kernel(levels, False)
+        inputs = _joint_inputs(joint, at, levels, False)
+        copies = total.add(kernel, inputs, joint.data, joint.count)
+        for k in levels:
+            total.add_column(copies, 1 + k, joint.rows, structure.n + k * structure.m)
+    return total
 
 
-def _add_force(
-    total: SumBuilder,
-    equations: EquationsOfMotion,
-    at: Places,
-    term: ForceTerm,
-    by: Turned,
-    kernel: Kernel,
-) -> Copies:
-    inputs = _motion(by.picked, at.q, at.v, at.a)
-    data = np.concatenate([data_of(equations, term), by.data])
-    return total.add(by.kernel(kernel, len(inputs)), inputs, data, term.count)
-
-
-def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
+def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
     """Rows: G^T lam."""
     total = SumBuilder(_TIME)
-    for joint in equations.joints:
-        kernel, data = joint.kernel.residual_kernel((), False), data_of(equations, joint)
-        copies = total.add(kernel, _joint_inputs(joint, at, (), False), data, joint.count)
+    for joint in structure.joints:
+        kernel, inputs = (
+            joint.kernel.residual_kernel((), False),
+            _joint_inputs(joint, at, (), False),
+        )
+        copies = total.add(kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, 0)
     return total
 
 
 def add_tangents(
-    total: SumBuilder, equations: EquationsOfMotion, at: Places, sums: Tangents
+    total: SumBuilder, structure: Structure, at: Places, sums: Tangents
 ) -> list[tuple[sp.csr_array, Copies]]:
     """Add the kernels of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, an output each.
 
     With each kernel goes the operator of its rows and columns.
     """
     return [
-        (
-            by.picked,
-            _add_force(total, equations, at, term, by, term.kernel.tangent_kernel(sums)),
-        )
-        for term, by in zip(equations.forces, _turns(equations), strict=True)
+        (by.picked, _add_force(total, at, term, by, term.kernel.tangent_kernel(sums)))
+        for term, by in zip(structure.forces, _turns(structure), strict=True)
     ]
 
 
 def add_joint_matrices(
     total: SumBuilder,
-    equations: EquationsOfMotion,
+    structure: Structure,
     at: Places,
     levels: tuple[int, ...],
     stabilized: bool,
@@ -145,11 +153,11 @@ def add_joint_matrices(
             total.add(
                 joint.kernel.matrices_kernel(levels, stabilized),
                 _joint_inputs(joint, at, levels, stabilized),
-                data_of(equations, joint),
+                joint.data,
                 joint.count,
             ),
         )
-        for joint in equations.joints
+        for joint in structure.joints
     ]
 
 

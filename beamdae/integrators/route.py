@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.consistent_start import Starter, require_inertia
+from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.poles import require_no_pole
@@ -111,8 +111,8 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
             inner.append(b)
     intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
     require_no_pole(equations.laws, intervals)
-    require_inertia(equations)
     starter = Starter(equations)
+    starter.require_inertia()
     first = np.array([start, branch_of(*intervals[0])])
     state = starter.state(first, equations.q0, equations.v0)
     # A scout and the run after it ask for the same ones.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,6 @@ from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
@@ -138,7 +138,7 @@ class Solution:
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
-        return dict(zip(headers, self._measured(measures.observed(e)).T, strict=True))
+        return dict(zip(headers, self._measured(measures.ObservedRows(e)).T, strict=True))
 
     @cached_property
     def observed(self) -> pd.DataFrame:
@@ -155,9 +155,9 @@ class Solution:
         some = replace(self, t=self.t[::apart])
         return some.columns, some.t
 
-    def _measured(self, function: RowFunction) -> Array:
+    def _measured(self, rows: Callable[..., Array]) -> Array:
         times, state = self._output
-        return function(times, *state[:3], self.equations.p, state.lam)
+        return rows(times, *state)
 
     @cached_property
     def _books(self) -> EnergyLedger:
@@ -175,7 +175,7 @@ class Solution:
         """Largest |g| and |g_dot| over the joints at the output times."""
         import pandas as pd
 
-        rows = self._measured(measures.drift(self.equations))
+        rows = self._measured(measures.balance(self.equations))[:, -2:]
         return pd.DataFrame(rows, columns=list(measures.DRIFT_COLUMNS))
 
     @cached_property

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -24,6 +25,8 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+AnyKernel = ForceKernel | ConstraintKernel | ObservedKernel
+Statement = ForceStatement | ConstraintStatement | ObservedStatement
 
 # Kernels that are kept for models to come.
 _MOST_KINDS = 512
@@ -47,7 +50,7 @@ class Alike(NamedTuple):
     data: Array
 
 
-def by_kernel(statements: Sequence[ForceStatement | ConstraintStatement]) -> list[Alike]:
+def by_kernel(statements: Sequence[Statement]) -> list[Alike]:
     """The statements by kernel, those of one kind with the same."""
     kinds: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
@@ -56,9 +59,7 @@ def by_kernel(statements: Sequence[ForceStatement | ConstraintStatement]) -> lis
     return [_alike(kind, members, statements) for kind, members in kinds.items()]
 
 
-def _alike(
-    kind: Any, members: list[int], statements: Sequence[ForceStatement | ConstraintStatement]
-) -> Alike:
+def _alike(kind: Any, members: list[int], statements: Sequence[Statement]) -> Alike:
     own = [statements[k] for k in members]
     data = np.concatenate([statement.data for statement in own], axis=1)
     if not isinstance(kind, _Recipe):
@@ -80,7 +81,7 @@ class _Recipe(NamedTuple):
         Operations, their operands and their results.
     """
 
-    type: type[ForceKernel | ConstraintKernel]
+    type: type[AnyKernel]
     size: int
     n_data: int
     n_multipliers: int
@@ -88,11 +89,11 @@ class _Recipe(NamedTuple):
     steps: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
 
 
-def _function(kernel: ForceKernel | ConstraintKernel) -> ca.Function:
+def _function(kernel: AnyKernel) -> ca.Function:
     return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
 
 
-def _recipe(kernel: ForceKernel | ConstraintKernel) -> _Recipe | None:
+def _recipe(kernel: AnyKernel) -> _Recipe | None:
     """The recipe of a kernel; None of those of elements, which are shared as they are."""
     if kernel.reused:
         return None
@@ -107,7 +108,7 @@ def _recipe(kernel: ForceKernel | ConstraintKernel) -> _Recipe | None:
     return _Recipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
 
 
-def _numbers(kernel: ForceKernel | ConstraintKernel) -> Array:
+def _numbers(kernel: AnyKernel) -> Array:
     """The numbers in a kernel, in the order of its steps."""
     f = _function(kernel)
     steps = range(f.n_instructions())
@@ -117,7 +118,7 @@ def _numbers(kernel: ForceKernel | ConstraintKernel) -> Array:
 
 
 @lru_cache(maxsize=_MOST_KINDS)
-def _general(recipe: _Recipe) -> ForceKernel | ConstraintKernel:
+def _general(recipe: _Recipe) -> AnyKernel:
     """The kernel of a kind with its numbers as further data, the same one every time.
 
     Models that differ in numbers alone so have the same kernels, and what is derived from them.

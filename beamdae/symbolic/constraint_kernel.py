@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import SX, Local, column_misfit
 
@@ -61,15 +62,6 @@ class ConstraintKernel:
     @cached_property
     def _g_dot(self) -> SX:
         return self.local.dot(self.constraint)
-
-    @cached_property
-    def level_functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
-        """g, g_dot and g_ddot as functions of their own, (time, q, v, a, data) each."""
-        x = self.local
-        levels = (self.constraint, self._g_dot, x.ddot(self.constraint))
-        inputs = [x.time, x.q, x.v, x.a, x.data]
-        g, g_dot, g_ddot = (ca.Function("level", inputs, [ca.densify(o)]) for o in levels)
-        return g, g_dot, g_ddot
 
     def _local(self, levels: tuple[int, ...], mu: SX) -> SX:
         """(q, v, a, lam, mu, data), of v and a what the levels ask for."""
@@ -130,24 +122,16 @@ class ConstraintKernel:
             outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c[2] * self._jacobian]
         return Kernel.of("joint", ca.vertcat(x.time, c), self._local(levels, mu), outputs)
 
-    @cached_property
-    def reaction_function(self) -> ca.Function:
-        """(time, q, data, lam) -> G^T lam, shape (size of q,)."""
-        x = self.local
-        return ca.Function(
-            "reaction", [x.time, x.q, x.data, x.lam], [ca.densify(self._jacobian.T @ x.lam)]
-        )
+    @property
+    def gradient_pattern(self) -> ca.Sparsity:
+        """Pattern of dg/dq."""
+        return self._jacobian.sparsity()
 
     @cached_property
-    def matrices_function(self) -> ca.Function:
-        """(time, q, v, data, lam) -> G, d g_dot/dq and d(G^T lam)/dq, sparse."""
-        x = self.local
-        outputs = [
-            self._jacobian,
-            ca.jacobian(self._g_dot, x.q),
-            ca.jacobian(self._jacobian.T @ x.lam, x.q),
-        ]
-        return ca.Function("matrices", [x.time, x.q, x.v, x.data, x.lam], ca.cse(outputs))
+    def gradients(self) -> RowFunction:
+        """Rows of (time, q, data) -> rows of the non-zeros of dg/dq."""
+        nonzeros = ca.densify(ca.vec(self._jacobian.nz[:]))
+        return RowFunction(ca.Function("gradients", self.inputs, [nonzeros]))
 
     @cached_property
     def balance_kernel(self) -> Kernel:

@@ -74,23 +74,6 @@ class ForceKernel:
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
-    def force_function(self) -> ca.Function:
-        """(time, q, v, a, data) -> F."""
-        return ca.Function("force", self.inputs, [ca.densify(self.force)])
-
-    @cached_property
-    def tangent_function(self) -> ca.Function:
-        """(..., c_v, c_a) -> dF/dq and c_v dF/dv + c_a dF/da, (size, size) each, sparse."""
-        x = self.local
-        c_v, c_a, d = SX.sym("c_v"), SX.sym("c_a"), SX.sym("d", x.size)
-        moved = ca.substitute(
-            self.force, ca.vertcat(x.v, x.a), ca.vertcat(x.v + c_v * d, x.a + c_a * d)
-        )
-        damping_and_mass = ca.substitute(ca.jacobian(moved, d), d, SX.zeros(x.size))
-        outputs = ca.cse([ca.jacobian(self.force, x.q), damping_and_mass])
-        return ca.Function("tangent", [*self.inputs, c_v, c_a], outputs)
-
-    @cached_property
     def force_kernel(self) -> Kernel:
         """Shared (t, branch), local (q, v, a, data) -> F."""
         x = self.local

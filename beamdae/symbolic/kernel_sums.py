@@ -42,6 +42,17 @@ class Kernel:
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
     turned: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
+    _copies: dict[int, ca.Function] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+
+    def copies(self, count: int) -> ca.Function:
+        """The function of many copies side by side: making it costs as much as using it."""
+        if count not in self._copies:
+            function = self.function
+            many = function.map("copies", "serial", count, [0], []) if count > 1 else function
+            self._copies[count] = many
+        return self._copies[count]
 
     @cached_property
     def native(self) -> LaneKernel | None:
@@ -114,11 +125,16 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True)
 class SumPlan:
-    """A sum without buffers, see `Sum`; what it has of constants is shared by all of them."""
+    """A sum without buffers and numbers, see `Sum`; what it has of constants is shared by all.
+
+    The numbers of a model go to local[data_at] = p[data_of].
+    """
 
     n_shared: int
     n_out: int
     local: Array
+    data_at: Array
+    data_of: Array
     calls: tuple[Stretch, ...]
     stretches: Array
     at: Array
@@ -137,8 +153,13 @@ class SumPlan:
         """Whether all kernels can be had in machine code."""
         return all(call.kernel.native is not None for call in self.calls)
 
-    def sum(self, native: bool) -> Sum:
-        """The sum with buffers, with kernels in machine code or by the virtual machine."""
+    def sum(self, native: bool, p: Array) -> Sum:
+        """The sum with buffers, with kernels in machine code or by the virtual machine.
+
+        `p` are the numbers of the model.
+        """
+        local = self.local.copy()
+        local[self.data_at] = p[self.data_of]
         kernels: Any = [_Evaluated(call) for call in self.calls]
         alive: tuple[Any, ...] = ()
         if native:
@@ -146,7 +167,7 @@ class SumPlan:
             kernels = np.array([kernel.address for kernel in alive], np.int64)
         return Sum(
             np.zeros(self.n_shared),
-            self.local.copy(),
+            local,
             np.zeros(self.n_out),
             kernels,
             self.stretches,
@@ -170,8 +191,7 @@ class _Evaluated:
     def __init__(self, call: Stretch) -> None:
         kernel, local, lanes, count = call
         function = kernel.function
-        many = function.map("copies", "serial", count, [0], []) if count > 1 else function
-        self._compiled = Compiled(many)
+        self._compiled = Compiled(kernel.copies(count))
         shape = (function.numel_in(1), lanes)
         self._local, self._in = slice(local, local + shape[0] * lanes), shape
         entries = function.numel_out(0)

@@ -61,14 +61,26 @@ class SumBuilder:
     n_shared: int
     _local: int = 0
     _out: int = 0
-    _data: list[tuple[int, Array]] = field(default_factory=list)
+    _data: list[tuple[Array, Array]] = field(default_factory=list)
+    _constants: list[tuple[Array, Array]] = field(default_factory=list)
     _calls: list[Stretch] = field(default_factory=list)
     _sources: list[int] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
-    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: Array, count: int) -> Copies:
-        """Add `count` copies of a kernel with these local inputs, the last of them `data`."""
+    def add(
+        self,
+        kernel: Kernel,
+        inputs: Sequence[Gathered],
+        data: slice,
+        count: int,
+        constants: Array | None = None,
+    ) -> Copies:
+        """Add `count` copies of a kernel with these local inputs.
+
+        Behind them stand what is at `data` among the numbers of the model, copy after copy, and
+        `constants`, a column a copy.
+        """
         copies, numbers, row = Copies(kernel, count, self._out), kernel.function.numel_in(1), 0
         if kernel.function.numel_out(0) == 0:
             return copies
@@ -79,13 +91,20 @@ class SumBuilder:
             at = self._local + _places(count, numbers, row + own, copy)
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
-        assert row + data.shape[0] == numbers
+        n_data = (data.stop - data.start) // count
+        more = np.zeros((0, count)) if constants is None else constants
+        assert row + n_data + len(more) == numbers
         for first in range(0, count, _AT_ONCE):
-            own = data[:, first : first + _AT_ONCE]
-            lanes = padded(own.shape[1])
-            self._calls.append(Stretch(kernel, self._local, lanes, own.shape[1]))
+            found = min(count - first, _AT_ONCE)
+            lanes = padded(found)
+            self._calls.append(Stretch(kernel, self._local, lanes, found))
             self._sources.append(self._out)
-            self._data.append((self._local + row * lanes, _spread(own, lanes)))
+            # Lanes to spare have the numbers of the last copy: they must not be special.
+            copy = first + np.minimum(np.arange(lanes), found - 1)
+            of = data.start + np.arange(n_data)[:, None] + n_data * copy
+            at = self._local + np.arange(numbers * lanes).reshape(numbers, lanes)[row:]
+            self._data.append((at[:n_data].ravel(), of.ravel()))
+            self._constants.append((at[n_data:].ravel(), more[:, copy].ravel()))
             self._local += numbers * lanes
             self._out += kernel.function.numel_out(0) * lanes
         return copies
@@ -155,8 +174,7 @@ class SumBuilder:
         return pattern, self._plan(target + which * pattern.nnz, source, weight)
 
     def _collected(self) -> tuple[Array, ...]:
-        none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
-        return tuple(np.concatenate(x) for x in zip(*(self._entries or none), strict=True))
+        return _joined(self._entries, "llld")
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
         starts = np.array([*self._sources, self._out])
@@ -166,7 +184,7 @@ class SumBuilder:
         columns = np.where(behind, source + self.n_shared + 1, source - starts[stretch])
         order = np.lexsort((rows, stretch))
         plain, weighted = _split(order, weight == 1.0)
-        at, of, weights = self._collected_gathers()
+        at, of, weights = _joined(self._gathers, "lld")
         alone = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
         picked, gathered = _split(np.argsort(at, kind="stable"), alone)
         firsts = np.array([call.local for call in self._calls], int)
@@ -175,13 +193,16 @@ class SumBuilder:
         of_local = np.searchsorted(firsts, at, "right") - 1
         ended = ((of_local, picked), (of_local, gathered), (stretch, plain), (stretch, weighted))
         stretches += [np.searchsorted(by[entries], calls, "right") for by, entries in ended]
+        data_at, data_of = _joined(self._data, "ll")
+        constants_at, constants = _joined(self._constants, "ld")
         local = np.zeros(self._local)
-        for start, values in self._data:
-            local[start : start + values.size] = values
+        local[constants_at] = constants
         return SumPlan(
             self.n_shared,
             max([self.n_shared + 1, *np.diff(starts)]),
             local,
+            _index(data_at),
+            _index(data_of),
             tuple(self._calls),
             np.ascontiguousarray(np.array(stretches, np.int64).reshape(6, -1).T),
             at=_index(at[picked]),
@@ -196,9 +217,11 @@ class SumBuilder:
             weights=weight[weighted],
         )
 
-    def _collected_gathers(self) -> tuple[Array, ...]:
-        none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
-        return tuple(np.concatenate(x) for x in zip(*(self._gathers or none), strict=True))
+
+def _joined(parts: Sequence[tuple[Array, ...]], kinds: str) -> tuple[Array, ...]:
+    """One after the other, of arrays of these kinds, which may be none."""
+    none = tuple(np.zeros(0, kind) for kind in kinds)
+    return tuple(np.concatenate(x) for x in zip(none, *parts, strict=True))
 
 
 def _split(order: Array, chosen: Array) -> tuple[Array, Array]:
@@ -209,11 +232,3 @@ def _split(order: Array, chosen: Array) -> tuple[Array, Array]:
 def _index(numbers: Array) -> Array:
     # Unsigned: compiled loops then need not ask whether an index counts from the end.
     return numbers.astype(np.uint32)
-
-
-def _spread(data: Array, padded: int) -> Array:
-    """Columns of data, and the last one again and again: lanes to spare must not be special."""
-    if data.size == 0:
-        return np.zeros(0)
-    more = np.repeat(data[:, -1:], padded - data.shape[1], axis=1)
-    return np.concatenate([data, more], axis=1).ravel()

@@ -20,9 +20,7 @@ def falling():
         *(lambda e, form=form: first_order(e, form) for form in FIRST_ORDER),
         lambda e: step_equations(e, True),
         lambda e: step_equations(e, False),
-        measures.observed,
         measures.balance,
-        measures.drift,
     ],
 )
 def test_it_is_built_once_and_for_others_anew(build):

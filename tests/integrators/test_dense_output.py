@@ -76,11 +76,11 @@ def test_regression_forces_in_damped_sections_do_not_spike_between_steps(integra
     """Thousands of N between steps with a hundred, after the start and the end of the run-up."""
     solution = bd.simulate(FOUR_BAR, integrator, 0.04)
     assert solution.status.success, solution.status.sentence
-    observed, p = measures.observed(FOUR_BAR), FOUR_BAR.p
+    observed = measures.ObservedRows(FOUR_BAR)
     for interval in solution.trajectory.intervals:
         t = between(interval)
         inside, at_steps = (
-            np.abs(observed(np.stack([x, 0.0 * x + interval.branch], -1), *y[:3], p, y.lam))
+            np.abs(observed(np.stack([x, 0.0 * x + interval.branch], -1), *y))
             for x, y in ((t, interval.at(t)), (interval.t, interval.state))
         )
         # A polynomial of degree 4 grows to 2.2 times the values of its last steps at most, if

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State, first_order, first_order_parts
 from beamdae.equations.step_equations import Predicted, step_equations, step_matrix, step_residual
 from beamdae.native.loops import Loop
@@ -62,24 +61,39 @@ def test_sums_over_many_elements(native, elements, settings):
     if native and not is_on():
         pytest.skip("without machine code")
     equations = arch(elements, **settings)
-    n = equations.n
     state = motion(equations, np.random.default_rng(elements))
-    form, starter = step_equations(equations, False), Starter(equations)
+    form = step_equations(equations, False)
     c_v, c_a, c_f = 30.0, 200.0, 1e-3
     at = Predicted(*state[:3], state.q, np.array([c_v, c_a, c_f]))
     result, nonzeros = np.zeros(form.size), np.zeros(form.pattern.nnz)
     work = Work(form.buffers(native), at, np.zeros(form.size), result, nonzeros)
     (Loop(both, work) if native else lambda: both(work))()
-    force = c_f * starter.forces(TIME, state, state.a)
-    assert_allclose(result[:n], force, rtol=0.0, atol=RTOL * np.abs(force).max())
-    pattern = form.pattern
+    pattern, n = form.pattern, equations.n
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-    parts = starter.linearized(TIME, state)
-    expected = sum(c * part for c, part in zip(c_f * np.array([1, c_v, c_a]), parts, strict=True))
-    scale = np.abs(expected.toarray()).max()
-    assert_allclose(matrix[:n, :n].toarray(), expected.toarray(), rtol=0.0, atol=RTOL * scale)
-    G = starter.constraint_matrix(TIME, state.q)
-    assert_allclose(matrix[n:, :n].toarray(), G.toarray(), rtol=0.0, atol=RTOL)
+    force, tangent = by_copy(equations, state, (1.0, c_v, c_a))
+    found = matrix[:n, :n].toarray() / c_f
+    assert_allclose(result[:n] / c_f, force, rtol=0.0, atol=RTOL * np.abs(force).max())
+    assert_allclose(found, tangent, rtol=0.0, atol=RTOL * np.abs(tangent).max())
+
+
+def by_copy(equations, state, c):
+    """F and its derivatives times c, added up of one copy after the other."""
+    n, structure = equations.n, equations.structure
+    force, tangent = np.zeros(n), np.zeros((n, n))
+    for term in structure.forces:
+        kernel, own = term.kernel, term.operator.toarray().reshape(term.count, -1, n)
+        x, vectors = kernel.local, (kernel.local.q, kernel.local.v, kernel.local.a)
+        parts = [
+            factor * ca.jacobian(kernel.force, y) for factor, y in zip(c, vectors, strict=True)
+        ]
+        outputs = [ca.densify(kernel.force), ca.densify(sum(parts))]
+        function = ca.Function("copy", [x.time, *vectors, x.data], outputs)
+        data = equations.p[term.data].reshape(term.count, x.n_data)
+        for operator, numbers in zip(own, data, strict=True):
+            column, matrix = function(TIME, *(operator @ y for y in state[:3]), numbers)
+            force += operator.T @ column.full().ravel()
+            tangent += operator.T @ matrix.full() @ operator
+    return force, tangent
 
 
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1", "index3"])

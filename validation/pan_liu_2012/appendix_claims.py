@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-import casadi as ca
 import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from beamdae.equations.start_sums import StartEquations
 from pan_liu_2012.appendix import ARC, ELEMENTS, NODES, SECTION, State, derived, parts, printed
 from pan_liu_2012.claims import DIFFERS, Judgement, Tables, agrees, claim
 
@@ -46,11 +47,7 @@ def beam_force(gravity: np.ndarray) -> Callable[..., np.ndarray]:
         quadrature="full",
     )
     mech.add(beam)
-    equations = bd.equations_of_motion(mech)
-    q, v, a = (ca.MX.sym(name, equations.n) for name in "qva")
-    total = equations.force(ca.MX.zeros(2), q, v, a, ca.MX(equations.p))
-    function = ca.Function("F", [q, v, a], [total])
-    return lambda *given: np.array(function(*given)).ravel()
+    return partial(StartEquations(bd.equations_of_motion(mech)).force, np.zeros(2))
 
 
 CORRECTIONS = {

@@ -54,7 +54,7 @@ def tip_and_rotation(equations, times):
     """Tips (k, 2) and largest rotations (k,) relative to the frames along the path."""
     q = path(equations, times)
     zeros = np.zeros((len(q), 2)), np.zeros_like(q), np.zeros((len(q), equations.m))
-    observed = measures.observed(equations)(zeros[0], q, zeros[1], zeros[1], equations.p, zeros[2])
+    observed = measures.ObservedRows(equations)(zeros[0], q, zeros[1], zeros[1], zeros[2])
     rotation = [max(term.largest(row[None])[1] for term in equations.ranges) for row in q]
     return observed[:, :2], np.array(rotation)
 

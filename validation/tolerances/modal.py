@@ -41,6 +41,6 @@ def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np
     force = a @ mass.T + v @ damping.T + x @ stiffness.T - load
     lam = -np.linalg.lstsq(g.T, force.T, rcond=None)[0].T
     clock = np.stack([times, times], axis=-1)
-    rows = measures.observed(e)(clock, e.q0 + x, v, a, e.p, lam)
+    rows = measures.ObservedRows(e)(clock, e.q0 + x, v, a, lam)
     headers = [header for quantity in e.observables for header in quantity.headers]
     return dict(zip(headers, rows.T, strict=True))

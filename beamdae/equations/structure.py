@@ -1,0 +1,135 @@
+"""What models that differ in numbers alone have in common: kernels, and where they stand."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache, wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+
+import scipy.sparse as sp
+
+from beamdae.symbolic.constraint_kernel import ConstraintKernel
+from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.observed_kernel import ObservedKernel
+
+
+class Keeping(Protocol):
+    """What keeps things that are built from it."""
+
+    @property
+    def _derived(self) -> dict[Any, Any]: ...
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+K = TypeVar("K", bound=Keeping)
+
+# Structures that are kept for models to come, and the coordinates from which on they are not:
+# what is built from them grows with these, and beside the run it soon takes no time.
+_MOST_STRUCTURES = 32
+_MOST_COORDINATES = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTerm:
+    """Copies of one force kernel on the global coordinates; `data` tells where theirs are in p."""
+
+    kernel: ForceKernel
+    operator: sp.csr_array
+    data: slice
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintTerm:
+    """Copies of one constraint kernel on the global coordinates; `rows` picks their rows of g."""
+
+    kernel: ConstraintKernel
+    operator: sp.csr_array
+    data: slice
+    rows: sp.csr_array
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedTerm:
+    """An observed quantity on the global coordinates, and its multipliers."""
+
+    kernel: ObservedKernel
+    operator: sp.csr_array
+    data: slice
+    rows: slice
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Equations of motion but for their numbers, which are an array p.
+
+    Two of them are equal if they have the same kernels, at the same places, on the same operators.
+
+    Attributes
+    ----------
+    n, m
+        Number of coordinates and of constraints.
+    forces, joints, observed
+        The kernels.
+    """
+
+    n: int = field(compare=False)
+    m: int = field(compare=False)
+    forces: tuple[ForceTerm, ...] = field(compare=False, repr=False)
+    joints: tuple[ConstraintTerm, ...] = field(compare=False, repr=False)
+    observed: tuple[ObservedTerm, ...] = field(compare=False, repr=False)
+    _key: Any = field(init=False, repr=False)
+    _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        terms = (*self.forces, *self.joints, *self.observed)
+        key = (self.n, self.m, *(_told(value) for term in terms for value in vars(term).values()))
+        object.__setattr__(self, "_key", key)
+
+
+def _told(value: Any) -> Any:
+    """What tells an entry of a term from others; kernels are told by identity."""
+    if isinstance(value, slice):
+        return value.start, value.stop
+    if isinstance(value, sp.csr_array):
+        arrays = (value.indptr, value.indices, value.data)
+        return value.shape, *((array.dtype.char, array.tobytes()) for array in arrays)
+    return value if isinstance(value, int) else id(value)
+
+
+_interning = threading.Lock()
+
+
+def interned(structure: Structure) -> Structure:
+    """The structure that models before had if it is equal, else this one."""
+    if structure.n > _MOST_COORDINATES:
+        return structure
+    # Without the lock threads that come at once would each keep their own.
+    with _interning:
+        return _kept(structure)
+
+
+@lru_cache(maxsize=_MOST_STRUCTURES)
+def _kept(structure: Structure) -> Structure:
+    return structure
+
+
+def once(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
+    """Decorate what is built from a structure, or from equations of motion: built once for each.
+
+    What it gives has to be immutable: runs share it.
+    """
+
+    @wraps(build)
+    def kept(owner: K, *args: P.args, **kwargs: P.kwargs) -> T:
+        derived, key = owner._derived, (build, args, tuple(sorted(kwargs.items())))
+        if key not in derived:
+            # Threads that come at once may build it each, but all go on with the same one.
+            derived.setdefault(key, build(owner, *args, **kwargs))
+        return derived[key]
+
+    return kept
