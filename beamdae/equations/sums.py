@@ -113,6 +113,19 @@ def motion_sum(structure: Structure, at: Places) -> SumBuilder:
     return total
 
 
+def acceleration_sum(structure: Structure, at: Places) -> SumBuilder:
+    """Rows: g_ddot."""
+    levels, total = (2,), SumBuilder(_TIME)
+    for joint in structure.joints:
+        kernel, inputs = (
+            joint.kernel.residual_kernel(levels, False),
+            _joint_inputs(joint, at, levels, False),
+        )
+        copies = total.add(kernel, inputs, joint.data, joint.count)
+        total.add_column(copies, 1, joint.rows, 0)
+    return total
+
+
 def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
     """Rows: G^T lam."""
     total = SumBuilder(_TIME)

@@ -6,6 +6,7 @@ Plain Python over arrays: `native.loops` compiles it, and where that cannot be h
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from beamdae.equations.step_equations import (
     step_position,
     step_residual,
 )
+from beamdae.integrators.alpha_jerk import NormalJerk, normal_jerk
 from beamdae.integrators.alpha_run import AlphaRun, Motion
 from beamdae.integrators.drive import fitted
 from beamdae.native.codes import DONE, FULL, NEW_PIVOTS, SINGULAR
@@ -21,9 +23,9 @@ from beamdae.native.vectors import combine, factorize, fill, largest, norm, solv
 
 Array = np.ndarray
 
-# How else a loop comes back: for somebody to change the step, or because it cannot go on.
-NEW_STEP = 10
-NOT_CONVERGED, NOT_FINITE, ERROR_TOO_LARGE = -1, -2, -4
+# How else a loop comes back: for the first step of an interval, or because it cannot go on.
+FIRST_STEP = 10
+NOT_CONVERGED, NOT_FINITE, ERROR_TOO_LARGE, NOT_RESUMED = -1, -2, -4, -6
 
 _MAX_ITERATIONS = 12
 # The factors are kept while every iteration gains this much.
@@ -41,6 +43,22 @@ _FAILED_SHRINKAGE = 0.5
 _SAFETY = 0.8
 
 
+@dataclass(slots=True, kw_only=True)
+class AdaptiveRun(AlphaRun):
+    """A run whose steps adapt.
+
+    Attributes
+    ----------
+    jerk
+        By which velocities are corrected when the step changes.
+    corrects
+        Whether they are.
+    """
+
+    jerk: NormalJerk
+    corrects: int
+
+
 def fixed_steps(run: AlphaRun) -> int:
     """Equal steps, as many as are asked for and there are."""
     while run.taken < run.total:
@@ -56,7 +74,7 @@ def fixed_steps(run: AlphaRun) -> int:
     return DONE
 
 
-def adaptive_steps(run: AlphaRun) -> int:
+def adaptive_steps(run: AdaptiveRun) -> int:
     """Steps that pass the error test, as many as are asked for and there are."""
     while run.t < run.end:
         if run.filled == run.most:
@@ -68,7 +86,11 @@ def adaptive_steps(run: AlphaRun) -> int:
             h = run.kept.h
         if h != run.now.h:
             run.next = h
-            return NEW_STEP
+            if run.kept.h == 0.0:
+                return FIRST_STEP
+            code = _resume(run, h)
+            if code != DONE:
+                return code
         t = run.t
         code = _advance(run, run.end if last else t + h)
         if code == NEW_PIVOTS:
@@ -90,6 +112,44 @@ def adaptive_steps(run: AlphaRun) -> int:
         if not run.next >= run.smallest:
             return code
         run.now.h = 0.0
+    return DONE
+
+
+def take_step(run: AlphaRun, h: float) -> None:
+    """Go on with steps h."""
+    c_f = h * h * run.beta
+    c = run.at.coefficients
+    c[0] = run.gamma / (h * run.beta)
+    c[1] = (1.0 - run.alpha_m) / ((1.0 - run.alpha_f) * c_f)
+    c[2] = c_f
+    run.trend = h / run.kept.h if run.kept.h > 0.0 else 0.0
+    run.now.h, run.rate = h, math.inf
+
+
+def _resume(run: AdaptiveRun, h: float) -> int:
+    """Set the motion as steps h would have brought it about; keeps second order.
+
+    a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
+    q''_n + (h / h_n) (a_n - q''_n). On index 3 positions are on the constraints after every
+    step, although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q'''
+    (P as in `Starter.normal_jerk`): that is made h^2 defect P q'''. Without the first, steps
+    that change all the time are of first order; without the second, multipliers are after
+    every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27; Bruls & Arnold, J. Comput.
+    Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps instead.
+    """
+    kept, now, before = run.kept, run.now, run.kept.h
+    _keep(now, kept)
+    if run.corrects == 1 and h != before:
+        code = normal_jerk(run.jerk, run.t, run.branch, kept, 1e-2 * h)
+        if code != DONE:
+            run.jerk.linear.singular = 0
+            now.h = 0.0
+            return NEW_PIVOTS if code == NEW_PIVOTS else NOT_RESUMED
+        jerk = run.jerk.found[: now.q.size]
+        combine(now.v, (1.0, (h * h - before * before) * run.defect), (kept.v, jerk))
+    ratio = h / before
+    combine(now.a, (1.0 - ratio, ratio), (kept.ddq, kept.a))
+    take_step(run, h)
     return DONE
 
 

@@ -9,16 +9,20 @@ import numpy as np
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import Predicted, StepEquations
 from beamdae.errors import BeamdaeError
+from beamdae.integrators.alpha_jerk import JerkEquations
 from beamdae.integrators.alpha_loop import (
     ERROR_TOO_LARGE,
-    NEW_STEP,
+    FIRST_STEP,
     NOT_CONVERGED,
     NOT_FINITE,
+    NOT_RESUMED,
+    AdaptiveRun,
     adaptive_steps,
     fixed_steps,
+    take_step,
 )
 from beamdae.integrators.alpha_run import AlphaRun, Motion
-from beamdae.integrators.alpha_step import StepChange
+from beamdae.integrators.alpha_step import Start
 from beamdae.integrators.drive import StepError
 from beamdae.integrators.looping import Matrix, Running
 from beamdae.native.codes import SINGULAR
@@ -37,6 +41,7 @@ _REASONS = {
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
+    NOT_RESUMED: "the joints have become dependent on each other",
 }
 _ADVICE = {NOT_FINITE: "check laws and start values"}
 
@@ -51,7 +56,7 @@ class Steps:
     def __init__(
         self,
         form: StepEquations,
-        change: StepChange,
+        start: Start,
         scales: Array,
         newton_tolerance: float,
         linear_solver: str,
@@ -59,7 +64,7 @@ class Steps:
         bounds: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> None:
         """`bounds` are the tolerance of a step, the largest and the smallest one."""
-        self._change = change
+        self._starting = start
         tolerance, largest, smallest = bounds
         n, m = form.equations.n, form.equations.m
         matrix, weights = Matrix.of(form.pattern), 1.0 / scales
@@ -73,8 +78,9 @@ class Steps:
             def vector() -> Array:
                 return np.zeros(n)
 
-            member = change.member
-            return AlphaRun(
+            member = start.member
+            return self._made(
+                native,
                 form=form.buffers(native),
                 linear=matrix.linear(native, linear_solver),
                 alpha_m=member.alpha_m,
@@ -103,11 +109,25 @@ class Steps:
             )
 
         def matrices(run: AlphaRun) -> list[tuple[Any, Matrix]]:
-            return [(run.linear, matrix)]
+            return [(run.linear, matrix), *self._more_matrices(run)]
 
-        self._running = Running(type(self)._loop, make, matrices, form.is_native)
+        is_native = form.is_native and self._is_native
+        self._running = Running(type(self)._loop, make, matrices, is_native)
         self._run = self._running.work
         self._code = 0
+
+    @property
+    def _is_native(self) -> bool:
+        """Whether all that the loop takes besides its equations can be had in machine code."""
+        return True
+
+    def _made(self, native: bool, **parts: Any) -> AlphaRun:
+        """What the loop works on; `native` tells for which kind of it."""
+        return AlphaRun(**parts)
+
+    def _more_matrices(self, run: Any) -> list[tuple[Any, Matrix]]:
+        """Further ones it factorizes."""
+        return []
 
     @property
     def counts(self) -> Statistics:
@@ -133,8 +153,8 @@ class Steps:
         run = self._run
         run.most, run.filled = min(most, _LOOKS), 0
         if self._code >= 0:
-            while (code := self._running()) == NEW_STEP:
-                self._set_step(run.next)
+            while (code := self._running()) == FIRST_STEP:
+                self._begin_with(run.next)
             # What went before a failure is not lost.
             self._code = code
         if run.filled == 0:
@@ -147,22 +167,16 @@ class Steps:
         run.end, run.branch = end, branch
         self._code, self._start = 0, state
 
-    def _set_step(self, h: float) -> None:
-        """Go on with steps h, from the start of the interval or from where the run is."""
-        run, change = self._run, self._change
-        time = np.array([run.t, run.branch])
+    def _begin_with(self, h: float) -> None:
+        """Begin the interval with steps h."""
+        run = self._run
         try:
-            if run.kept.h == 0.0:
-                found = change.started(time, self._start, h)
-            else:
-                found = change.resumed(time, run.kept, h)
+            found = self._starting.started(np.array([run.t, run.branch]), self._start, h)
         except BeamdaeError as problem:
             raise StepError(str(problem)) from problem
         for name in ("q", "v", "ddq", "a", "lam"):
             getattr(run.now, name)[:] = getattr(found, name)
-        run.now.h, run.rate = h, np.inf
-        run.trend = h / run.kept.h if run.kept.h > 0.0 else 0.0
-        run.at.coefficients[:] = change.coefficients(h)
+        take_step(run, h)
 
     def _reason(self, code: int) -> str:
         return f"{_REASONS[code]}; {_ADVICE.get(code, 'take a smaller step')}"
@@ -184,7 +198,7 @@ class FixedSteps(Steps):
         run = self._run
         run.taken, run.total = 0, max(int(np.ceil((end - start) / self._step - 1e-6)), 1)
         run.kept.h = 0.0
-        self._set_step((end - start) / run.total)
+        self._begin_with((end - start) / run.total)
 
 
 class AdaptiveSteps(Steps):
@@ -197,10 +211,29 @@ class AdaptiveSteps(Steps):
     _loop = staticmethod(adaptive_steps)
 
     def __init__(
-        self, *form: Any, first: float, largest: float, duration: float, tolerance: float
+        self,
+        form: StepEquations,
+        start: Start,
+        *settings: Any,
+        first: float,
+        largest: float,
+        duration: float,
+        tolerance: float,
     ) -> None:
-        super().__init__(*form, bounds=(tolerance, largest, _SMALLEST * duration))
+        equations = form.equations
+        self._corrects = start.index3 and equations.m > 0
+        self._jerks = JerkEquations.of(equations)
+        bounds = (tolerance, largest, _SMALLEST * duration)
+        super().__init__(form, start, *settings, bounds=bounds)
         self._first = first
+
+    @property
+    def _is_native(self) -> bool:
+        return self._jerks.is_native
+
+    def _made(self, native: bool, **parts: Any) -> AlphaRun:
+        jerk = self._jerks.buffers(native)
+        return AdaptiveRun(**parts, jerk=jerk, corrects=int(self._corrects))
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -215,8 +248,19 @@ class AdaptiveSteps(Steps):
         run.seen, run.worst = 0, 0.0
         run.kept.h = run.now.h = 0.0
 
+    def _more_matrices(self, run: Any) -> list[tuple[Any, Matrix]]:
+        return [(run.jerk.linear, self._jerks.matrix)]
+
     def _reason(self, code: int) -> str:
+        run = self._run
+        if code == NOT_RESUMED:
+            # What moves without inertia there has a name.
+            time = np.array([run.t, run.branch])
+            try:
+                self._starting.starter.acceleration(time, run.kept.q, run.kept.v)
+            except BeamdaeError as problem:
+                return str(problem)
         return (
-            f"{_REASONS[code]} even with a step of {self._run.next:.2g} s; "
+            f"{_REASONS[code]} even with a step of {run.next:.2g} s; "
             "check laws and start values, or loosen rtol"
         )

@@ -1,4 +1,4 @@
-"""The generalized-alpha family: its members, its start, its changes of the step."""
+"""The generalized-alpha family: its members, and its start."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def parameters(family: str, rho_inf: float) -> Parameters:
 
 
 @dataclass(frozen=True)
-class StepChange:
-    """Motions to go on from with another step.
+class Start:
+    """Motions to start from.
 
     Attributes
     ----------
@@ -95,13 +95,6 @@ class StepChange:
     starter: Starter
     index3: bool
     cured: bool
-
-    def coefficients(self, h: float) -> Array:
-        """(c_v, c_a, c_f) of the step equations."""
-        s = self.member
-        c_f = h**2 * s.beta
-        share = (1.0 - s.alpha_f) / (1.0 - s.alpha_m)
-        return np.array([s.gamma / (h * s.beta), 1.0 / (c_f * share), c_f])
 
     def started(self, time: Array, state: State, h: float) -> Motion:
         """Motion to start from at time = (t, branch) with the step `h`.
@@ -117,27 +110,3 @@ class StepChange:
         if self.index3:
             v += h**2 * self.member.defect * jerk
         return Motion(q, v, ddq, ddq + self.member.shift * h * jerk, lam, h)
-
-    def resumed(self, time: Array, kept: Motion, h: float) -> Motion:
-        """The motion as steps `h` would have brought it about; keeps second order.
-
-        a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
-        q''_n + (h / h_n) (a_n - q''_n). On index 3 positions are on the constraints after every
-        step, although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q'''
-        (P as in `Starter.normal_jerk`): that is made h^2 defect P q'''. Without the first, steps
-        that change all the time are of first order; without the second, multipliers are after
-        every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27; Bruls & Arnold, J. Comput.
-        Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps instead.
-
-        Raises
-        ------
-        BeamdaeError
-            If the joints have become dependent on each other.
-        """
-        v = kept.v
-        if self.index3 and h != kept.h:
-            state = State(kept.q, kept.v, kept.ddq, kept.lam)
-            jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
-            v = v + (h**2 - kept.h**2) * self.member.defect * jerk
-        a = kept.ddq + h / kept.h * (kept.a - kept.ddq)
-        return Motion(kept.q, v, kept.ddq, a, kept.lam, h)

@@ -10,7 +10,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, finite, keep, one_of, positive
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
-from beamdae.integrators.alpha_step import FAMILIES, Parameters, StepChange, parameters
+from beamdae.integrators.alpha_step import FAMILIES, Parameters, Start, parameters
 from beamdae.integrators.drive import SCOUTING_RTOL, drive
 from beamdae.integrators.integrator import (
     Accuracy,
@@ -180,8 +180,8 @@ class GeneralizedAlpha(Integrator):
     def _method(self, route: Route) -> FixedSteps | AdaptiveSteps:
         index3 = self.formulation == "index3"
         form = step_equations(route.equations, not index3)
-        change = StepChange(self._member, route.starter, index3, self.start == "cured")
-        common = (form, change, route.scales, self.newton_tolerance, self.linear_solver)
+        start = Start(self._member, route.starter, index3, self.start == "cured")
+        common = (form, start, route.scales, self.newton_tolerance, self.linear_solver)
         if self.rtol is None:
             return FixedSteps(*common, step=self.step)
         return AdaptiveSteps(

@@ -15,10 +15,15 @@ import beamdae as bd
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.alpha_loop import _accept, _reject
+from beamdae.integrators import alpha_loop
+from beamdae.integrators.alpha_jerk import JerkEquations, normal_jerk
+from beamdae.integrators.alpha_loop import FIRST_STEP, _accept, _reject
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.alpha_run import Motion
-from beamdae.integrators.alpha_step import StepChange, parameters
+from beamdae.integrators.alpha_step import Start, parameters
+from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
+from beamdae.native.loops import Loop
+from beamdae.native.objects import is_on
 
 MEMBERS = [
     *(("generalized-alpha", rho) for rho in (0.0, 0.3, 0.8, 1.0)),
@@ -62,12 +67,12 @@ def pushed(law):
     return mech
 
 
-def settings(equations, family, rho_inf, formulation="index3", form=None, change=StepChange):
+def settings(equations, family, rho_inf, formulation="index3", form=None):
     """What steps are made of, for Newton's iteration to go down to rounding."""
     index3 = formulation == "index3"
     form = form or step_equations(equations, not index3)
-    changes = change(parameters(family, rho_inf), Starter(equations), index3, cured=True)
-    return form, changes, equations.position_scales, 1e-10, "dense"
+    start = Start(parameters(family, rho_inf), Starter(equations), index3, cured=True)
+    return form, start, equations.position_scales, 1e-10, "dense"
 
 
 class March:
@@ -332,7 +337,7 @@ def marched(case, steps, family, formulation):
 @every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
 def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
-    # Without the treatment in `StepChange.resumed` q and v are between first and second order, lam
+    # Without the treatment in `alpha_loop._resume` q and v are between first and second order, lam
     # of first. The multipliers are still on their way down to second order.
     coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
     orders = np.log2(coarse / fine)
@@ -340,12 +345,14 @@ def test_second_order_is_kept_when_the_step_changes_every_time(case, family, for
     assert 1.9 < orders[2] < 2.6
 
 
-def test_a_change_of_the_step_costs_the_multipliers_nothing():
+def test_a_change_of_the_step_costs_the_multipliers_nothing(monkeypatch):
     """One change, where the start-up cure has long done its work."""
     equations, answer, _ = SMOOTH["pendulum"]
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     largest = []
-    for change in (StepChange, Untreated):
-        march = March(equations, "generalized-alpha", 0.8, change=change)
+    for resume in (alpha_loop._resume, untreated):
+        monkeypatch.setattr(alpha_loop, "_resume", resume)
+        march = March(equations, "generalized-alpha", 0.8)
         for k in range(150):
             march.step(2e-3 if k < 100 else 1e-3)
         t, found = march.found
@@ -353,26 +360,75 @@ def test_a_change_of_the_step_costs_the_multipliers_nothing():
     assert largest[0] < 0.02 * largest[1]
 
 
-class Untreated(StepChange):
-    def resumed(self, time, kept, h):
-        return Motion(kept.q, kept.v, kept.ddq, kept.a, kept.lam, h)
+def untreated(run, h):
+    alpha_loop._keep(run.now, run.kept)
+    alpha_loop.take_step(run, h)
+    return DONE
 
 
-class Counted(StepChange):
-    changes = 0
+def test_the_step_that_stays_is_left_alone(monkeypatch):
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    changed, resume = [], alpha_loop._resume
 
-    def resumed(self, time, kept, h):
-        Counted.changes += 1
-        return super().resumed(time, kept, h)
+    def counted(run, h):
+        changed.append(h)
+        return resume(run, h)
 
-
-def test_the_step_that_stays_is_left_alone():
-    march = March(SWING, "generalized-alpha", 0.8, change=Counted)
+    monkeypatch.setattr(alpha_loop, "_resume", counted)
+    march = March(SWING, "generalized-alpha", 0.8)
     for h in (1e-3, 1e-3 * (1.0 + 1e-12), 1e-3):
         march.step(h)
-    assert Counted.changes == 0
+    assert changed == []
     march.step(2e-3)
-    assert Counted.changes == 1
+    assert changed == [2e-3]
+
+
+@pytest.mark.parametrize("equations", [PENDULUM.equations, SLIDER_CRANK.equations])
+def test_the_jerk_within_loops_is_that_of_the_start(equations):
+    random = np.random.default_rng(0)
+    time, delta = np.array([0.1, 0.5]), 1e-5
+    q = equations.q0 + 1e-2 * random.normal(size=equations.n)
+    v, a = random.normal(size=(2, equations.n))
+    state = State(q, v, a, np.zeros(equations.m))
+    expected = Starter(equations).normal_jerk(time, state, delta)
+    jerk = JerkEquations.of(equations).buffers(native=False)
+    at = Motion(q, v, a, a, state.lam)
+    assert normal_jerk(jerk, *time, at, delta) == DONE
+    # Of a difference over 2 delta.
+    assert_allclose(
+        jerk.found[: equations.n], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+@pytest.mark.skipif(not is_on(), reason="without machine code")
+def test_changes_of_the_step_stay_within_the_loop(monkeypatch):
+    calls, call = [], Loop.__call__
+
+    def counted(loop):
+        code = call(loop)
+        calls.append(code)
+        return code
+
+    monkeypatch.setattr(Loop, "__call__", counted)
+    equations = SLIDER_CRANK.equations
+    # With scales given no scout goes before the run.
+    equations = replace(equations, scales=equations.position_scales)
+    solution = bd.simulate(equations, replace(ADAPTIVE, rtol=1e-6), 4.0)
+    assert solution.status.success
+    assert np.count_nonzero(np.abs(np.diff(steps_of(solution))) > 1e-9) >= 5
+    assert calls.count(FIRST_STEP) == 1
+    # Of two matrices, in two orders each.
+    assert calls.count(NEW_PIVOTS) <= 4
+    assert len(calls) <= 6 + solution.statistics.steps // 64
+
+
+def test_adaptive_steps_are_the_same_in_plain_python(monkeypatch):
+    integrator = replace(ADAPTIVE, rtol=1e-4)
+    compiled = bd.simulate(PENDULUM.equations, integrator, 0.3)
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    plain = bd.simulate(PENDULUM.equations, integrator, 0.3)
+    # Rounding, of steps in the power 1/3 of their errors.
+    assert_allclose(steps_of(compiled), steps_of(plain), rtol=1e-6)
 
 
 # Adaptive steps -------------------------------------------------------------------------------
@@ -593,16 +649,25 @@ def test_a_step_newton_cannot_take_is_made_smaller(formulation):
 
 def test_joints_that_become_dependent_are_a_status(monkeypatch):
     def singular(*_):
+        return SINGULAR
+
+    def nameless(self, time, q, v, stiff_time=0.0):
         raise bd.BeamdaeError("rail: it can move without inertia at t = 0.1.")
 
-    def spoilt(self, time, state, delta):
-        return singular() if time[0] > 0.0 else np.zeros(len(state.q))
-
-    monkeypatch.setattr(Starter, "normal_jerk", spoilt)
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    monkeypatch.setattr(alpha_loop, "normal_jerk", singular)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
     assert not solution.status.success
-    assert "rail: it can move without inertia" in solution.status.sentence
+    assert "joints have become dependent" in solution.status.sentence
     assert f"stopped at t = {solution.trajectory.end:.6g} s" in solution.status.sentence
+    acceleration = Starter.acceleration
+
+    def spoilt(self, time, *given, **more):
+        return (nameless if time[0] > 0.0 else acceleration)(self, time, *given, **more)
+
+    monkeypatch.setattr(Starter, "acceleration", spoilt)
+    solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
+    assert "rail: it can move without inertia" in solution.status.sentence
 
 
 def test_too_many_steps_are_a_status():
