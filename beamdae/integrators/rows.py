@@ -14,7 +14,7 @@ from beamdae.symbolic.memory import available_memory, gigabytes
 Array = np.ndarray
 
 # Rows of a block, or as many as make this many bytes where they are long.
-_ROWS_AT_ONCE, _BLOCK = 1024, 1e7
+_ROWS_AT_ONCE, _BLOCK = 8192, 1e7
 # So many bytes are there; to ask takes as long as hundreds of steps.
 _LITTLE = 1e8
 # What a result makes of its rows while it is put together, in rows.
@@ -38,6 +38,7 @@ class Rows:
         # Raised last: an interrupt leaves no row without its values.
         self._count = 0
         self._per_step = 1
+        self._is_finite = True
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
@@ -68,6 +69,8 @@ class Rows:
         return True
 
     def _write(self, rows: Array) -> None:
+        # Now, while they are in the caches.
+        self._is_finite &= bool(np.isfinite(rows).all())
         written = 0
         while written < len(rows):
             block, row = divmod(self._count + written, self._at_once)
@@ -111,10 +114,12 @@ class Rows:
     @property
     def is_finite(self) -> bool:
         """Whether all of them are numbers."""
-        return all(bool(np.isfinite(rows).all()) for rows in self._used)
+        return self._is_finite
 
     def cut_to_finite(self) -> bool:
         """Drop steps from the first one on that is not finite; whether there was none."""
+        if self._is_finite:
+            return True
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._used])
         bad = np.flatnonzero(~finite)
         if len(bad):
@@ -125,10 +130,11 @@ class Rows:
         return State(*np.split(row[1:], [e - 1 for e in self._ends[1:-1]]))
 
     def interval(self, branch: float) -> Interval:
-        """All of them."""
+        """All of them, of one block as they lie there: to copy them takes as long as short runs."""
         t, *state = (
-            np.concatenate([rows[:, first:last] for rows in self._used])
+            np.concatenate(parts) if len(parts) > 1 else parts[0]
             for first, last in pairwise([0, *self._ends])
+            for parts in [[rows[:, first:last] for rows in self._used]]
         )
         per_step = self._per_step if len(t) > 1 else 1
-        return Interval(t[:, 0], State(*state), branch, per_step)
+        return Interval(t[:, 0].copy(), State(*state), branch, per_step)

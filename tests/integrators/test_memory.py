@@ -42,6 +42,7 @@ def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, mo
     assert whole.statistics.steps > 1900
     monkeypatch.setattr(rows, "available_memory", lambda: 1e5)
     monkeypatch.setattr(rows, "_LITTLE", 0.0)
+    monkeypatch.setattr(rows, "_ROWS_AT_ONCE", 1024)
     solution = bd.simulate(pendulum(), integrator, 1.0)
     assert solution.status.kind == "limited"
     assert "states stored take 9.8e-05 GB" in solution.status.sentence
