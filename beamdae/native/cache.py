@@ -1,9 +1,9 @@
 """Where machine code is kept: a folder of the user's alone, files that prove what they are.
 
 Objects are executed once they are loaded, so nothing is loaded that anybody else could have put
-there, nor anything that is not what was built. A file's name ends with the checksum of its content
-and of what it was built from: the two appear by one renaming, and neither goes without the other.
-What is checked is what is loaded: the bytes that were read.
+there, nor anything that is not what was built. A file is named after what it was built from, and
+begins with the checksum of that and of the object: the two appear by one renaming. What is checked
+is what is loaded: the bytes that were read.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _UNFINISHED = "build-"
+# Bytes of it, before those of the object.
+_CHECKSUM = 32
 # Writing takes milliseconds; a file unfinished for longer than this [s] is of one that was killed.
 _LEFT_OVER = 3600.0
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -63,12 +65,12 @@ def cache_folder() -> Path:
 def find(folder: Path, recipe: str, name: str) -> bytes | None:
     """The object built from this recipe, if there is one that is what was built."""
     with _usable(folder):
-        for file in sorted(folder.glob(f"{_stem(recipe, name)}-*.o")):
-            with suppress(OSError):
-                content = _read(file)
-                if content is not None and file.name == _named(recipe, name, content):
-                    return content
-    return None
+        try:
+            found = _read(folder / _named(recipe, name)) or b""
+        except OSError:
+            return None
+    content = found[_CHECKSUM:]
+    return content if found[:_CHECKSUM] == _checksum(recipe, content) else None
 
 
 def keep(folder: Path, recipe: str, name: str, content: bytes) -> None:
@@ -77,16 +79,14 @@ def keep(folder: Path, recipe: str, name: str, content: bytes) -> None:
         descriptor, unfinished = tempfile.mkstemp(prefix=_UNFINISHED, dir=folder)
         try:
             with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
+                file.write(_checksum(recipe, content) + content)
                 file.flush()
                 # A name may reach the disk before what it names.
                 os.fsync(descriptor)
             _remove_left_over(folder, Path(unfinished).stat().st_mtime)
-            place = folder / _named(recipe, name, content)
-            # What is damaged, by whatever checksum: not all compilers make the same bytes twice.
-            for other in folder.glob(f"{_stem(recipe, name)}-*.o"):
-                if other != place or other.is_dir():
-                    _remove(other)
+            place = folder / _named(recipe, name)
+            if place.is_dir():
+                _remove(place)
             os.replace(unfinished, place)
         finally:
             with suppress(FileNotFoundError):
@@ -109,14 +109,14 @@ def _remove(place: Path) -> None:
             place.unlink()
 
 
-def _stem(recipe: str, name: str) -> str:
-    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:24]}"
+def _named(recipe: str, name: str) -> str:
+    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:32]}.o"
 
 
-def _named(recipe: str, name: str, content: bytes) -> str:
+def _checksum(recipe: str, content: bytes) -> bytes:
     digest = hashlib.sha256(recipe.encode())
     digest.update(content)
-    return f"{_stem(recipe, name)}-{digest.hexdigest()[:32]}.o"
+    return digest.digest()
 
 
 @contextmanager
