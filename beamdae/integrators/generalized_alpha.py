@@ -68,9 +68,9 @@ class GeneralizedAlpha(Integrator):
         rho_inf = 1): what damps how much, see `alpha_step.parameters`.
     rtol
         None: every step is `step`. Otherwise steps adapt to an estimate of the local error of
-        positions (`alpha_step.Parameters.defect`) that keeps their error over a run within 100 rtol,
-        up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are of
-        second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
+        positions (`alpha_step.Parameters.defect`) that keeps their error over a run within 100
+        rtol, up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are
+        of second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
         passes over: what is left of them keeps steps short.
     max_steps
         With `rtol`: the run is given up after so many steps. None: no limit, but it is given up
