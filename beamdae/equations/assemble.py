@@ -30,7 +30,6 @@ from beamdae.equations.poles import LawOfPart, laws_of
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
-    ObservedTerm,
     Structure,
     interned,
 )
@@ -243,12 +242,10 @@ def build(
         # A part may state several constraints, one after the other.
         rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     observed = [
-        _observed_term(name, quantity, owners, numbers, rows)
-        for name, quantity in observables.items()
+        _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
-    named = tuple(Observable(name, quantity.columns) for name, quantity in observables.items())
-    _require_headers(coordinates, held, named)
-    terms = (tuple(force_terms), tuple(constraint_terms), tuple(observed))
+    _require_headers(coordinates, held, observed)
+    terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
@@ -260,7 +257,7 @@ def build(
         breakpoints=breakpoints,
         time_scale=time_scale,
         scales=None if scales is None else _constant(scales),
-        observables=named,
+        observables=tuple(observed),
         structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
@@ -309,9 +306,9 @@ def _stack(operators: list[sp.csr_array]) -> sp.csr_array:
     return operators[0] if len(operators) == 1 else sp.csr_array(sp.vstack(operators))
 
 
-def _observed_term(
+def _observable(
     name: str, quantity: Quantity, owners: Owners, numbers: _Numbers, rows: dict[str, slice]
-) -> ObservedTerm:
+) -> Observable:
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
@@ -327,4 +324,5 @@ def _observed_term(
         )
     data = np.reshape(np.asarray(quantity.data, float), (-1, 1))
     (alike,) = by_kernel([ObservedStatement(ObservedKernel(local, value), data)])
-    return ObservedTerm(alike.kernel, operator, numbers.store(alike.data), lam_rows)
+    stored = numbers.store(alike.data)
+    return Observable(name, quantity.columns, alike.kernel, operator, stored, lam_rows)

@@ -28,16 +28,16 @@ DRIFT_COLUMNS = ("drift.position", "drift.velocity")
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """All observed columns, in the order of `Structure.observed`."""
+    """All observed columns, in the order of `observables`."""
 
     equations: EquationsOfMotion
 
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Rows of the columns at states (q, v, a, lam) at (t, branch)."""
         e, found = self.equations, [np.zeros((len(times), 0))]
-        for term in e.structure.observed:
-            local = (np.asarray(term.operator @ x.T).T for x in (q, v))
-            found.append(term.kernel.function(times, *local, e.p[term.data], lam[:, term.rows]))
+        for o in e.observables:
+            local = (np.asarray(o.operator @ x.T).T for x in (q, v))
+            found.append(o.kernel.function(times, *local, e.p[o.data], lam[:, o.rows]))
         return np.hstack(found)
 
 

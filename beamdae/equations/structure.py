@@ -12,7 +12,6 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.observed_kernel import ObservedKernel
 
 
 class Keeping(Protocol):
@@ -53,16 +52,6 @@ class ConstraintTerm:
     count: int
 
 
-@dataclass(frozen=True, eq=False)
-class ObservedTerm:
-    """An observed quantity on the global coordinates, and its multipliers."""
-
-    kernel: ObservedKernel
-    operator: sp.csr_array
-    data: slice
-    rows: slice
-
-
 @dataclass(frozen=True)
 class Structure:
     """Equations of motion but for their numbers, which are an array p.
@@ -73,20 +62,19 @@ class Structure:
     ----------
     n, m
         Number of coordinates and of constraints.
-    forces, joints, observed
-        The kernels.
+    forces, joints
+        Terms of F and of g.
     """
 
     n: int = field(compare=False)
     m: int = field(compare=False)
     forces: tuple[ForceTerm, ...] = field(compare=False, repr=False)
     joints: tuple[ConstraintTerm, ...] = field(compare=False, repr=False)
-    observed: tuple[ObservedTerm, ...] = field(compare=False, repr=False)
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        terms = (*self.forces, *self.joints, *self.observed)
+        terms = (*self.forces, *self.joints)
         key = (self.n, self.m, *(_told(value) for term in terms for value in vars(term).values()))
         object.__setattr__(self, "_key", key)
 
