@@ -38,6 +38,7 @@ from beamdae.equations.sums import (
 )
 from beamdae.errors import one_of
 from beamdae.native.vectors import combine, fill
+from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
@@ -270,9 +271,12 @@ def _jacobian_sum(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
     below = size if apart else 0
     total.add_diagonal(n, (below, 0), C_A, 1.0)
     total.add_diagonal(n, (0, n), None, -1.0)
-    for term, copies in add_tangents(total, structure, at):
-        for output, place in enumerate(((n, 0), (n, n), (below + n, n))):
-            total.add_matrix(copies, output, term.operator, term.operator, place)
+    # Damping and mass add up at one place, unless they are wanted apart.
+    sums: Tangents = ((0,), (1,), (2,)) if apart else ((0,), (1, 2))
+    places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
+    for on_q, copies in add_tangents(total, structure, at, sums):
+        for output, place in enumerate(places):
+            total.add_matrix(copies, output, on_q, on_q, place)
     # c_l is c; where the multipliers themselves are unknowns G^T stands without it.
     reaction, by_c = (1, below) if form.impulses else (0, 0)
     for joint, copies in add_joint_matrices(total, structure, at, form.levels, form.stabilized):

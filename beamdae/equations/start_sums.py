@@ -80,9 +80,8 @@ def start_sums(structure: Structure) -> StartSums:
         jacobian.add_matrix(copies, 0, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = matrix_builder()
-    for term, copies in add_tangents(total, structure, at):
-        for output in range(3):
-            total.add_matrix(copies, output, term.operator, term.operator, (0, 0))
+    for on_q, copies in add_tangents(total, structure, at, ((0, 1, 2),)):
+        total.add_matrix(copies, 0, on_q, on_q, (0, 0))
     for joint, copies in add_joint_matrices(total, structure, at, (), False):
         total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
         total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)

@@ -19,6 +19,7 @@ from beamdae.equations.sums import (
     residual_sum,
 )
 from beamdae.native.vectors import combine, fill
+from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
@@ -207,9 +208,10 @@ def _matrix_sum(
     """The iteration matrix; `corrected` picks r out of corrections of all coordinates."""
     n, m, total = equations.n, equations.m, matrix_builder()
     eta, r = n + m, n + 2 * m
-    for term, copies in add_tangents(total, equations, at):
-        on_q = term.operator
-        for output in range(3):
+    # Stiffness alone answers to r, all else adds up at one place.
+    sums: Tangents = ((0,), (1, 2)) if stabilized else ((0, 1, 2),)
+    for on_q, copies in add_tangents(total, equations, at, sums):
+        for output in range(len(sums)):
             total.add_matrix(copies, output, on_q, on_q, (0, 0))
         if stabilized:
             total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))

@@ -8,9 +8,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure, once
+from beamdae.symbolic.force_kernel import Tangents
+from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import MATRIX_SHARED
 from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
+from beamdae.symbolic.turns import Turned, turned_operator
 
 Array = np.ndarray
 _TIME = 2
@@ -49,10 +52,27 @@ def _joint_inputs(
 
 def _add_forces(total: SumBuilder, structure: Structure, at: Places, row: int) -> None:
     """Add F, from a row on."""
-    for term in structure.forces:
-        inputs = _motion(term.operator, at.q, at.v, at.a)
-        copies = total.add(term.kernel.force_kernel, inputs, term.data, term.count)
-        total.add_column(copies, 0, term.operator, row)
+    for term, by in zip(structure.forces, _turns(structure), strict=True):
+        copies = _add_force(total, at, term, by, term.kernel.force_kernel)
+        total.add_column(copies, 0, by.picked, row)
+
+
+@once
+def _turns(structure: Structure) -> list[Turned]:
+    """Operators of the forces as kernels take them: those of elements turn within."""
+    return [
+        turned_operator(term.operator, term.count)
+        if term.kernel.reused
+        else Turned(term.operator, None, np.zeros((0, term.count)))
+        for term in structure.forces
+    ]
+
+
+def _add_force(
+    total: SumBuilder, at: Places, term: ForceTerm, by: Turned, kernel: Kernel
+) -> Copies:
+    inputs = _motion(by.picked, at.q, at.v, at.a)
+    return total.add(by.kernel(kernel, len(inputs)), inputs, term.data, term.count, by.data)
 
 
 def residual_sum(
@@ -107,20 +127,15 @@ def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
 
 
 def add_tangents(
-    total: SumBuilder, structure: Structure, at: Places
-) -> list[tuple[ForceTerm, Copies]]:
-    """Add the kernels of c_q dF/dq, c_v dF/dv and c_a dF/da (outputs 0, 1 and 2)."""
+    total: SumBuilder, structure: Structure, at: Places, sums: Tangents
+) -> list[tuple[sp.csr_array, Copies]]:
+    """Add the kernels of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, an output each.
+
+    With each kernel goes the operator of its rows and columns.
+    """
     return [
-        (
-            term,
-            total.add(
-                term.kernel.tangent_kernel,
-                _motion(term.operator, at.q, at.v, at.a),
-                term.data,
-                term.count,
-            ),
-        )
-        for term in structure.forces
+        (by.picked, _add_force(total, at, term, by, term.kernel.tangent_kernel(sums)))
+        for term, by in zip(structure.forces, _turns(structure), strict=True)
     ]
 
 

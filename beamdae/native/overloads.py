@@ -115,21 +115,39 @@ def _where_largest(vector, weights):
 
 
 @overload(vectors.pick)
-def _pick(out, at, vector, of):
-    def loop(out, at, vector, of):
-        for k in range(at.size):
+def _pick(out, at, vector, of, begin, end):
+    def loop(out, at, vector, of, begin, end):
+        for k in range(begin, end):
             out[at[k]] = vector[of[k]]
 
     return loop
 
 
 @overload(vectors.gather)
-def _gather(out, at, weights, vector, of):
-    def loop(out, at, weights, vector, of):
-        for k in range(at.size):
+def _gather(out, at, weights, vector, of, begin, end):
+    def loop(out, at, weights, vector, of, begin, end):
+        for k in range(begin, end):
             out[at[k]] = 0.0
-        for k in range(at.size):
+        for k in range(begin, end):
             out[at[k]] += weights[k] * vector[of[k]]
+
+    return loop
+
+
+@overload(vectors.add)
+def _add(out, rows, vector, of, begin, end):
+    def loop(out, rows, vector, of, begin, end):
+        for k in range(begin, end):
+            out[rows[k]] += vector[of[k]]
+
+    return loop
+
+
+@overload(vectors.add_weighted)
+def _add_weighted(out, rows, weights, vector, of, begin, end):
+    def loop(out, rows, weights, vector, of, begin, end):
+        for k in range(begin, end):
+            out[rows[k]] += weights[k] * vector[of[k]]
 
     return loop
 
@@ -169,17 +187,11 @@ def _start_of(typing, array):
     return types.CPointer(array.dtype)(array), code
 
 
-@overload(vectors.call_kernels)
-def _call_kernels(kernels, shared, local, out):
-    def loop(kernels, shared, local, out):
-        for k in range(kernels.shape[0]):
-            _call_kernel(
-                kernels[k, 0],
-                _start_of(shared),
-                _start_of(local[kernels[k, 1] :]),
-                _start_of(out[kernels[k, 2] :]),
-                kernels[k, 3],
-            )
+@overload(vectors.call_kernel)
+def _kernel(kernels, k, shared, local, start, out, lanes):
+    def loop(kernels, k, shared, local, start, out, lanes):
+        own = _start_of(local[start:])
+        _call_kernel(kernels[k], _start_of(shared), own, _start_of(out), lanes)
 
     return loop
 

@@ -53,15 +53,29 @@ def where_largest(vector: Array, weights: Array) -> int:
     return int(np.argmax(np.abs(vector * weights)))
 
 
-def pick(out: Array, at: Array, vector: Array, of: Array) -> None:
-    """out[at] = vector[of]."""
-    out[at] = vector[of]
+def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) -> None:
+    """out[at] = vector[of], of a stretch of `at` and `of`."""
+    out[at[begin:end]] = vector[of[begin:end]]
 
 
-def gather(out: Array, at: Array, weights: Array, vector: Array, of: Array) -> None:
-    """out[at] = weights vector[of], summed where `at` repeats; other entries stay."""
-    out[at] = 0.0
-    np.add.at(out, at, weights * vector[of])
+def gather(
+    out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
+) -> None:
+    """out[at] = weights vector[of] of a stretch, summed where `at` repeats; others stay."""
+    out[at[begin:end]] = 0.0
+    add_weighted(out, at, weights, vector, of, begin, end)
+
+
+def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int) -> None:
+    """out[rows] += vector[of], of a stretch of `rows` and `of`."""
+    np.add.at(out, rows[begin:end], vector[of[begin:end]])
+
+
+def add_weighted(
+    out: Array, rows: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
+) -> None:
+    """out[rows] += weights vector[of], of a stretch of `rows`, `weights` and `of`."""
+    np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
@@ -69,10 +83,11 @@ def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 
-def call_kernels(kernels: Any, shared: Array, local: Array, out: Array) -> None:
-    """Evaluate the kernels of a `Sum`."""
-    for kernel in kernels:
-        kernel(shared, local, out)
+def call_kernel(
+    kernels: Any, k: int, shared: Array, local: Array, start: int, out: Array, lanes: int
+) -> None:
+    """Evaluate one of the kernels of a `Sum` for its stretch, whose numbers start in `local`."""
+    kernels[k](shared, local, out)
 
 
 def factorize(linear: Any, nonzeros: Array) -> int:

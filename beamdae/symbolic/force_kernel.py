@@ -10,6 +10,9 @@ import casadi as ca
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import SX, Local, column_misfit
 
+# Which of stiffness (0), damping (1) and mass (2) are added up in each of the matrices.
+Tangents = tuple[tuple[int, ...], ...]
+
 
 @dataclass(frozen=True)
 class ForceKernel:
@@ -35,6 +38,7 @@ class ForceKernel:
     energies: SX = field(default_factory=lambda: SX.zeros(3))
     powers: SX = field(default_factory=lambda: SX.zeros(2))
     reused: bool = False
+    _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def inputs(self) -> list[SX]:
@@ -76,11 +80,16 @@ class ForceKernel:
         local = ca.vertcat(x.q, x.v, x.a, x.data)
         return Kernel.of("force", x.time, local, [ca.densify(self.force)])
 
-    @cached_property
-    def tangent_kernel(self) -> Kernel:
-        """Shared `MATRIX_SHARED`, local as above -> c_q dF/dq, c_v dF/dv and c_a dF/da."""
+    def tangent_kernel(self, sums: Tangents) -> Kernel:
+        """Shared `MATRIX_SHARED`, local as above -> sums of c_q dF/dq, c_v dF/dv and c_a dF/da."""
+        if sums not in self._tangents:
+            self._tangents[sums] = self._tangent_kernel(sums)
+        return self._tangents[sums]
+
+    def _tangent_kernel(self, sums: Tangents) -> Kernel:
         x, c = self.local, SX.sym("c", 5)
-        outputs = [c[k] * ca.jacobian(self.force, held) for k, held in enumerate((x.q, x.v, x.a))]
+        parts = [c[k] * ca.jacobian(self.force, held) for k, held in enumerate((x.q, x.v, x.a))]
+        outputs = [sum((parts[k] for k in of), start=SX(x.size, x.size)) for of in sums]
         local = ca.vertcat(x.q, x.v, x.a, x.data)
         return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
 

@@ -2,8 +2,9 @@
 
     out = kernels(shared, gathered x, data),    result = S (out, shared, 1)
 
-with constant sparse operators. Residuals and iteration matrices of all forms are such sums. Arrays
-are laid out for machine code with a copy a lane: component by component, copies side by side.
+with constant sparse operators. Residuals and iteration matrices of all forms are such sums. They
+are evaluated in stretches of copies whose numbers stay in the caches. Arrays are laid out for
+machine code with a copy a lane: component by component, copies of a stretch side by side.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.lanes import LaneKernel, lane_kernel
-from beamdae.native.vectors import call_kernels, combine, gather, pick, scatter
+from beamdae.native.vectors import add, add_weighted, call_kernel, combine, fill, gather, pick
 from beamdae.symbolic.compiled import Compiled
 
 Array = np.ndarray
@@ -34,10 +35,13 @@ class Kernel:
         (shared, local) -> the entries of all `outputs`, one after the other.
     outputs
         Patterns of the columns and matrices it gives.
+    turned
+        The same in other coordinates, see `turns`.
     """
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
+    turned: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
     _copies: dict[int, ca.Function] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -72,17 +76,22 @@ class Sum:
     shared
         What all copies share, (time, branch, coefficients); to be set before an evaluation.
     local, out
-        What goes into the kernels and what comes out of them: (component, copy) of each; `out`
-        ends with `shared` and a one.
+        What goes into the kernels, (component, copy) of one stretch after the other, and what comes
+        out of them, (component, copy) of the stretch under way; in the end `shared` and a one.
     kernels
-        Kernels in machine code, (address, start in local, start in out, copies) a row; or Python
-        functions of (shared, local, out).
+        Of the stretches: addresses of machine code, or Python functions of (shared, local, out).
+    stretches
+        Where they begin in `local`, their lanes, and where they end in `at`, `more_at`, `rows` and
+        `more_rows`, a row each; what is behind the last one in the latter two takes `shared` and
+        the one.
     at, of
         local[at] = x[of], for what is just picked.
-    more_at, more_of, more_weights
-        local[more_at] += more_weights x[more_of], for what is not.
-    rows, columns, weights
-        result[rows] += weights out[columns].
+    more_at, more_of, gathered
+        local[more_at] += gathered x[more_of], for what is not.
+    rows, columns
+        result[rows] += out[columns], for what is just added up.
+    more_rows, more_columns, weights
+        result[more_rows] += weights out[more_columns], for what is not.
     alive
         What the addresses of `kernels` belong to.
     """
@@ -91,24 +100,26 @@ class Sum:
     local: Array
     out: Array
     kernels: Any
+    stretches: Array
     at: Array
     of: Array
     more_at: Array
     more_of: Array
-    more_weights: Array
+    gathered: Array
     rows: Array
     columns: Array
+    more_rows: Array
+    more_columns: Array
     weights: Array
     alive: tuple[Any, ...]
 
 
-class Call(NamedTuple):
-    """Copies of a kernel in a sum, and where their numbers begin in `local` and `out`."""
+class Stretch(NamedTuple):
+    """Copies of a kernel that are evaluated at once, and where their numbers begin in `local`."""
 
     kernel: Kernel
     local: int
-    out: int
-    padded: int
+    lanes: int
     copies: int
 
 
@@ -120,18 +131,21 @@ class SumPlan:
     """
 
     n_shared: int
-    n_local: int
     n_out: int
-    calls: tuple[Call, ...]
+    local: Array
     data_at: Array
     data_of: Array
+    calls: tuple[Stretch, ...]
+    stretches: Array
     at: Array
     of: Array
     more_at: Array
     more_of: Array
+    gathered: Array
     rows: Array
     columns: Array
-    more_weights: Array
+    more_rows: Array
+    more_columns: Array
     weights: Array
 
     @property
@@ -144,44 +158,44 @@ class SumPlan:
 
         `p` are the numbers of the model.
         """
-        local = np.zeros(self.n_local)
+        local = self.local.copy()
         local[self.data_at] = p[self.data_of]
-        out = np.zeros(self.n_out)
-        out[-1] = 1.0
         kernels: Any = [_Evaluated(call) for call in self.calls]
         alive: tuple[Any, ...] = ()
         if native:
             alive = tuple(call.kernel.native for call in self.calls)
-            rows = [(k.address, *call[1:4]) for k, call in zip(alive, self.calls, strict=True)]
-            kernels = np.array(rows, np.int64).reshape(-1, 4)
+            kernels = np.array([kernel.address for kernel in alive], np.int64)
         return Sum(
             np.zeros(self.n_shared),
             local,
-            out,
+            np.zeros(self.n_out),
             kernels,
+            self.stretches,
             self.at,
             self.of,
             self.more_at,
             self.more_of,
-            self.more_weights,
+            self.gathered,
             self.rows,
             self.columns,
+            self.more_rows,
+            self.more_columns,
             self.weights,
             alive,
         )
 
 
 class _Evaluated:
-    """A kernel for all copies, by CasADi's virtual machine."""
+    """A kernel for the copies of a stretch, by CasADi's virtual machine."""
 
-    def __init__(self, call: Call) -> None:
-        kernel, local, out, padded, count = call
+    def __init__(self, call: Stretch) -> None:
+        kernel, local, lanes, count = call
         function = kernel.function
         self._compiled = Compiled(kernel.copies(count))
-        shape = (function.numel_in(1), padded)
-        self._local, self._in = slice(local, local + shape[0] * padded), shape
+        shape = (function.numel_in(1), lanes)
+        self._local, self._in = slice(local, local + shape[0] * lanes), shape
         entries = function.numel_out(0)
-        self._out, self._entries = slice(out, out + entries * padded), (entries, padded)
+        self._out, self._entries = slice(entries * lanes), (entries, lanes)
         self._count = count
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
@@ -192,9 +206,21 @@ class _Evaluated:
 
 def evaluate(total: Sum, x: Array, result: Array) -> None:
     """The sum at x, into `result`; `total.shared` has to be set before."""
-    pick(total.local, total.at, x, total.of)
-    gather(total.local, total.more_at, total.more_weights, x, total.more_of)
-    call_kernels(total.kernels, total.shared, total.local, total.out)
-    n_shared = total.shared.size
-    combine(total.out[-1 - n_shared : -1], (1.0,), (total.shared,))
-    scatter(result, total.rows, total.weights, total.out, total.columns)
+    local, out, stretches, n_shared = total.local, total.out, total.stretches, total.shared.size
+    fill(result, 0.0)
+    picked, gathered, added, weighted = 0, 0, 0, 0
+    for k in range(stretches.shape[0]):
+        pick(local, total.at, x, total.of, picked, stretches[k, 2])
+        gather(local, total.more_at, total.gathered, x, total.more_of, gathered, stretches[k, 3])
+        start, lanes = stretches[k, 0], stretches[k, 1]
+        call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
+        add(result, total.rows, out, total.columns, added, stretches[k, 4])
+        more = total.more_rows, total.weights
+        add_weighted(result, *more, out, total.more_columns, weighted, stretches[k, 5])
+        picked, gathered = stretches[k, 2], stretches[k, 3]
+        added, weighted = stretches[k, 4], stretches[k, 5]
+    combine(out[:n_shared], (1.0,), (total.shared,))
+    out[n_shared] = 1.0
+    add(result, total.rows, out, total.columns, added, total.rows.size)
+    more = total.more_rows, total.weights
+    add_weighted(result, *more, out, total.more_columns, weighted, total.more_rows.size)

@@ -9,10 +9,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.native.lanes import padded
-from beamdae.symbolic.kernel_sums import Call, Kernel, SumPlan
+from beamdae.symbolic.kernel_sums import Kernel, Stretch, SumPlan
 from beamdae.symbolic.sparse_sums import products
 
 Array = np.ndarray
+
+# Copies of a stretch, whole vectors: so the matrices of elements stay in the caches until they are
+# added up.
+_AT_ONCE = 72
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,23 @@ class Gathered:
 
 @dataclass(frozen=True)
 class Copies:
-    """A kernel added to a sum: `starts` tells where in `out` each of its outputs begins."""
+    """A kernel added to a sum, and where its numbers begin among those of all kernels."""
 
     kernel: Kernel
     count: int
-    padded: int
-    starts: tuple[int, ...]
+    start: int
+
+    def sources(self, output: int, entry: Array, copy: Array) -> Array:
+        """Where entries of one of its outputs are."""
+        sizes = [pattern.nnz() for pattern in self.kernel.outputs]
+        return self.start + _places(self.count, sum(sizes), sum(sizes[:output]) + entry, copy)
+
+
+def _places(count: int, height: int, component: Array, copy: Array) -> Array:
+    """Where a component of a copy stands: stretch by stretch, (component, copy) of each."""
+    stretch = copy // _AT_ONCE
+    lanes = np.where(stretch == count // _AT_ONCE, padded(count % _AT_ONCE), _AT_ONCE)
+    return stretch * (_AT_ONCE * height) + component * lanes + copy % _AT_ONCE
 
 
 @dataclass
@@ -47,42 +62,58 @@ class SumBuilder:
     _local: int = 0
     _out: int = 0
     _data: list[tuple[Array, Array]] = field(default_factory=list)
-    _calls: list[Call] = field(default_factory=list)
+    _constants: list[tuple[Array, Array]] = field(default_factory=list)
+    _calls: list[Stretch] = field(default_factory=list)
+    _sources: list[int] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
-    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: slice, count: int) -> Copies:
+    def add(
+        self,
+        kernel: Kernel,
+        inputs: Sequence[Gathered],
+        data: slice,
+        count: int,
+        constants: Array | None = None,
+    ) -> Copies:
         """Add `count` copies of a kernel with these local inputs.
 
-        The last of them stand at `data` among the numbers of the model, copy after copy.
+        Behind them stand what is at `data` among the numbers of the model, copy after copy, and
+        `constants`, a column a copy.
         """
-        room = padded(count)
-        row = 0
+        copies, numbers, row = Copies(kernel, count, self._out), kernel.function.numel_in(1), 0
+        if kernel.function.numel_out(0) == 0:
+            return copies
         for gathered in inputs:
             operator = sp.coo_array(gathered.operator)
             height = operator.shape[0] // count
             copy, own = np.divmod(operator.coords[0], max(height, 1))
-            at = self._local + (row + own) * room + copy
+            at = self._local + _places(count, numbers, row + own, copy)
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
-        numbers = (data.stop - data.start) // count
-        own, lane = np.divmod(np.arange(numbers * room), room)
-        # Lanes to spare have the numbers of the last copy: they must not be special.
-        of = data.start + own + numbers * np.minimum(lane, count - 1)
-        self._data.append((self._local + row * room + np.arange(numbers * room), of))
-        row += numbers
-        assert row == kernel.function.numel_in(1)
-        starts = self._out + room * np.cumsum([0, *(s.nnz() for s in kernel.outputs)])
-        self._calls.append(Call(kernel, self._local, self._out, room, count))
-        self._local += row * room
-        self._out = int(starts[-1])
-        return Copies(kernel, count, room, tuple(starts[:-1].tolist()))
+        n_data = (data.stop - data.start) // count
+        more = np.zeros((0, count)) if constants is None else constants
+        assert row + n_data + len(more) == numbers
+        for first in range(0, count, _AT_ONCE):
+            found = min(count - first, _AT_ONCE)
+            lanes = padded(found)
+            self._calls.append(Stretch(kernel, self._local, lanes, found))
+            self._sources.append(self._out)
+            # Lanes to spare have the numbers of the last copy: they must not be special.
+            copy = first + np.minimum(np.arange(lanes), found - 1)
+            of = data.start + np.arange(n_data)[:, None] + n_data * copy
+            at = self._local + np.arange(numbers * lanes).reshape(numbers, lanes)[row:]
+            self._data.append((at[:n_data].ravel(), of.ravel()))
+            self._constants.append((at[n_data:].ravel(), more[:, copy].ravel()))
+            self._local += numbers * lanes
+            self._out += kernel.function.numel_out(0) * lanes
+        return copies
 
     def add_column(self, copies: Copies, output: int, operator: sp.csr_array, row: int) -> None:
         """Add operator^T (columns of all copies) to the rows from `row` on; columns are dense."""
         found = sp.coo_array(operator)
         copy, own = np.divmod(found.coords[0], found.shape[0] // copies.count)
-        source = copies.starts[output] + own * copies.padded + copy
+        source = copies.sources(output, own, copy)
         at = found.coords[1] + row
         self._entries.append((at, np.zeros_like(at), source, found.data))
 
@@ -104,7 +135,7 @@ class SumBuilder:
         own_row, own_column = (np.array(x, int) for x in pattern.get_triplet())
         copy = np.repeat(np.arange(count), len(own_row))
         entry = np.tile(np.arange(len(own_row)), count)
-        source = copies.starts[output] + entry * copies.padded + copy
+        source = copies.sources(output, entry, copy)
         left, right = sp.csr_array(rows), sp.csr_array(columns)
         i, j, which, weight = products(
             left, copy * r + own_row[entry], right, copy * c + own_column[entry]
@@ -143,39 +174,61 @@ class SumBuilder:
         return pattern, self._plan(target + which * pattern.nnz, source, weight)
 
     def _collected(self) -> tuple[Array, ...]:
-        none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
-        return tuple(np.concatenate(x) for x in zip(*(self._entries or none), strict=True))
+        return _joined(self._entries, "llld")
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        size = self._out + self.n_shared + 1
-        # Shared numbers and the one are counted from the end.
-        columns = np.where(source < 0, source + size, source)
-        order = np.argsort(rows, kind="stable")
-        at, of, weights = self._collected_gathers()
-        picked = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
-        none = [(np.zeros(0, int), np.zeros(0, int))]
-        data_at, data_of = map(np.concatenate, zip(*(self._data or none), strict=True))
+        starts = np.array([*self._sources, self._out])
+        # Shared numbers and the one are counted from the end, and come last.
+        behind = source < 0
+        stretch = np.where(behind, len(self._calls), np.searchsorted(starts, source, "right") - 1)
+        columns = np.where(behind, source + self.n_shared + 1, source - starts[stretch])
+        order = np.lexsort((rows, stretch))
+        plain, weighted = _split(order, weight == 1.0)
+        at, of, weights = _joined(self._gathers, "lld")
+        alone = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
+        picked, gathered = _split(np.argsort(at, kind="stable"), alone)
+        firsts = np.array([call.local for call in self._calls], int)
+        calls = np.arange(len(firsts))
+        stretches = [firsts, [call.lanes for call in self._calls]]
+        of_local = np.searchsorted(firsts, at, "right") - 1
+        ended = ((of_local, picked), (of_local, gathered), (stretch, plain), (stretch, weighted))
+        stretches += [np.searchsorted(by[entries], calls, "right") for by, entries in ended]
+        data_at, data_of = _joined(self._data, "ll")
+        constants_at, constants = _joined(self._constants, "ld")
+        local = np.zeros(self._local)
+        local[constants_at] = constants
         return SumPlan(
             self.n_shared,
-            self._local,
-            size,
+            max([self.n_shared + 1, *np.diff(starts)]),
+            local,
+            _index(data_at),
+            _index(data_of),
             tuple(self._calls),
-            data_at=_index(data_at),
-            data_of=_index(data_of),
+            np.ascontiguousarray(np.array(stretches, np.int64).reshape(6, -1).T),
             at=_index(at[picked]),
             of=_index(of[picked]),
-            more_at=_index(at[~picked]),
-            more_of=_index(of[~picked]),
-            rows=_index(rows[order]),
-            columns=_index(columns[order]),
-            more_weights=np.ascontiguousarray(weights[~picked]),
-            weights=np.ascontiguousarray(weight[order]),
+            more_at=_index(at[gathered]),
+            more_of=_index(of[gathered]),
+            gathered=weights[gathered],
+            rows=_index(rows[plain]),
+            columns=_index(columns[plain]),
+            more_rows=_index(rows[weighted]),
+            more_columns=_index(columns[weighted]),
+            weights=weight[weighted],
         )
 
-    def _collected_gathers(self) -> tuple[Array, ...]:
-        none = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
-        return tuple(np.concatenate(x) for x in zip(*(self._gathers or none), strict=True))
+
+def _joined(parts: Sequence[tuple[Array, ...]], kinds: str) -> tuple[Array, ...]:
+    """One after the other, of arrays of these kinds, which may be none."""
+    none = tuple(np.zeros(0, kind) for kind in kinds)
+    return tuple(np.concatenate(x) for x in zip(none, *parts, strict=True))
+
+
+def _split(order: Array, chosen: Array) -> tuple[Array, Array]:
+    """What is chosen and what is not, in this order."""
+    return order[chosen[order]], order[~chosen[order]]
 
 
 def _index(numbers: Array) -> Array:
-    return np.ascontiguousarray(numbers, np.int64)
+    # Unsigned: compiled loops then need not ask whether an index counts from the end.
+    return numbers.astype(np.uint32)

@@ -17,7 +17,7 @@ from beamdae.native.elimination import Linear, factorize_linear, solve_linear
 from beamdae.native.lanes import WIDTH, lane_kernel
 from beamdae.native.loops import Loop
 from beamdae.native.objects import is_on
-from beamdae.native.vectors import call_kernels, factorize, solve
+from beamdae.native.vectors import call_kernel, combine, factorize, solve
 
 pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")
 
@@ -34,14 +34,19 @@ def in_silence(function, work):
 @dataclass(slots=True)
 class Kernels:
     kernels: Any
+    starts: np.ndarray
     shared: np.ndarray
     local: np.ndarray
     out: np.ndarray
+    found: np.ndarray
     alive: tuple = ()
 
 
 def evaluate_all(work):
-    call_kernels(work.kernels, work.shared, work.local, work.out)
+    for k in range(work.starts.shape[0]):
+        start, lanes = work.starts[k, 0], work.starts[k, 1]
+        call_kernel(work.kernels, k, work.shared, work.local, start, work.out, lanes)
+        combine(work.found[k], (1.0,), (work.out,))
     return 0
 
 
@@ -55,25 +60,25 @@ def test_kernels_are_called_with_their_own_numbers(count):
     lanes = [lane_kernel(function) for function in functions[:count]]
     random = np.random.default_rng(0)
     shared, local = random.normal(size=2), random.normal(size=9 * WIDTH)
-    places = [(0, WIDTH, 2 * WIDTH), (6 * WIDTH, 10 * WIDTH, WIDTH)]
+    starts = np.array([(0, 2 * WIDTH), (6 * WIDTH, WIDTH)], np.int64)[:count]
+    room = np.zeros(8 * WIDTH), np.zeros((count, 8 * WIDTH))
 
-    def by_hand(kernel, first, begin, copies):
+    def by_hand(kernel, start, copies):
         def call(shared, local, out):
-            own = local[first : first + 3 * copies].reshape(3, copies)
-            out[begin : begin + kernel.n_out * copies] = kernel(shared, own).ravel()
+            own = local[start : start + 3 * copies].reshape(3, copies)
+            out[: kernel.n_out * copies] = kernel(shared, own).ravel()
 
         return call
 
-    made = [by_hand(k, *place) for k, place in zip(lanes, places, strict=False)]
-    rows = [(k.address, *place) for k, place in zip(lanes, places, strict=False)]
-    plain = Kernels(made, shared, local, np.zeros(13 * WIDTH))
-    table = np.array(rows, np.int64).reshape(-1, 4)
-    compiled = Kernels(table, shared, local.copy(), np.zeros(13 * WIDTH), tuple(lanes))
+    made = [by_hand(k, *start) for k, start in zip(lanes, starts, strict=True)]
+    addresses = np.array([kernel.address for kernel in lanes], np.int64)
+    plain = Kernels(made, starts, shared, local, *(x.copy() for x in room))
+    compiled = Kernels(addresses, starts, shared, local.copy(), *room, tuple(lanes))
     evaluate_all(plain)
     in_silence(evaluate_all, compiled)()
-    assert_array_equal(compiled.out, plain.out)
+    assert_array_equal(compiled.found, plain.found)
     assert_array_equal(compiled.local, local)
-    assert np.count_nonzero(plain.out) == (0, 8, 10)[count] * WIDTH
+    assert np.count_nonzero(plain.found[:1]) == (0, 8, 8)[count] * WIDTH
 
 
 # Elimination.

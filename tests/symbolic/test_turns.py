@@ -1,0 +1,151 @@
+"""Sums of many copies, in stretches and with kernels that turn, are those of whole expressions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.equations.formulations import State, first_order, first_order_parts
+from beamdae.equations.step_equations import Predicted, step_equations, step_matrix, step_residual
+from beamdae.native.loops import Loop
+from beamdae.native.objects import is_on
+from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.turns import turned, turned_operator
+
+TIME = np.array([0.1, 0.5])
+# Rounding of the sums of a frame over 100 elements.
+RTOL = 1e-12
+
+
+def arch(elements, **settings):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+    section = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-4)
+    curve = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
+    beam = mech.add(bd.Beam("beam", curve, section, elements=elements, **settings))
+    mech.add(bd.PointMass("tip mass", 0.060, on=beam.end))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    return bd.equations_of_motion(mech)
+
+
+def motion(equations, random):
+    q = equations.q0 + 1e-3 * random.normal(size=equations.n)
+    v, a = random.normal(size=(2, equations.n))
+    return State(q, v, a, np.zeros(equations.m))
+
+
+@dataclass(slots=True)
+class Work:
+    form: Any
+    at: Predicted
+    x: np.ndarray
+    result: np.ndarray
+    nonzeros: np.ndarray
+
+
+def both(work):
+    step_residual(work.form, 0.1, 0.5, work.at, work.x, work.result)
+    step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
+    return 0
+
+
+@pytest.mark.parametrize("native", [False, True])
+@pytest.mark.parametrize("elements", [1, 2, 72, 73, 100])
+@pytest.mark.parametrize("settings", [{}, {"frame": "tangent", "elements_shape": "straight"}])
+def test_sums_over_many_elements(native, elements, settings):
+    if native and not is_on():
+        pytest.skip("without machine code")
+    equations = arch(elements, **settings)
+    state = motion(equations, np.random.default_rng(elements))
+    form = step_equations(equations, False)
+    c_v, c_a, c_f = 30.0, 200.0, 1e-3
+    at = Predicted(*state[:3], state.q, np.array([c_v, c_a, c_f]))
+    result, nonzeros = np.zeros(form.size), np.zeros(form.pattern.nnz)
+    work = Work(form.buffers(native), at, np.zeros(form.size), result, nonzeros)
+    (Loop(both, work) if native else lambda: both(work))()
+    pattern, n = form.pattern, equations.n
+    matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+    force, tangent = by_copy(equations, state, (1.0, c_v, c_a))
+    found = matrix[:n, :n].toarray() / c_f
+    assert_allclose(result[:n] / c_f, force, rtol=0.0, atol=RTOL * np.abs(force).max())
+    assert_allclose(found, tangent, rtol=0.0, atol=RTOL * np.abs(tangent).max())
+
+
+def by_copy(equations, state, c):
+    """F and its derivatives times c, added up of one copy after the other."""
+    n, structure = equations.n, equations.structure
+    force, tangent = np.zeros(n), np.zeros((n, n))
+    for term in structure.forces:
+        kernel, own = term.kernel, term.operator.toarray().reshape(term.count, -1, n)
+        x, vectors = kernel.local, (kernel.local.q, kernel.local.v, kernel.local.a)
+        parts = [
+            factor * ca.jacobian(kernel.force, y) for factor, y in zip(c, vectors, strict=True)
+        ]
+        outputs = [ca.densify(kernel.force), ca.densify(sum(parts))]
+        function = ca.Function("copy", [x.time, *vectors, x.data], outputs)
+        data = equations.p[term.data].reshape(term.count, x.n_data)
+        for operator, numbers in zip(own, data, strict=True):
+            column, matrix = function(TIME, *(operator @ y for y in state[:3]), numbers)
+            force += operator.T @ column.full().ravel()
+            tangent += operator.T @ matrix.full() @ operator
+    return force, tangent
+
+
+@pytest.mark.parametrize("name", ["stabilized-index1", "index1", "index3"])
+def test_matrices_apart_add_up(name):
+    equations = arch(75)
+    random = np.random.default_rng(0)
+    y, yp = first_order(equations, name).pack(motion(equations, random))
+    together, apart = (first_order(equations, name, apart) for apart in (False, True))
+    both = np.zeros(2 * apart.pattern.nnz)
+    first_order_parts(apart.buffers(), 0.1, 0.5, y, yp, both)
+    stiffness, inertia = np.split(both, 2)
+    for c in (0.0, 1.0, 1e3):
+        expected = stiffness + c * inertia
+        found = together.jacobian(TIME, y, yp, c)
+        assert_allclose(found, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_operators_are_picked_and_turned():
+    """Whatever columns copies have, what they pick times what turns is the operator."""
+    random = np.random.default_rng(1)
+    rows, count, n = 4, 6, 9
+    dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
+    dense[random.random(dense.shape) < 0.1] = 1.0
+    found = turned_operator(sp.csr_array(dense), count)
+    own = found.turn.shape[1]
+    for copy in range(count):
+        matrix = ca.DM(found.turn.matrix(ca.SX(ca.DM(found.data[:, copy])))).full()
+        picked = found.picked[copy * own : (copy + 1) * own].toarray()
+        assert_allclose(matrix @ picked, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
+
+
+def test_picking_operators_stay():
+    operator = sp.csr_array(np.eye(6)[[0, 2, 1, 5]])
+    found = turned_operator(operator, 2)
+    assert found.turn is None
+    assert found.picked is operator
+
+
+def test_turned_kernels():
+    """T^T F(T x) and T^T V T."""
+    random = np.random.default_rng(2)
+    s, local = ca.SX.sym("s", 1), ca.SX.sym("local", 7)
+    x, v, data = local[:3], local[3:6], local[6]
+    column = data * s * x**2 + v
+    kernel = Kernel.of("kernel", s, local, [column, ca.jacobian(column, x)])
+    found = turned_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
+    numbers = random.normal(size=4)
+    T = ca.DM(found.turn.matrix(ca.SX(ca.DM(found.data[:, 0])))).full()
+    shared, own = 0.7, np.concatenate([numbers, [1.3], found.data[:, 0]])
+    entries = turned(kernel, found.turn, 2).function(shared, own).full().ravel()
+    at = T @ numbers[:2]
+    assert_allclose(entries[:2], T.T @ (1.3 * shared * at**2 + T @ numbers[2:]), rtol=1e-13)
+    matrix = T.T @ np.diag(2.0 * 1.3 * shared * at) @ T
+    assert_allclose(entries[2:].reshape(2, 2, order="F"), matrix, rtol=1e-13)
+    assert turned(kernel, found.turn, 2) is turned(kernel, found.turn, 2)
