@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,6 +27,7 @@ from beamdae.beams.shape_functions import shape_functions
 from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError, one_of
 from beamdae.parts.attachments import rotate
+from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, Local, Named
 
 Array = np.ndarray
@@ -37,6 +40,65 @@ _LEAST_CHORD = 0.1
 def _has_chord(curve: PlaneCurve) -> bool:
     ends = curve.point(np.array([0.0, curve.length]))
     return bool(np.hypot(*(ends[1] - ends[0])) >= _LEAST_CHORD * curve.length)
+
+
+def _listed(numbers: Any, first: int, count: int) -> Any:
+    return ca.vertcat(*(numbers[first + k] for k in range(count)))
+
+
+@dataclass(frozen=True)
+class _SectionMotion:
+    """Position and turn of a section between so many nodes.
+
+    Numbers: undeformed place in the frame, cosine and sine of the angle of the axis there, angle of
+    the frame in the drawing, shape functions.
+    """
+
+    nodes: int
+
+    def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
+        axis, row = AxisMotion(q), _listed(numbers, 5, self.nodes)
+        to_frame = rotation(numbers[2], numbers[3])
+        turn = q[2] - numbers[4] + axis.rotation(row)
+        return axis.position(row, _listed(numbers, 0, 2), to_frame), turn
+
+
+def _frame_motion(q: SX, angle: Any) -> tuple[SX, SX]:
+    return q[:2], q[2] - angle[0]
+
+
+@dataclass(frozen=True)
+class _Strains:
+    """Strains interpolated between the stiffness points of an element.
+
+    Numbers: the share of each point, their curvatures, and dxi/ds there.
+    """
+
+    element: ElementType
+
+    def __call__(self, local: Local, numbers: Any) -> SX:
+        count = self.element.quadrature
+        points = [ca.vertcat(0, numbers[count + k], numbers[2 * count + k]) for k in range(count)]
+        found = strain_points(self.element, SX(ca.horzcat(*points)), local.q[FRAME:])
+        total = SX.zeros(3)
+        for k, (_, strain) in enumerate(found):
+            total += numbers[k] * strain
+        return total
+
+
+@dataclass(frozen=True)
+class _Deformation:
+    """(u, v, phi) of a section in some axes; numbers: angle of its axis, shape functions."""
+
+    nodes: int
+    axes: str
+
+    def __call__(self, local: Local, numbers: Any) -> SX:
+        row = _listed(numbers, 1, self.nodes)
+        nodal = ca.reshape(local.q[FRAME:], NODE, self.nodes) @ row
+        angle = numbers[0]
+        turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[self.axes]
+        return ca.vertcat(rotate(turn, nodal), nodal[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,18 +268,12 @@ class FloatingFrame(Kinematics):
         local = [np.arange(FRAME), *(FRAME + NODE * i + np.arange(NODE) for i in nodes)]
         drawn = np.asarray(self.mesh.curve.point(s), float)
         carried = turned(drawn - np.asarray(self.origin), -self.angle)
-        to_frame = rotation(np.cos(angle), np.sin(angle))
-
-        def motion(q: SX) -> tuple[SX, SX]:
-            axis = AxisMotion(q)
-            turn = q[2] - self.angle + axis.rotation(row[nodes])
-            return axis.position(row[nodes], carried, to_frame), turn
-
+        numbers = [*carried, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
         return MaterialPoint(
             (float(drawn[0]), float(drawn[1])),
             angle + self.angle,
             operator[np.concatenate(local)],
-            motion,
+            Formula(_SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
 
     @property
@@ -244,7 +300,7 @@ class FloatingFrame(Kinematics):
     def floating_frame(self) -> MaterialPoint:
         """Origin and angle of the frame."""
         rows = sp.eye_array(FRAME, len(self.coordinates), format="csr")
-        return MaterialPoint(self.origin, self.angle, rows, lambda q: (q[:2], q[2] - self.angle))
+        return MaterialPoint(self.origin, self.angle, rows, Formula(_frame_motion, (self.angle,)))
 
     def strains(self, s: float) -> PointValues:
         """Strains at arc length s, eqs. (5) and (6).
@@ -261,27 +317,14 @@ class FloatingFrame(Kinematics):
             for k in range(points)
         ]
         at = self.carried.axis(np.full(points, element), gauss)
-        data = SX(np.stack([np.zeros(points), at.curvature, 1.0 / at.ds]))
-
-        def values(local: Local) -> SX:
-            found = strain_points(self.element, data, local.q[FRAME:])
-            total = SX.zeros(3)
-            for part, (_, strain) in zip(share, found, strict=True):
-                total += part * strain
-            return total
-
-        return PointValues(operator, values)
+        numbers = [*share, *at.curvature, *(1.0 / at.ds)]
+        return PointValues(operator, Formula(_Strains(self.element), tuple(map(float, numbers))))
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """(u, v, phi) at arc length s, components in the axes "inertial", "frame" or "local"."""
         row, angle, operator = self._located(s)
-
-        def values(local: Local) -> SX:
-            nodal = ca.reshape(local.q[FRAME:], NODE, self.mesh.nodes) @ row
-            turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[axes]
-            return ca.vertcat(rotate(turn, nodal), nodal[2])
-
-        return PointValues(operator, values)
+        numbers = tuple(map(float, (angle, *row)))
+        return PointValues(operator, Formula(_Deformation(self.mesh.nodes, axes), numbers))
 
     @property
     def curvature_error(self) -> float:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -33,8 +34,9 @@ from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.alike import by_kernel
+from beamdae.symbolic.alike import by_kernel, recognized
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula
 from beamdae.symbolic.memory import require_memory
 from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
@@ -45,6 +47,7 @@ from beamdae.symbolic.statements import (
     Named,
     Piece,
     Quantity,
+    QuantityKernel,
     RangeStatement,
 )
 
@@ -73,15 +76,24 @@ class Owners:
         """Number of coordinates."""
         return sum(self.sizes.values())
 
+    def slice(self, owner: Any) -> slice:
+        """Where the coordinates of an owner stand."""
+        first = self.offsets[id(owner)]
+        return slice(first, first + self.sizes[id(owner)])
+
     def globally(self, pieces: Sequence[Piece]) -> sp.csr_array:
         """The operators of the pieces on all coordinates, one above the other."""
-        return _stack([self._shifted(piece) for piece in pieces] or [sp.csr_array((0, self.n))])
-
-    def _shifted(self, piece: Piece) -> sp.csr_array:
-        operator = sp.csr_array(piece.operator)
-        offset = self.offsets[id(piece.owner)]
-        parts = (operator.data, operator.indices + offset, operator.indptr)
-        return sp.csr_array(parts, shape=(operator.shape[0], self.n))
+        found = [(sp.csr_array(x.operator), self.offsets[id(x.owner)]) for x in pieces]
+        ends = np.cumsum([0, *(operator.nnz for operator, _ in found)])
+        data = [operator.data for operator, _ in found]
+        indices = [operator.indices + offset for operator, offset in found]
+        starts = [op.indptr[:-1] + first for (op, _), first in zip(found, ends, strict=False)]
+        parts = (
+            np.concatenate([np.zeros(0), *data]),
+            np.concatenate([np.zeros(0, np.int32), *indices]),
+            np.concatenate([*starts, ends[-1:]]),
+        )
+        return sp.csr_array(parts, shape=(len(parts[2]) - 1, self.n))
 
 
 def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
@@ -166,7 +178,7 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
     found = [a for part in mechanism.parts.values() for a in part.attachments]
     if not found:
         return
-    started = positions(mechanism, found)(q0[None]).reshape(-1, 2)
+    started = _started(found, q0, _owners(mechanism))
     gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _AS_DRAWN * length:
@@ -174,6 +186,35 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
             f"{found[worst]}: its motion starts {gaps[worst]:.3g} m away from there, "
             "an attachment must start where it is drawn."
         )
+
+
+def _started(places: Sequence[Attachment], q0: Array, owners: Owners) -> Array:
+    """Where the places are at q0, (number of places, 2)."""
+    found = np.empty((len(places), 2))
+    kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
+    for k, place in enumerate(places):
+        moved, local = place.moved, place.operator @ q0[owners.slice(place.body)]
+        if isinstance(moved, Formula):
+            kind = (moved.kind, len(moved.numbers), place.size)
+            kinds.setdefault(kind, []).append((k, local, moved.numbers))
+        else:
+            found[k] = _place(moved, place.size, SX(0, 1))(local[None], np.zeros(0))
+    for kind, members in kinds.items():
+        which, own, numbers = zip(*members, strict=True)
+        found[list(which)] = _place_of_kind(*kind)(np.array(own), np.array(numbers, dtype=float))
+    return found
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _place_of_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
+    numbers = SX.sym("numbers", count)
+    return _place(Formula(kind, numbers), size, numbers)
+
+
+def _place(moved: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX) -> RowFunction:
+    """Rows of (local coordinates, numbers) -> rows of (x, y)."""
+    q = SX.sym("q", size)
+    return RowFunction(ca.Function("place", [q, numbers], [ca.densify(moved(q)[0])]))
 
 
 def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
@@ -212,7 +253,7 @@ def build(
     force_terms = [
         ForceTerm(
             alike.kernel,
-            _stack([owners.globally(forces[k].pieces) for k in alike.members]),
+            owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
             numbers.store(alike.data),
             alike.data.shape[1],
         )
@@ -221,13 +262,12 @@ def build(
     held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
     places = [np.arange(first, last) for first, last in pairwise(ends)]
-    every = sp.eye_array(len(held), format="csr")
     constraint_terms = [
         ConstraintTerm(
             alike.kernel,
-            _stack([owners.globally(constraints[k].pieces) for k in alike.members]),
+            owners.globally([piece for k in alike.members for piece in constraints[k].pieces]),
             numbers.store(alike.data),
-            sp.csr_array(every[np.concatenate([places[k] for k in alike.members])]),
+            _rows(np.concatenate([places[k] for k in alike.members]), len(held)),
             alike.data.shape[1],
         )
         for alike in by_kernel(constraints)
@@ -297,8 +337,10 @@ class _Numbers:
         return slice(begin, self._end)
 
 
-def _stack(operators: list[sp.csr_array]) -> sp.csr_array:
-    return operators[0] if len(operators) == 1 else sp.csr_array(sp.vstack(operators))
+def _rows(picked: Array, size: int) -> sp.csr_array:
+    """The operator that picks these of so many rows."""
+    parts = (np.ones(len(picked)), picked, np.arange(len(picked) + 1))
+    return sp.csr_array(parts, shape=(len(picked), size))
 
 
 def _observable(
@@ -308,17 +350,31 @@ def _observable(
         raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
     operator = owners.globally(quantity.pieces)
-    local = Local(operator.shape[0], len(quantity.data), lam_rows.stop - lam_rows.start)
+    data = np.asarray(quantity.data, float)
     require_columns_fit(name, quantity.columns)
-    value = asked(name, "expression", lambda: ca.densify(SX(quantity.expression(local))))
-    if value.shape != (len(quantity.columns), 1):
+    sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
+    expression = quantity.expression
+    if isinstance(expression, Combined) and expression.is_kind:
+        kernel, more = _kept_values(expression, *sizes), np.zeros(0)
+    else:
+        kernel, more = recognized(_values(name, expression, Local(*sizes)))
+    if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
             f"{name}: the quantity must give one value for each of its columns ({columns}), "
-            f"got shape {value.shape}."
+            f"got shape {kernel.values.shape}."
         )
-    inputs = [local.time, local.q, local.v, local.data, local.lam]
-    function = ca.Function("observed", inputs, [value])
-    return Observable(
-        name, quantity.columns, function, operator, numbers.store(quantity.data), lam_rows
+    stored = numbers.store(np.concatenate([data, more]))
+    return Observable(name, quantity.columns, kernel.function, operator, stored, lam_rows)
+
+
+def _values(name: str, expression: Callable[[Local], SX], local: Local) -> QuantityKernel:
+    return QuantityKernel(
+        local, asked(name, "expression", lambda: ca.densify(SX(expression(local))))
     )
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _kept_values(combined: Combined, size: int, n_data: int, n_multipliers: int) -> QuantityKernel:
+    local = Local(size, n_data, n_multipliers)
+    return QuantityKernel(local, combined(local))

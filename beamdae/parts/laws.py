@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -22,6 +23,7 @@ from beamdae.errors import (
     shown,
     told,
 )
+from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX
 
 
@@ -64,11 +66,44 @@ class Law:
 
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
-        values = [_formula(piece, time[0]) for piece in self.pieces]
-        value = values[-1]
-        for end, earlier in zip(self.breakpoints[::-1], values[-2::-1], strict=True):
-            value = ca.if_else(time[1] < end, earlier, value)
-        return value
+        return _on_branch(self.pieces, self.breakpoints, time)
+
+    @property
+    def formula(self) -> Callable[[SX], SX]:
+        """The law as a `Formula`, if its pieces are such; otherwise the law itself."""
+        if not all(isinstance(piece, Formula) for piece in self.pieces):
+            return self
+        pieces: Any = self.pieces
+        kind = _Pieces(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))
+        own = (number for piece in pieces for number in piece.numbers)
+        return Formula(kind, (*self.breakpoints, *own))
+
+    def at(self, t: float) -> float:
+        """The law at a time [s], of a law whose pieces take numbers."""
+        return float(self.pieces[bisect_right(self.breakpoints, t)](t))
+
+
+def _on_branch(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
+    """What the pieces give at time[0], on the branch that time[1] lies in."""
+    value = _formula(pieces[-1], time[0])
+    for k in range(len(pieces) - 2, -1, -1):
+        value = ca.if_else(time[1] < breakpoints[k], _formula(pieces[k], time[0]), value)
+    return value
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """The kind of laws whose pieces are of these kinds; the breakpoints are the first numbers."""
+
+    kinds: tuple[Callable[..., Any], ...]
+    counts: tuple[int, ...]
+
+    def __call__(self, time: SX, numbers: Any) -> SX:
+        first, pieces = len(self.kinds) - 1, []
+        for kind, count in zip(self.kinds, self.counts, strict=True):
+            pieces.append(Formula(kind, numbers[first : first + count]))
+            first += count
+        return _on_branch(pieces, numbers, time)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
@@ -82,12 +117,15 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         law = Law((value,))
     else:
         number = finite(part, "law", value)
-        law = Law((lambda t: number,))
-    function = _checked(part, law, start)
-    if callable(value) and law is not value:
-        _require_the_same_of_numbers(part, value, function, start)
-        _require_smooth(part, value, function)
-    first = float(function([start, start]))
+        law = Law((Formula(_constant, (number,)),))
+    if isinstance(law.formula, Formula):
+        first = law.at(start)
+    else:
+        function = _checked(part, law, start)
+        if law is not value:
+            _require_the_same_of_numbers(part, value, function, start)
+            _require_smooth(part, value, function)
+        first = float(function([start, start]))
     if not np.isfinite(first):
         raise BeamdaeError(
             f"{part}: {_called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
@@ -224,7 +262,23 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     frequency = positive("sine", "frequency", frequency)
     phase = finite("sine", "phase", phase)
     omega = 2.0 * np.pi * frequency
-    return Law((lambda t: amplitude * np.sin(omega * t + phase),), (), 1.0 / frequency)
+    return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
+
+
+def _constant(t: Any, numbers: Any) -> Any:
+    return numbers[0]
+
+
+def _sine(t: Any, numbers: Any) -> Any:
+    return numbers[0] * np.sin(numbers[1] * t + numbers[2])
+
+
+def _rising(t: Any, numbers: Any) -> Any:
+    return numbers[0] * (0.5 * t**2 + (np.cos(numbers[1] * t) - 1.0) / numbers[1] ** 2)
+
+
+def _risen(t: Any, numbers: Any) -> Any:
+    return numbers[0] * (t - numbers[1])
 
 
 def run_up(speed: float, duration: float) -> Law:
@@ -236,11 +290,9 @@ def run_up(speed: float, duration: float) -> Law:
     speed = finite("run_up", "speed", speed)
     duration = positive("run_up", "duration", duration)
     omega = 2.0 * np.pi / duration
-
-    def rising(t: Any) -> Any:
-        return speed / duration * (0.5 * t**2 + (np.cos(omega * t) - 1.0) / omega**2)
-
-    return Law((rising, lambda t: speed * (t - 0.5 * duration)), (duration,), duration)
+    rising = Formula(_rising, (speed / duration, omega))
+    risen = Formula(_risen, (speed, 0.5 * duration))
+    return Law((rising, risen), (duration,), duration)
 
 
 def piecewise(*pieces: Any) -> Law:

@@ -2,7 +2,8 @@
 
 Joints of one kind differ in where their points lie. Each with a kernel of its own, a chain of many
 bodies takes as many functions to build and to call; with one, they are copies in one map, as the
-elements of beams are.
+elements of beams are. What is made of formulas has one from the start (`formulas`); this is for
+what users state.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.symbolic.formulas import MOST_KINDS
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -21,12 +23,11 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
+    QuantityKernel,
 )
 
 Array = np.ndarray
-
-# Kernels that are kept for models to come.
-_MOST_KINDS = 512
+AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
 
 
 class Alike(NamedTuple):
@@ -67,6 +68,12 @@ def _alike(
     return Alike(_general(kind), members, np.concatenate([data, np.concatenate(numbers, axis=1)]))
 
 
+def recognized(kernel: QuantityKernel) -> tuple[Any, Array]:
+    """The kernel of its kind, and the numbers that are its further data."""
+    recipe = _recipe(kernel)
+    return (kernel, np.zeros(0)) if recipe is None else (_general(recipe), _numbers(kernel))
+
+
 class _Recipe(NamedTuple):
     """How a kernel is evaluated, but for the numbers in it.
 
@@ -80,7 +87,7 @@ class _Recipe(NamedTuple):
         Operations, their operands and their results.
     """
 
-    type: type[ForceKernel | ConstraintKernel]
+    type: type[AnyKernel]
     size: int
     n_data: int
     n_multipliers: int
@@ -88,11 +95,11 @@ class _Recipe(NamedTuple):
     steps: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
 
 
-def _function(kernel: ForceKernel | ConstraintKernel) -> ca.Function:
+def _function(kernel: AnyKernel) -> ca.Function:
     return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
 
 
-def _recipe(kernel: ForceKernel | ConstraintKernel) -> _Recipe | None:
+def _recipe(kernel: AnyKernel) -> _Recipe | None:
     """The recipe of a kernel; None of those of elements, which are shared as they are."""
     if kernel.reused:
         return None
@@ -107,7 +114,7 @@ def _recipe(kernel: ForceKernel | ConstraintKernel) -> _Recipe | None:
     return _Recipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
 
 
-def _numbers(kernel: ForceKernel | ConstraintKernel) -> Array:
+def _numbers(kernel: AnyKernel) -> Array:
     """The numbers in a kernel, in the order of its steps."""
     f = _function(kernel)
     steps = range(f.n_instructions())
@@ -116,8 +123,8 @@ def _numbers(kernel: ForceKernel | ConstraintKernel) -> Array:
     )
 
 
-@lru_cache(maxsize=_MOST_KINDS)
-def _general(recipe: _Recipe) -> ForceKernel | ConstraintKernel:
+@lru_cache(maxsize=MOST_KINDS)
+def _general(recipe: _Recipe) -> AnyKernel:
     """The kernel of a kind with its numbers as further data, the same one every time.
 
     Models that differ in numbers alone so have the same kernels, and what is derived from them.
