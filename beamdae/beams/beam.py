@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.formulas import as_it_is, fiber_strain, section_forces
 from beamdae.beams.kinematics import Kinematics, MaterialPoint
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
@@ -22,7 +21,6 @@ from beamdae.symbolic.memory import available_memory, require_memory
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
-    Local,
     Named,
     Piece,
     Quantity,
@@ -238,7 +236,7 @@ class Beam(Part):
         one_of(self.name, "axes", axes, ("inertial", "frame", "local"))
         at = self.kinematics.deformation(self._inside(s), axes)
         columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
-        values, data = Combined.of(_as_it_is, (at.values,))
+        values, data = Combined.of(as_it_is, (at.values,))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
 
     def strain(self, s: float, offset: float) -> Quantity:
@@ -254,7 +252,7 @@ class Beam(Part):
                 f"{self.name}: offset must lie within half the height of the section, "
                 f"{0.5 * height:g} m, got {offset:g}."
             )
-        return self._of_strains(s, (Named("", "-"),), _fiber_strain, offset)
+        return self._of_strains(s, (Named("", "-"),), fiber_strain, offset)
 
     def section_forces(self, s: float) -> Quantity:
         """Axial force N, shear force Q [N] and bending moment M [N m] at arc length `s`.
@@ -264,7 +262,7 @@ class Beam(Part):
         """
         x = self.section
         columns = (Named("N", "N"), Named("Q", "N"), Named("M", "N m"))
-        return self._of_strains(s, columns, _section_forces, x.EA, x.GA, x.EI, x.damping)
+        return self._of_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
 
     def _of_strains(
         self, s: float, columns: tuple[Named, ...], kind: Callable[..., SX], *own: float
@@ -272,21 +270,6 @@ class Beam(Part):
         at = self.kinematics.strains(self._inside(s))
         values, data = Combined.of(kind, (at.values, plain(*own)))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
-
-
-def _fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    strain = strains(local)
-    return strain[0] + offset()[0] * strain[2]
-
-
-def _section_forces(local: Local, strains: Callable[[Local], SX], own: Callable[[], Any]) -> SX:
-    strain, section = strains(local), own()
-    viscous = section[3] * local.dot(strain)
-    return ca.vertcat(*(section[k] * (strain[k] + viscous[k]) for k in range(3)))
-
-
-def _as_it_is(local: Local, values: Callable[[Local], SX]) -> SX:
-    return values(local)
 
 
 def _given_kinematics(
@@ -309,7 +292,9 @@ def _given_kinematics(
 
 def _require_room(name: str, mesh: Mesh) -> None:
     """Refuse more elements than there is memory for, before any of it is asked for."""
-    each = _MEMORY * (mesh.nodes - 1)
-    most = int(available_memory() / each)
+    each, there = _MEMORY * (mesh.nodes - 1), available_memory()
+    if each * mesh.elements <= there:
+        return
+    most = int(there / each)
     remedy = f"take at most elements={most}"
     require_memory(name, f"a run of elements={mesh.elements}", each * mesh.elements, remedy)

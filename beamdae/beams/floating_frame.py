@@ -5,20 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.floating_frame_element import (
-    FRAME,
-    NODE,
-    AxisMotion,
-    ElementType,
-    rotation,
-    strain_points,
-)
+from beamdae.beams.floating_frame_element import FRAME, NODE, ElementType
+from beamdae.beams.formulas import Deformation, SectionMotion, Strains, frame_motion
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.reach import error_by_rotation, range_kernel
@@ -26,10 +18,9 @@ from beamdae.beams.sections import Section
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError, one_of
-from beamdae.parts.attachments import rotate
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.sparse_sums import picked
-from beamdae.symbolic.statements import SX, Local, Named
+from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
 
@@ -41,65 +32,6 @@ _LEAST_CHORD = 0.1
 def _has_chord(curve: PlaneCurve) -> bool:
     ends = curve.point(np.array([0.0, curve.length]))
     return bool(np.hypot(*(ends[1] - ends[0])) >= _LEAST_CHORD * curve.length)
-
-
-def _listed(numbers: Any, first: int, count: int) -> Any:
-    return ca.vertcat(*(numbers[first + k] for k in range(count)))
-
-
-@dataclass(frozen=True)
-class _SectionMotion:
-    """Position and turn of a section between so many nodes.
-
-    Numbers: undeformed place in the frame, cosine and sine of the angle of the axis there, angle of
-    the frame in the drawing, shape functions.
-    """
-
-    nodes: int
-
-    def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
-        axis, row = AxisMotion(q), _listed(numbers, 5, self.nodes)
-        to_frame = rotation(numbers[2], numbers[3])
-        turn = q[2] - numbers[4] + axis.rotation(row)
-        return axis.position(row, _listed(numbers, 0, 2), to_frame), turn
-
-
-def _frame_motion(q: SX, angle: Any) -> tuple[SX, SX]:
-    return q[:2], q[2] - angle[0]
-
-
-@dataclass(frozen=True)
-class _Strains:
-    """Strains interpolated between the stiffness points of an element.
-
-    Numbers: the share of each point, their curvatures, and dxi/ds there.
-    """
-
-    element: ElementType
-
-    def __call__(self, local: Local, numbers: Any) -> SX:
-        count = self.element.quadrature
-        points = [ca.vertcat(0, numbers[count + k], numbers[2 * count + k]) for k in range(count)]
-        found = strain_points(self.element, SX(ca.horzcat(*points)), local.q[FRAME:])
-        total = SX.zeros(3)
-        for k, (_, strain) in enumerate(found):
-            total += numbers[k] * strain
-        return total
-
-
-@dataclass(frozen=True)
-class _Deformation:
-    """(u, v, phi) of a section in some axes; numbers: angle of its axis, shape functions."""
-
-    nodes: int
-    axes: str
-
-    def __call__(self, local: Local, numbers: Any) -> SX:
-        row = _listed(numbers, 1, self.nodes)
-        nodal = ca.reshape(local.q[FRAME:], NODE, self.nodes) @ row
-        angle = numbers[0]
-        turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[self.axes]
-        return ca.vertcat(rotate(turn, nodal), nodal[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +224,7 @@ class FloatingFrame(Kinematics):
             (float(drawn[0]), float(drawn[1])),
             angle + self.angle,
             self._rows_of(element, nodes),
-            Formula(_SectionMotion(len(nodes)), tuple(map(float, numbers))),
+            Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
 
     @property
@@ -319,7 +251,7 @@ class FloatingFrame(Kinematics):
     def floating_frame(self) -> MaterialPoint:
         """Origin and angle of the frame."""
         rows = sp.eye_array(FRAME, len(self.coordinates), format="csr")
-        return MaterialPoint(self.origin, self.angle, rows, Formula(_frame_motion, (self.angle,)))
+        return MaterialPoint(self.origin, self.angle, rows, Formula(frame_motion, (self.angle,)))
 
     def strains(self, s: float) -> PointValues:
         """Strains at arc length s, eqs. (5) and (6).
@@ -336,7 +268,7 @@ class FloatingFrame(Kinematics):
         ]
         at = self.carried.axis(np.full(points, element), gauss)
         numbers = [*share, *at.curvature, *(1.0 / at.ds)]
-        values = Formula(_Strains(self.element), tuple(map(float, numbers)))
+        values = Formula(Strains(self.element), tuple(map(float, numbers)))
         return PointValues(self._rows_of(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
@@ -344,7 +276,7 @@ class FloatingFrame(Kinematics):
         element, row, angle = self._located(s)
         numbers = tuple(map(float, (angle, *row)))
         return PointValues(
-            self._rows_of(element), Formula(_Deformation(self.mesh.nodes, axes), numbers)
+            self._rows_of(element), Formula(Deformation(self.mesh.nodes, axes), numbers)
         )
 
     @property

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-
 Array = np.ndarray
 
 

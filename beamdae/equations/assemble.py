@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,23 +27,20 @@ from beamdae.equations.fit import (
     stated,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.equations.owners import Owners, owners_of, places_at
 from beamdae.equations.poles import LawOfPart, laws_of
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.alike import by_kernel, recognized
-from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula
+from beamdae.symbolic.formulas import MOST_KINDS, Combined
 from beamdae.symbolic.memory import require_memory
-from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
     ForceStatement,
     Local,
     Named,
-    Piece,
     Quantity,
     QuantityKernel,
     RangeStatement,
@@ -57,43 +52,6 @@ Array = np.ndarray
 _AS_DRAWN = 1e-2
 # What a run takes at least for each coordinate [bytes]; measured: 14 kB where nothing is joined.
 _MEMORY = 1e4
-
-
-@dataclass(frozen=True)
-class Owners:
-    """Whose coordinates stand where among those of all; the ground has none."""
-
-    sizes: dict[int, int]
-
-    @cached_property
-    def offsets(self) -> dict[int, int]:
-        """First coordinate of each owner."""
-        starts = np.cumsum([0, *self.sizes.values()])[:-1]
-        return dict(zip(self.sizes, starts.tolist(), strict=True))
-
-    @cached_property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return sum(self.sizes.values())
-
-    def slice(self, owner: Any) -> slice:
-        """Where the coordinates of an owner stand."""
-        first = self.offsets[id(owner)]
-        return slice(first, first + self.sizes[id(owner)])
-
-    def globally(self, pieces: Sequence[Piece]) -> sp.csr_array:
-        """The operators of the pieces on all coordinates, one above the other."""
-        found = [(sp.csr_array(x.operator), self.offsets[id(x.owner)]) for x in pieces]
-        ends = np.cumsum([0, *(operator.nnz for operator, _ in found)])
-        data = [operator.data for operator, _ in found]
-        indices = [operator.indices + offset for operator, offset in found]
-        starts = [op.indptr[:-1] + first for (op, _), first in zip(found, ends, strict=False)]
-        parts = (
-            np.concatenate([np.zeros(0), *data]),
-            np.concatenate([np.zeros(0, np.int32), *indices]),
-            np.concatenate([*starts, ends[-1:]]),
-        )
-        return sp.csr_array(parts, shape=(len(parts[2]) - 1, self.n))
 
 
 def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
@@ -109,7 +67,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
-    owners = _owners(mechanism)
+    owners = owners_of(mechanism)
     if owners.n == 0:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
     what = f"a run of its {owners.n} coordinates"
@@ -130,7 +88,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         require_pieces_fit(name, quantity.pieces, owners.sizes)
     length = _extent(np.concatenate(drawn))
     q0 = np.concatenate([part.initial_position for part in parts])
-    _require_drawn_where_they_are(mechanism, q0, length)
+    _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     return build(
         coordinates=tuple(
@@ -170,7 +128,9 @@ def _part_coordinates(
     return tuple(found)
 
 
-def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float) -> None:
+def _require_drawn_where_they_are(
+    mechanism: Mechanism, owners: Owners, q0: Array, length: float
+) -> None:
     """Refuse attachments whose motion does not start at the point of the drawing they are named by.
 
     Joints compare the points of the drawing: they would tear together what is drawn as meeting.
@@ -178,7 +138,7 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
     found = [a for part in mechanism.parts.values() for a in part.attachments]
     if not found:
         return
-    started = _started(found, q0, _owners(mechanism))
+    started = places_at(found, q0, owners)
     gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _AS_DRAWN * length:
@@ -186,49 +146,6 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
             f"{found[worst]}: its motion starts {gaps[worst]:.3g} m away from there, "
             "an attachment must start where it is drawn."
         )
-
-
-def _started(places: Sequence[Attachment], q0: Array, owners: Owners) -> Array:
-    """Where the places are at q0, (number of places, 2)."""
-    found = np.empty((len(places), 2))
-    kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
-    for k, place in enumerate(places):
-        moved, local = place.moved, place.operator @ q0[owners.slice(place.body)]
-        if isinstance(moved, Formula):
-            kind = (moved.kind, len(moved.numbers), place.size)
-            kinds.setdefault(kind, []).append((k, local, moved.numbers))
-        else:
-            found[k] = _place(moved, place.size, SX(0, 1))(local[None], np.zeros(0))
-    for kind, members in kinds.items():
-        which, own, numbers = zip(*members, strict=True)
-        found[list(which)] = _place_of_kind(*kind)(np.array(own), np.array(numbers, dtype=float))
-    return found
-
-
-@lru_cache(maxsize=MOST_KINDS)
-def _place_of_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
-    numbers = SX.sym("numbers", count)
-    return _place(Formula(kind, numbers), size, numbers)
-
-
-def _place(moved: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX) -> RowFunction:
-    """Rows of (local coordinates, numbers) -> rows of (x, y)."""
-    q = SX.sym("q", size)
-    return RowFunction(ca.Function("place", [q, numbers], [ca.densify(moved(q)[0])]))
-
-
-def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
-    """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
-    owners = _owners(mechanism)
-    q = ca.SX.sym("q", owners.n)
-    own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
-    found = [place.position(constant(place.operator) @ own[id(place.body)]) for place in places]
-    return RowFunction(ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))]))
-
-
-def _owners(mechanism: Mechanism) -> Owners:
-    owners: list[Part] = [mechanism.ground, *mechanism.parts.values()]
-    return Owners({id(part): len(part.coordinates) for part in owners})
 
 
 def build(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from beamdae.errors import BeamdaeError
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.formulas import MOST_KINDS, Formula
 
 Array = np.ndarray
 
@@ -23,15 +25,16 @@ _FAR, _NEAR, _GROWTH = 4.0**-6, 4.0**-11, 16.0
 
 
 class LawOfPart(NamedTuple):
-    """A law that changes with time, as a function of (t, branch), and the part that follows it."""
+    """A law that changes with time, a function of (t, branch) and its numbers, and its part."""
 
     part: str
     function: RowFunction
+    numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
         """Size of its values at rows of times [s], each on its branch; that of no number is 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
-        sizes = np.abs(self.function(rows)).reshape(times.shape)
+        sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
@@ -40,13 +43,32 @@ def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
     found: dict[int, LawOfPart] = {}
     for part in parts:
         for law in part.laws:
-            time = ca.SX.sym("t", 2)
-            value = law(time)
-            if id(law) not in found and ca.depends_on(value, time):
-                found[id(law)] = LawOfPart(
-                    part.name, RowFunction(ca.Function("law", [time], [ca.densify(value)]))
-                )
+            if id(law) in found:
+                continue
+            formula, numbers = law.formula, np.zeros(0)
+            if isinstance(formula, Formula):
+                numbers = np.array(formula.numbers, float)
+                function = _varying_kind(formula.kind, len(numbers))
+            else:
+                function = _varying(formula, ca.SX(0, 1))
+            if function is not None:
+                found[id(law)] = LawOfPart(part.name, function, numbers)
     return tuple(found.values())
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _varying_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
+    numbers = ca.SX.sym("numbers", count)
+    return _varying(Formula(kind, numbers), numbers)
+
+
+def _varying(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
+    """(t, branch) and numbers -> the law, if it changes with time."""
+    time = ca.SX.sym("t", 2)
+    value = law(time)
+    if not ca.depends_on(value, time):
+        return None
+    return RowFunction(ca.Function("law", [time, numbers], [ca.densify(value)]))
 
 
 def require_no_pole(laws: Iterable[LawOfPart], intervals: Sequence[tuple[float, float]]) -> None:

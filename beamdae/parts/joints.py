@@ -108,15 +108,10 @@ class Joint(Part):
 
 @dataclass(frozen=True)
 class _Held:
-    """The kernel of a `gap` between two points.
+    """The kernel of a `gap` between two points, the first of so many local coordinates.
 
-    Attributes
-    ----------
-    size
-        Of the local coordinates of the first.
-    gap
-        (time, the first moved, the second moved, *further formulas) -> g, a point moved being its
-        position and turn.
+    gap: (time, the first moved, the second moved, *further formulas) -> g, a point moved being its
+    position and turn.
     """
 
     size: int
