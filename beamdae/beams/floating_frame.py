@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,9 @@ class FloatingFrame(Kinematics):
     continuity: str = "cartesian"
     quadrature: str = "reduced"
     frame: str | None = None
+    _material_points: dict[float, MaterialPoint] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         if self.frame is None:
@@ -215,6 +218,12 @@ class FloatingFrame(Kinematics):
 
     def material_point(self, s: float) -> MaterialPoint:
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
+        # Ends are asked for by whatever is joined to them, observed or drawn.
+        if s not in self._material_points:
+            self._material_points[s] = self._material_point(s)
+        return self._material_points[s]
+
+    def _material_point(self, s: float) -> MaterialPoint:
         element, row, angle = self._located(s)
         nodes = np.flatnonzero(np.abs(row) > 1e-12)
         drawn = np.asarray(self.mesh.curve.point(s), float)
