@@ -75,7 +75,8 @@ class Law:
     @property
     def formula(self) -> Callable[[SX], SX]:
         """The law as a `Formula`, if its pieces are such; otherwise the law itself."""
-        if not all(isinstance(piece, Formula) for piece in self.pieces):
+        # A class of the user's own may make something else of the pieces.
+        if type(self) is not Law or not all(isinstance(piece, Formula) for piece in self.pieces):
             return self
         pieces: Any = self.pieces
         kind = _Pieces(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))

@@ -112,3 +112,22 @@ def test_a_mix_of_formulas_and_functions_is_of_no_kind():
     mixed, _ = Combined.of(pushed, (plain(1.0), abs))
     assert kind.is_kind
     assert not mixed.is_kind
+
+
+class Halved(Law):
+    """Half of what its pieces give."""
+
+    def __call__(self, time):
+        return 0.5 * super().__call__(time)
+
+
+def test_a_law_of_the_users_own_class_is_asked_itself():
+    whole = bd.sine(3.0, 2.0, 0.4)
+    forces = []
+    for law in (whole, Halved(whole.pieces)):
+        mech = bd.Mechanism()
+        body = mech.add(bd.RigidBody("body", 2.0, 0.1))
+        mech.add(bd.Moment("moment", on=body.at(0.0, 0.0), law=law))
+        forces.append(Numeric(mech, TIME).force())
+    assert_allclose(forces[0], [0.0, 0.0, -3.0 * np.sin(4.0 * np.pi * 0.7 + 0.4)], rtol=1e-14)
+    assert_allclose(forces[1], 0.5 * forces[0], rtol=1e-15)
