@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
-from beamdae.symbolic.observed_kernel import ObservedKernel
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
 Array = np.ndarray
@@ -38,14 +38,14 @@ class RangeTerm:
 
 @dataclass(frozen=True)
 class Observable:
-    """Named columns with units, and the kernel that gives them.
+    """Named columns with units, and the function that gives them.
 
     `data` tells where its numbers are in p, `rows` which multipliers it asks for.
     """
 
     name: str
     columns: tuple[Named, ...]
-    kernel: ObservedKernel
+    function: RowFunction
     operator: sp.csr_array
     data: slice
     rows: slice

@@ -37,7 +37,7 @@ class ObservedRows:
         e, found = self.equations, [np.zeros((len(times), 0))]
         for o in e.observables:
             local = (np.asarray(o.operator @ x.T).T for x in (q, v))
-            found.append(o.kernel.function(times, *local, e.p[o.data], lam[:, o.rows]))
+            found.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
         return np.hstack(found)
 
 

@@ -51,9 +51,9 @@ def test_models_that_differ_in_numbers_alone_share_their_structure(numbers):
         for x, y in zip(sums(one), sums(other), strict=True):
             assert x is y
     assert start_sums(other.structure) is start_sums(one.structure)
-    # What is observed has kernels of its own kind.
-    kernels = [[o.kernel for o in e.observables] for e in (one, other)]
-    assert all(x is y for x, y in zip(*kernels, strict=True))
+    # What is observed has functions of its own kind.
+    functions = [[o.function for o in e.observables] for e in (one, other)]
+    assert all(x is y for x, y in zip(*functions, strict=True))
 
 
 def test_joints_that_lie_elsewhere_share_their_structure():
