@@ -36,7 +36,7 @@ from beamdae.equations.structure import (
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.alike import by_kernel, recognized
+from beamdae.symbolic.alike import Alike, by_kernel, recognized
 from beamdae.symbolic.formulas import MOST_KINDS, Combined
 from beamdae.symbolic.memory import require_memory
 from beamdae.symbolic.statements import (
@@ -49,6 +49,7 @@ from beamdae.symbolic.statements import (
     QuantityKernel,
     RangeStatement,
 )
+from beamdae.symbolic.turns import Turned, turned_operator
 
 Array = np.ndarray
 
@@ -172,11 +173,10 @@ def build(
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
     force_terms = [
-        ForceTerm(
-            alike.kernel,
+        _force_term(
+            alike,
             owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
-            numbers.store(alike.data),
-            alike.data.shape[1],
+            numbers,
         )
         for alike in by_kernel(forces)
     ]
@@ -218,6 +218,16 @@ def build(
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
     )
+
+
+def _force_term(alike: Alike, operator: sp.csr_array, numbers: _Numbers) -> ForceTerm:
+    """Elements and whatever else is of a kind turn within, by numbers of the model."""
+    count = alike.data.shape[1]
+    by = Turned(operator, None, np.zeros((0, count)))
+    if alike.kernel.reused:
+        by = turned_operator(operator, count)
+    stored = numbers.store(np.concatenate([alike.data, by.data]))
+    return ForceTerm(alike.kernel, by.picked, by.turn, stored, count)
 
 
 def _require_headers(

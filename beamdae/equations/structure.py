@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.turns import Turn
 
 
 class Keeping(Protocol):
@@ -33,10 +34,19 @@ _MOST_COORDINATES = 1000
 
 @dataclass(frozen=True, eq=False)
 class ForceTerm:
-    """Copies of one force kernel on the global coordinates; `data` tells where theirs are in p."""
+    """Copies of one force kernel on the global coordinates.
+
+    Attributes
+    ----------
+    operator, turn
+        The operator picks coordinates, which kernels turn to local ones, if at all.
+    data
+        Where in p the copies have their numbers, and behind these those of the turn.
+    """
 
     kernel: ForceKernel
     operator: sp.csr_array
+    turn: Turn | None
     data: slice
     count: int
 
@@ -86,7 +96,7 @@ def _told(value: Any) -> Any:
     if isinstance(value, sp.csr_array):
         arrays = (value.indptr, value.indices, value.data)
         return value.shape, *((array.dtype.char, array.tobytes()) for array in arrays)
-    return value if isinstance(value, int) else id(value)
+    return value if isinstance(value, int | Turn | None) else id(value)
 
 
 _interning = threading.Lock()

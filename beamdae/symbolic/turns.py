@@ -8,6 +8,7 @@ comes out; what is left to do one by one, from memory to memory, is to pick and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -44,9 +45,19 @@ class Turn:
             matrix[row, column] = data[k]
         return matrix
 
+    def operator(self, picked: sp.csr_array, data: Array) -> sp.csr_array:
+        """What picks and turns, with the numbers of the copies, a column each."""
+        copy, (rows, columns) = np.arange(data.shape[1]), self.shape
+        i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
+            [[[rows]], [[columns]]]
+        )
+        values = np.concatenate([np.ones((len(self.ones), len(copy))), data])
+        shape = (rows * len(copy), columns * len(copy))
+        turning = sp.csr_array((values.ravel(), (i.ravel(), j.ravel())), shape=shape)
+        return sp.csr_array(turning @ picked)
 
-@dataclass(frozen=True)
-class Turned:
+
+class Turned(NamedTuple):
     """An operator of copies: what it picks, and how that is turned.
 
     Attributes
@@ -60,10 +71,6 @@ class Turned:
     picked: sp.csr_array
     turn: Turn | None
     data: Array
-
-    def kernel(self, kernel: Kernel, vectors: int) -> Kernel:
-        """A kernel of `vectors` vectors of local coordinates, in those picked."""
-        return kernel if self.turn is None else turned(kernel, self.turn, vectors)
 
 
 def turned_operator(operator: sp.csr_array, count: int) -> Turned:
