@@ -28,7 +28,7 @@ K = TypeVar("K", bound=Keeping)
 
 # Structures that are kept for models to come, and the coordinates from which on they are not:
 # what is built from them grows with these, and beside the run it soon takes no time.
-_MOST_STRUCTURES = 32
+_MOST_STRUCTURES = 16
 _MOST_COORDINATES = 1000
 
 
