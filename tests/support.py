@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 import beamdae as bd
 from beamdae.equations import measures
+from beamdae.equations.consistent_start import Starter
 from beamdae.equations.start_sums import StartEquations
 from beamdae.equations.sums import Places, reaction_sum
 from beamdae.integrators import ida
@@ -174,9 +174,8 @@ class Numeric:
 
     def constraint_matrix(self, q=None, v=None, a=None, lam=None, time=None):
         """G = dg/dq."""
-        pattern = self._start.sums.gradient_pattern
-        nonzeros = self._start.gradients(*self._given(q, v, a, lam, time)[:2])
-        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape).toarray()
+        given = self._given(q, v, a, lam, time)
+        return Starter(self.equations).constraint_matrix(*given[:2]).toarray()
 
     def reaction(self, q=None, v=None, a=None, lam=None, time=None):
         """G^T lam."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.formulas import as_it_is, fiber_strain, section_forces
 from beamdae.beams.kinematics import Kinematics, MaterialPoint
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
@@ -15,11 +16,11 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError, count, finite, one_of, point, shown, told
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.symbolic.formulas import Combined, plain
 from beamdae.symbolic.memory import available_memory, require_memory
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
-    Local,
     Named,
     Piece,
     Quantity,
@@ -174,7 +175,7 @@ class Beam(Part):
         """Their rates at the start."""
         return self.kinematics.initial_velocity(self.velocity, self.angular_velocity)
 
-    @property
+    @cached_property
     def outline(self) -> Array:
         """Points along the axis."""
         return self.curve.point(np.linspace(0.0, self.length, 33))
@@ -235,7 +236,8 @@ class Beam(Part):
         one_of(self.name, "axes", axes, ("inertial", "frame", "local"))
         at = self.kinematics.deformation(self._inside(s), axes)
         columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
-        return Quantity(columns, (Piece(self, at.operator),), at.values)
+        values, data = Combined.of(as_it_is, (at.values,))
+        return Quantity(columns, (Piece(self, at.operator),), values, data)
 
     def strain(self, s: float, offset: float) -> Quantity:
         """Longitudinal strain eps11 at arc length `s` and distance `offset` [m] from the axis (5).
@@ -250,9 +252,7 @@ class Beam(Part):
                 f"{self.name}: offset must lie within half the height of the section, "
                 f"{0.5 * height:g} m, got {offset:g}."
             )
-        return self._of_strains(
-            s, (Named("", "-"),), lambda strain, rate, section: strain[0] + offset * strain[2]
-        )
+        return self._of_strains(s, (Named("", "-"),), fiber_strain, offset)
 
     def section_forces(self, s: float) -> Quantity:
         """Axial force N, shear force Q [N] and bending moment M [N m] at arc length `s`.
@@ -260,22 +260,16 @@ class Beam(Part):
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), with the damping part.
         The sign of M is that of kappa11 = -phi': positive M lengthens the left side.
         """
-        return self._of_strains(
-            s,
-            (Named("N", "N"), Named("Q", "N"), Named("M", "N m")),
-            lambda strain, rate, section: section[:3] * (strain + section[3] * rate),
-        )
+        x = self.section
+        columns = (Named("N", "N"), Named("Q", "N"), Named("M", "N m"))
+        return self._of_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
 
-    def _of_strains(self, s: float, columns: tuple[Named, ...], evaluate: Any) -> Quantity:
+    def _of_strains(
+        self, s: float, columns: tuple[Named, ...], kind: Callable[..., SX], *own: float
+    ) -> Quantity:
         at = self.kinematics.strains(self._inside(s))
-
-        def expression(local: Local) -> SX:
-            strain = at.values(local)
-            return evaluate(strain, local.dot(strain), local.data)
-
-        section = self.section
-        data = np.array([section.EA, section.GA, section.EI, section.damping])
-        return Quantity(columns, (Piece(self, at.operator),), expression, data)
+        values, data = Combined.of(kind, (at.values, plain(*own)))
+        return Quantity(columns, (Piece(self, at.operator),), values, data)
 
 
 def _given_kinematics(
@@ -298,7 +292,9 @@ def _given_kinematics(
 
 def _require_room(name: str, mesh: Mesh) -> None:
     """Refuse more elements than there is memory for, before any of it is asked for."""
-    each = _MEMORY * (mesh.nodes - 1)
-    most = int(available_memory() / each)
+    each, there = _MEMORY * (mesh.nodes - 1), available_memory()
+    if each * mesh.elements <= there:
+        return
+    most = int(there / each)
     remedy = f"take at most elements={most}"
     require_memory(name, f"a run of elements={mesh.elements}", each * mesh.elements, remedy)

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.floating_frame_element import (
-    FRAME,
-    NODE,
-    AxisMotion,
-    ElementType,
-    rotation,
-    strain_points,
-)
+from beamdae.beams.floating_frame_element import FRAME, NODE, ElementType
+from beamdae.beams.formulas import Deformation, SectionMotion, Strains, frame_motion
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.reach import error_by_rotation, range_kernel
 from beamdae.beams.sections import Section
-from beamdae.beams.shape_functions import shape_functions
+from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError, one_of
-from beamdae.parts.attachments import rotate
-from beamdae.symbolic.statements import SX, Local, Named
+from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.sparse_sums import picked
+from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
 
@@ -55,6 +50,9 @@ class FloatingFrame(Kinematics):
     continuity: str = "cartesian"
     quadrature: str = "reduced"
     frame: str | None = None
+    _material_points: dict[float, MaterialPoint] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         if self.frame is None:
@@ -144,16 +142,18 @@ class FloatingFrame(Kinematics):
         node = mesh.element_nodes.ravel()
         turn = self._kink(element, node)
         row = element * kind.size + FRAME + NODE * local
-        column = NODE * node
         c, s = np.cos(turn), np.sin(turn)
         entries = [(0, 0, c), (0, 1, s), (1, 0, -s), (1, 1, c), (2, 2, np.ones_like(c))]
-        rows = np.concatenate([row + i for i, _, _ in entries])
-        columns = np.concatenate([column + j for _, j, _ in entries])
-        values = np.concatenate([value for _, _, value in entries])
-        shape = (mesh.elements * kind.size, NODE * mesh.node_count)
-        nodal = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape)) @ self._free
-        frame = sp.csr_array(np.tile(np.eye(kind.size, FRAME), (mesh.elements, 1)))
-        operator = sp.csr_array(sp.hstack([frame, nodal]))
+        into, share = self._free
+        column = [NODE * node + j for _, j, _ in entries]
+        size = mesh.elements * kind.size
+        in_frame = np.arange(size).reshape(-1, kind.size)[:, :FRAME].ravel()
+        rows = np.concatenate([in_frame, *(row + i for i, _, _ in entries)])
+        columns = np.concatenate([in_frame % kind.size, *(into[j] for j in column)])
+        turns = [value * share[j] for j, (_, _, value) in zip(column, entries, strict=True)]
+        values = np.concatenate([np.ones(len(in_frame)), *turns])
+        shape = (size, len(self.coordinates))
+        operator = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
         operator.eliminate_zeros()
         return operator
 
@@ -166,22 +166,24 @@ class FloatingFrame(Kinematics):
         return mesh.axis(element, xi).angle - mesh.tangent_angle(mesh.node_arc_lengths[node])
 
     @property
-    def _free(self) -> sp.csr_array:
-        """From the free nodal coordinates to all of them: the conditions of the floating frame."""
-        size = NODE * self.mesh.node_count
-        eye = sp.eye_array(size, format="csr")
-        if self.frame == "tangent":
-            return sp.csr_array(eye[:, NODE:])
-        angle = float(self.carried.tangent_angle(self.mesh.curve.length))
-        along = sp.coo_array(
-            ([np.cos(angle), -np.sin(angle)], ([size - 3, size - 2], [0, 0])), shape=(size, 1)
-        )
-        return sp.csr_array(sp.hstack([eye[:, 2 : size - 3], along, eye[:, size - 1 :]]))
+    def _free(self) -> tuple[Array, Array]:
+        """Which coordinate moves each of those of all nodes, and how much: the frame's conditions.
 
-    def data(self, gravity: Array) -> Array:
-        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        x = self.section
-        values = [x.EA, x.GA, x.EI, x.rhoA, x.rhoI, x.damping, *gravity]
+        What the frame holds moves by nothing.
+        """
+        size, free = NODE * self.mesh.node_count, len(self.coordinates)
+        held = NODE if self.frame == "tangent" else 2
+        into, share = np.maximum(np.arange(size) - held, 0) + FRAME, np.ones(size)
+        share[:held] = 0.0
+        if self.frame == "chord":
+            angle = float(self.carried.tangent_angle(self.mesh.curve.length))
+            share[-3:-1] = np.cos(angle), -np.sin(angle)
+            into[-3:-1], into[-1] = free - 2, free - 1
+        return into, share
+
+    @cached_property
+    def _points(self) -> Array:
+        """What the elements' numbers are of their points, a column an element."""
         weight, at = self.carried.gauss(self.element.mass_quadrature)
         reference = turned(at.place, -at.angle).T
         mass = [weight, *reference, np.cos(at.angle), np.sin(at.angle)]
@@ -189,35 +191,49 @@ class FloatingFrame(Kinematics):
         stiffness = [weight, at.curvature, 1.0 / at.ds]
         elements = self.mesh.elements
         points = [np.stack(x, axis=-1).reshape(elements, -1).T for x in (mass, stiffness)]
-        return np.concatenate([*points, np.repeat(np.array(values)[:, None], elements, axis=1)])
+        return np.concatenate(points)
 
-    def _located(self, s: float) -> tuple[Array, float, sp.csr_array]:
-        """Shape functions of the element at s, angle of its axis in the frame, its coordinates."""
+    def data(self, gravity: Array) -> Array:
+        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
+        x = self.section
+        values = [x.EA, x.GA, x.EI, x.rhoA, x.rhoI, x.damping, *gravity]
+        own = np.repeat(np.array(values)[:, None], self.mesh.elements, axis=1)
+        return np.concatenate([self._points, own])
+
+    def _located(self, s: float) -> tuple[int, Array, float]:
+        """The element at s, its shape functions there, and the angle of its axis in the frame."""
         element, xi = self.mesh.locate(s)
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
         angle = float(self.carried.axis(np.array([element]), np.array([xi])).angle[0])
+        return element, row, angle
+
+    def _rows_of(self, element: int, nodes: Array | None = None) -> sp.csr_array:
+        """Rows of the operator of an element: of the frame, and of these nodes or of all."""
         size = self.element.size
-        return row, angle, self.operator[element * size : (element + 1) * size]
+        rows = np.arange(size)
+        if nodes is not None:
+            own = FRAME + NODE * nodes[:, None] + np.arange(NODE)
+            rows = np.concatenate([rows[:FRAME], own.ravel()])
+        return picked(self.operator, rows + element * size)
 
     def material_point(self, s: float) -> MaterialPoint:
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
-        row, angle, operator = self._located(s)
+        # Ends are asked for by whatever is joined to them, observed or drawn.
+        if s not in self._material_points:
+            self._material_points[s] = self._material_point(s)
+        return self._material_points[s]
+
+    def _material_point(self, s: float) -> MaterialPoint:
+        element, row, angle = self._located(s)
         nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        local = [np.arange(FRAME), *(FRAME + NODE * i + np.arange(NODE) for i in nodes)]
         drawn = np.asarray(self.mesh.curve.point(s), float)
         carried = turned(drawn - np.asarray(self.origin), -self.angle)
-        to_frame = rotation(np.cos(angle), np.sin(angle))
-
-        def motion(q: SX) -> tuple[SX, SX]:
-            axis = AxisMotion(q)
-            turn = q[2] - self.angle + axis.rotation(row[nodes])
-            return axis.position(row[nodes], carried, to_frame), turn
-
+        numbers = [*carried, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
         return MaterialPoint(
             (float(drawn[0]), float(drawn[1])),
             angle + self.angle,
-            operator[np.concatenate(local)],
-            motion,
+            self._rows_of(element, nodes),
+            Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
 
     @property
@@ -244,7 +260,7 @@ class FloatingFrame(Kinematics):
     def floating_frame(self) -> MaterialPoint:
         """Origin and angle of the frame."""
         rows = sp.eye_array(FRAME, len(self.coordinates), format="csr")
-        return MaterialPoint(self.origin, self.angle, rows, lambda q: (q[:2], q[2] - self.angle))
+        return MaterialPoint(self.origin, self.angle, rows, Formula(frame_motion, (self.angle,)))
 
     def strains(self, s: float) -> PointValues:
         """Strains at arc length s, eqs. (5) and (6).
@@ -253,35 +269,24 @@ class FloatingFrame(Kinematics):
         interpolated.
         """
         element, xi = self.mesh.locate(s)
-        _, _, operator = self._located(s)
         points = self.element.quadrature
-        gauss, _ = np.polynomial.legendre.leggauss(points)
+        gauss, _ = gauss_points(points)
         share = [
             float(np.prod([(xi - x) / (gauss[k] - x) for x in np.delete(gauss, k)]))
             for k in range(points)
         ]
         at = self.carried.axis(np.full(points, element), gauss)
-        data = SX(np.stack([np.zeros(points), at.curvature, 1.0 / at.ds]))
-
-        def values(local: Local) -> SX:
-            found = strain_points(self.element, data, local.q[FRAME:])
-            total = SX.zeros(3)
-            for part, (_, strain) in zip(share, found, strict=True):
-                total += part * strain
-            return total
-
-        return PointValues(operator, values)
+        numbers = [*share, *at.curvature, *(1.0 / at.ds)]
+        values = Formula(Strains(self.element), tuple(map(float, numbers)))
+        return PointValues(self._rows_of(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """(u, v, phi) at arc length s, components in the axes "inertial", "frame" or "local"."""
-        row, angle, operator = self._located(s)
-
-        def values(local: Local) -> SX:
-            nodal = ca.reshape(local.q[FRAME:], NODE, self.mesh.nodes) @ row
-            turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[axes]
-            return ca.vertcat(rotate(turn, nodal), nodal[2])
-
-        return PointValues(operator, values)
+        element, row, angle = self._located(s)
+        numbers = tuple(map(float, (angle, *row)))
+        return PointValues(
+            self._rows_of(element), Formula(Deformation(self.mesh.nodes, axes), numbers)
+        )
 
     @property
     def curvature_error(self) -> float:

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
-from beamdae.beams.shape_functions import shape_functions
+from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 FRAME = 3
@@ -207,7 +207,7 @@ def _nodal_vectors(coordinates: SX) -> SX:
 
 def _mass_points(kind: ElementType, data: Data) -> list[tuple[np.ndarray, SX, SX, SX]]:
     """Shape functions, weight, undeformed place in ec and rotation to ec of each inertia point."""
-    xi, _ = np.polynomial.legendre.leggauss(kind.mass_quadrature)
+    xi, _ = gauss_points(kind.mass_quadrature)
     return [
         (row, at[0], at[1:3], rotation(at[3], at[4]).T)
         for row, at in zip(shape_functions(kind.nodes, xi), ca.horzsplit(data.mass), strict=True)
@@ -220,7 +220,7 @@ def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX
     Eqs. (5) and (6), kappa11 = -phi'. `points` has a column of `STIFFNESS_POINT` each, `nodal` are
     the coordinates (u, v, phi) a node.
     """
-    xi, _ = np.polynomial.legendre.leggauss(kind.quadrature)
+    xi, _ = gauss_points(kind.quadrature)
     rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
     found = []
     for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):

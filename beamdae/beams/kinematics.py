@@ -105,7 +105,8 @@ class MaterialPoint(NamedTuple):
     operator
         Rows that pick its local coordinates from those of the beam.
     motion
-        Local coordinates -> (position in the inertial frame, turn since the reference drawing).
+        Local coordinates -> (position in the inertial frame, turn since the reference drawing), a
+        `Formula` or any function.
     """
 
     drawn: tuple[float, float]
@@ -115,7 +116,10 @@ class MaterialPoint(NamedTuple):
 
 
 class PointValues(NamedTuple):
-    """Values at a section: rows that pick local coordinates, and the values from these."""
+    """Values at a section: rows that pick local coordinates, and the values from these.
+
+    The values are a `Formula` or any function.
+    """
 
     operator: sp.csr_array
     values: Callable[[Local], SX]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.beams.shape_functions import shape_functions
+from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError
 
@@ -127,7 +127,7 @@ class Mesh:
 
         They are of shape (elements * points, ...).
         """
-        xi, weights = np.polynomial.legendre.leggauss(points)
+        xi, weights = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
         axis = self.axis(element, np.tile(xi, self.elements))
         return np.tile(weights, self.elements) * axis.ds, axis
@@ -149,7 +149,7 @@ class Mesh:
 
     def curvature_error(self, points: int) -> float:
         """Largest error of the curvature at Gauss points, times the length of the curve."""
-        xi, _ = np.polynomial.legendre.leggauss(points)
+        xi, _ = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
         xi = np.tile(xi, self.elements)
         s = (element + 0.5 * (xi + 1.0)) * (self.curve.length / self.elements)

@@ -88,15 +88,18 @@ class _SplineCurve:
     def point(self, s: Any) -> Array:
         return self._spline(self._parameter(s))
 
+    @cached_property
+    def _unwrapped(self) -> Array:
+        """Angle of the tangent at the parameters of the table, continuous."""
+        dense = self._spline(self._table[0], 1)
+        return np.unwrap(np.arctan2(dense[:, 1], dense[:, 0]))
+
     def tangent_angle(self, s: Any) -> Array:
-        grid, _ = self._table
-        dense = self._spline(grid, 1)
-        unwrapped = np.unwrap(np.arctan2(dense[:, 1], dense[:, 0]))
         tau = self._parameter(s)
         here = self._spline(tau, 1)
         wrapped = np.arctan2(here[..., 1], here[..., 0])
         return wrapped + 2.0 * np.pi * np.round(
-            (np.interp(tau, grid, unwrapped) - wrapped) / (2.0 * np.pi)
+            (np.interp(tau, self._table[0], self._unwrapped) - wrapped) / (2.0 * np.pi)
         )
 
     def curvature(self, s: Any) -> Array:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import casadi as ca
@@ -26,33 +25,31 @@ from beamdae.equations.fit import (
     stated,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.equations.owners import Owners, owners_of, places_at
 from beamdae.equations.poles import LawOfPart, laws_of
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
-    ObservedTerm,
     Structure,
     interned,
 )
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.alike import by_kernel
-from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.alike import Alike, by_kernel, recognized
+from beamdae.symbolic.formulas import MOST_KINDS, Combined
 from beamdae.symbolic.memory import require_memory
-from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
-from beamdae.symbolic.sparse_sums import constant
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
     ForceStatement,
     Local,
     Named,
-    Piece,
     Quantity,
+    QuantityKernel,
     RangeStatement,
 )
+from beamdae.symbolic.turns import Turned, turned_operator
 
 Array = np.ndarray
 
@@ -60,34 +57,6 @@ Array = np.ndarray
 _AS_DRAWN = 1e-2
 # What a run takes at least for each coordinate [bytes]; measured: 14 kB where nothing is joined.
 _MEMORY = 1e4
-
-
-@dataclass(frozen=True)
-class Owners:
-    """Whose coordinates stand where among those of all; the ground has none."""
-
-    sizes: dict[int, int]
-
-    @cached_property
-    def offsets(self) -> dict[int, int]:
-        """First coordinate of each owner."""
-        starts = np.cumsum([0, *self.sizes.values()])[:-1]
-        return dict(zip(self.sizes, starts.tolist(), strict=True))
-
-    @cached_property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return sum(self.sizes.values())
-
-    def globally(self, pieces: Sequence[Piece]) -> sp.csr_array:
-        """The operators of the pieces on all coordinates, one above the other."""
-        return _stack([self._shifted(piece) for piece in pieces] or [sp.csr_array((0, self.n))])
-
-    def _shifted(self, piece: Piece) -> sp.csr_array:
-        operator = sp.csr_array(piece.operator)
-        offset = self.offsets[id(piece.owner)]
-        parts = (operator.data, operator.indices + offset, operator.indptr)
-        return sp.csr_array(parts, shape=(operator.shape[0], self.n))
 
 
 def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
@@ -103,7 +72,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
-    owners = _owners(mechanism)
+    owners = owners_of(mechanism)
     if owners.n == 0:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
     what = f"a run of its {owners.n} coordinates"
@@ -124,7 +93,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         require_pieces_fit(name, quantity.pieces, owners.sizes)
     length = _extent(np.concatenate(drawn))
     q0 = np.concatenate([part.initial_position for part in parts])
-    _require_drawn_where_they_are(mechanism, q0, length)
+    _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     return build(
         coordinates=tuple(
@@ -164,7 +133,9 @@ def _part_coordinates(
     return tuple(found)
 
 
-def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float) -> None:
+def _require_drawn_where_they_are(
+    mechanism: Mechanism, owners: Owners, q0: Array, length: float
+) -> None:
     """Refuse attachments whose motion does not start at the point of the drawing they are named by.
 
     Joints compare the points of the drawing: they would tear together what is drawn as meeting.
@@ -172,7 +143,7 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
     found = [a for part in mechanism.parts.values() for a in part.attachments]
     if not found:
         return
-    started = positions(mechanism, found)(q0[None]).reshape(-1, 2)
+    started = places_at(found, q0, owners)
     gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _AS_DRAWN * length:
@@ -180,20 +151,6 @@ def _require_drawn_where_they_are(mechanism: Mechanism, q0: Array, length: float
             f"{found[worst]}: its motion starts {gaps[worst]:.3g} m away from there, "
             "an attachment must start where it is drawn."
         )
-
-
-def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
-    """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
-    owners = _owners(mechanism)
-    q = ca.SX.sym("q", owners.n)
-    own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
-    found = [place.position(constant(place.operator) @ own[id(place.body)]) for place in places]
-    return RowFunction(ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))]))
-
-
-def _owners(mechanism: Mechanism) -> Owners:
-    owners: list[Part] = [mechanism.ground, *mechanism.parts.values()]
-    return Owners({id(part): len(part.coordinates) for part in owners})
 
 
 def build(
@@ -216,24 +173,22 @@ def build(
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
     force_terms = [
-        ForceTerm(
-            alike.kernel,
-            _stack([owners.globally(forces[k].pieces) for k in alike.members]),
-            numbers.store(alike.data),
-            alike.data.shape[1],
+        _force_term(
+            alike,
+            owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
+            numbers,
         )
         for alike in by_kernel(forces)
     ]
     held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
     places = [np.arange(first, last) for first, last in pairwise(ends)]
-    every = sp.eye_array(len(held), format="csr")
     constraint_terms = [
         ConstraintTerm(
             alike.kernel,
-            _stack([owners.globally(constraints[k].pieces) for k in alike.members]),
+            owners.globally([piece for k in alike.members for piece in constraints[k].pieces]),
             numbers.store(alike.data),
-            sp.csr_array(every[np.concatenate([places[k] for k in alike.members])]),
+            _rows(np.concatenate([places[k] for k in alike.members]), len(held)),
             alike.data.shape[1],
         )
         for alike in by_kernel(constraints)
@@ -243,12 +198,10 @@ def build(
         # A part may state several constraints, one after the other.
         rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     observed = [
-        _observed_term(name, quantity, owners, numbers, rows)
-        for name, quantity in observables.items()
+        _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
-    named = tuple(Observable(name, quantity.columns) for name, quantity in observables.items())
-    _require_headers(coordinates, held, named)
-    terms = (tuple(force_terms), tuple(constraint_terms), tuple(observed))
+    _require_headers(coordinates, held, observed)
+    terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
@@ -260,11 +213,21 @@ def build(
         breakpoints=breakpoints,
         time_scale=time_scale,
         scales=None if scales is None else _constant(scales),
-        observables=named,
+        observables=tuple(observed),
         structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
     )
+
+
+def _force_term(alike: Alike, operator: sp.csr_array, numbers: _Numbers) -> ForceTerm:
+    """Elements and whatever else is of a kind turn within, by numbers of the model."""
+    count = alike.data.shape[1]
+    by = Turned(operator, None, np.zeros((0, count)))
+    if alike.kernel.reused:
+        by = turned_operator(operator, count)
+    stored = numbers.store(np.concatenate([alike.data, by.data]))
+    return ForceTerm(alike.kernel, by.picked, by.turn, stored, count)
 
 
 def _require_headers(
@@ -305,26 +268,44 @@ class _Numbers:
         return slice(begin, self._end)
 
 
-def _stack(operators: list[sp.csr_array]) -> sp.csr_array:
-    return operators[0] if len(operators) == 1 else sp.csr_array(sp.vstack(operators))
+def _rows(picked: Array, size: int) -> sp.csr_array:
+    """The operator that picks these of so many rows."""
+    parts = (np.ones(len(picked)), picked, np.arange(len(picked) + 1))
+    return sp.csr_array(parts, shape=(len(picked), size))
 
 
-def _observed_term(
+def _observable(
     name: str, quantity: Quantity, owners: Owners, numbers: _Numbers, rows: dict[str, slice]
-) -> ObservedTerm:
+) -> Observable:
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
     operator = owners.globally(quantity.pieces)
-    local = Local(operator.shape[0], len(quantity.data), lam_rows.stop - lam_rows.start)
+    data = np.asarray(quantity.data, float)
     require_columns_fit(name, quantity.columns)
-    value = asked(name, "expression", lambda: ca.densify(SX(quantity.expression(local))))
-    if value.shape != (len(quantity.columns), 1):
+    sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
+    expression = quantity.expression
+    if isinstance(expression, Combined) and expression.is_kind:
+        kernel, more = _kept_values(expression, *sizes), np.zeros(0)
+    else:
+        kernel, more = recognized(_values(name, expression, Local(*sizes)))
+    if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
             f"{name}: the quantity must give one value for each of its columns ({columns}), "
-            f"got shape {value.shape}."
+            f"got shape {kernel.values.shape}."
         )
-    data = np.reshape(np.asarray(quantity.data, float), (-1, 1))
-    (alike,) = by_kernel([ObservedStatement(ObservedKernel(local, value), data)])
-    return ObservedTerm(alike.kernel, operator, numbers.store(alike.data), lam_rows)
+    stored = numbers.store(np.concatenate([data, more]))
+    return Observable(name, quantity.columns, kernel.function, operator, stored, lam_rows)
+
+
+def _values(name: str, expression: Callable[[Local], SX], local: Local) -> QuantityKernel:
+    return QuantityKernel(
+        local, asked(name, "expression", lambda: ca.densify(SX(expression(local))))
+    )
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _kept_values(combined: Combined, size: int, n_data: int, n_multipliers: int) -> QuantityKernel:
+    local = Local(size, n_data, n_multipliers)
+    return QuantityKernel(local, combined(local))

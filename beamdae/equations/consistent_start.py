@@ -96,6 +96,11 @@ class Starter:
         solver, _ = self._factorized(time, state.q, state.v, _MASS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
+    def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
+        """G = dg/dq, sparse (m, n)."""
+        pattern, nonzeros = self._own.sums.gradient_pattern, self._own.gradients(time, q)
+        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Consistent state nearest to (q, v) at time = (t, branch).
 

@@ -11,9 +11,10 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assemble import Owners, build
+from beamdae.equations.assemble import build
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.fit import require_unit
+from beamdae.equations.owners import Owners
 from beamdae.errors import BeamdaeError, entries, finite, keep, number, positive, shown
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
 Array = np.ndarray
@@ -37,10 +38,17 @@ class RangeTerm:
 
 @dataclass(frozen=True)
 class Observable:
-    """Named columns with units, in the order of `Structure.observed`."""
+    """Named columns with units, and the function that gives them.
+
+    `data` tells where its numbers are in p, `rows` which multipliers it asks for.
+    """
 
     name: str
     columns: tuple[Named, ...]
+    function: RowFunction
+    operator: sp.csr_array
+    data: slice
+    rows: slice
 
     @property
     def headers(self) -> list[str]:
@@ -94,7 +102,7 @@ class EquationsOfMotion:
         How far each coordinate moves [its unit], (n,), where that is given; None: integrators
         find out.
     structure
-        The kernels of forces, joints and observables, without numbers.
+        The kernels of forces and joints, without numbers.
     laws
         Those that change with time, with the parts that follow them.
     """

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import once
-from beamdae.equations.sums import data_of
+from beamdae.equations.sums import data_of, local_operator
 from beamdae.symbolic.kernel_rows import KernelRows
 
 Array = np.ndarray
@@ -28,16 +28,16 @@ DRIFT_COLUMNS = ("drift.position", "drift.velocity")
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """All observed columns, in the order of `Structure.observed`."""
+    """All observed columns, in the order of `observables`."""
 
     equations: EquationsOfMotion
 
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Rows of the columns at states (q, v, a, lam) at (t, branch)."""
         e, found = self.equations, [np.zeros((len(times), 0))]
-        for term in e.structure.observed:
-            local = (np.asarray(term.operator @ x.T).T for x in (q, v))
-            found.append(term.kernel.function(times, *local, e.p[term.data], lam[:, term.rows]))
+        for o in e.observables:
+            local = (np.asarray(o.operator @ x.T).T for x in (q, v))
+            found.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
         return np.hstack(found)
 
 
@@ -61,9 +61,10 @@ class BalanceRows:
         energies, drivers = np.zeros((len(q), 5)), np.zeros(len(q))
         levels = [np.zeros((len(q), e.m)) for _ in range(2)]
         for term, rows in zip(e.forces, self.forces, strict=True):
+            operator = rows.operators[0]
             own_force, own_still, own_energies = rows(times, (q, v, a))
-            force += own_force @ term.operator
-            still += own_still @ term.operator
+            force += own_force @ operator
+            still += own_still @ operator
             energies += own_energies.reshape(len(q), term.count, 5).sum(axis=1)
         for joint, rows in zip(e.joints, self.joints, strict=True):
             own_reaction, *own_levels, power = rows(times, (q, v, lam))
@@ -83,7 +84,7 @@ def balance(e: EquationsOfMotion) -> BalanceRows:
     The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
     forces = (
-        KernelRows(t.kernel.balance_kernel, (t.operator,) * 3, data_of(e, t), t.count)
+        KernelRows(t.kernel.balance_kernel, (local_operator(e, t),) * 3, data_of(e, t), t.count)
         for t in e.forces
     )
     joints = (

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.parts.part import Part
-from beamdae.symbolic.alike import by_kernel
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.local import Local
-from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
+from beamdae.symbolic.formulas import MOST_KINDS, Formula
 
 Array = np.ndarray
 
@@ -26,21 +25,16 @@ _FAR, _NEAR, _GROWTH = 4.0**-6, 4.0**-11, 16.0
 
 
 class LawOfPart(NamedTuple):
-    """A law that changes with time, and the part that follows it.
-
-    It is an observed quantity of no coordinates: laws that differ in numbers alone share the
-    function, which has these as data.
-    """
+    """A law that changes with time, a function of (t, branch) and its numbers, and its part."""
 
     part: str
     function: RowFunction
-    data: Array
+    numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
         """Size of its values at rows of times [s], each on its branch; that of no number is 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
-        none = np.zeros(0)
-        sizes = np.abs(self.function(rows, none, none, self.data, none)).reshape(times.shape)
+        sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
@@ -51,13 +45,30 @@ def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
         for law in part.laws:
             if id(law) in found:
                 continue
-            local = Local(0)
-            value = law(local.time)
-            if ca.depends_on(value, local.time):
-                stated = ObservedStatement(ObservedKernel(local, value), np.zeros((0, 1)))
-                (alike,) = by_kernel([stated])
-                found[id(law)] = LawOfPart(part.name, alike.kernel.function, alike.data[:, 0])
+            formula, numbers = law.formula, np.zeros(0)
+            if isinstance(formula, Formula):
+                numbers = np.array(formula.numbers, float)
+                function = _varying_kind(formula.kind, len(numbers))
+            else:
+                function = _varying(formula, ca.SX(0, 1))
+            if function is not None:
+                found[id(law)] = LawOfPart(part.name, function, numbers)
     return tuple(found.values())
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _varying_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
+    numbers = ca.SX.sym("numbers", count)
+    return _varying(Formula(kind, numbers), numbers)
+
+
+def _varying(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
+    """(t, branch) and numbers -> the law, if it changes with time."""
+    time = ca.SX.sym("t", 2)
+    value = law(time)
+    if not ca.depends_on(value, time):
+        return None
+    return RowFunction(ca.Function("law", [time, numbers], [ca.densify(value)]))
 
 
 def require_no_pole(laws: Iterable[LawOfPart], intervals: Sequence[tuple[float, float]]) -> None:

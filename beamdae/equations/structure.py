@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.observed_kernel import ObservedKernel
+from beamdae.symbolic.turns import Turn
 
 
 class Keeping(Protocol):
@@ -28,16 +28,25 @@ K = TypeVar("K", bound=Keeping)
 
 # Structures that are kept for models to come, and the coordinates from which on they are not:
 # what is built from them grows with these, and beside the run it soon takes no time.
-_MOST_STRUCTURES = 32
+_MOST_STRUCTURES = 16
 _MOST_COORDINATES = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class ForceTerm:
-    """Copies of one force kernel on the global coordinates; `data` tells where theirs are in p."""
+    """Copies of one force kernel on the global coordinates.
+
+    Attributes
+    ----------
+    operator, turn
+        The operator picks coordinates, which kernels turn to local ones, if at all.
+    data
+        Where in p the copies have their numbers, and behind these those of the turn.
+    """
 
     kernel: ForceKernel
     operator: sp.csr_array
+    turn: Turn | None
     data: slice
     count: int
 
@@ -53,16 +62,6 @@ class ConstraintTerm:
     count: int
 
 
-@dataclass(frozen=True, eq=False)
-class ObservedTerm:
-    """An observed quantity on the global coordinates, and its multipliers."""
-
-    kernel: ObservedKernel
-    operator: sp.csr_array
-    data: slice
-    rows: slice
-
-
 @dataclass(frozen=True)
 class Structure:
     """Equations of motion but for their numbers, which are an array p.
@@ -73,20 +72,19 @@ class Structure:
     ----------
     n, m
         Number of coordinates and of constraints.
-    forces, joints, observed
-        The kernels.
+    forces, joints
+        Terms of F and of g.
     """
 
     n: int = field(compare=False)
     m: int = field(compare=False)
     forces: tuple[ForceTerm, ...] = field(compare=False, repr=False)
     joints: tuple[ConstraintTerm, ...] = field(compare=False, repr=False)
-    observed: tuple[ObservedTerm, ...] = field(compare=False, repr=False)
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        terms = (*self.forces, *self.joints, *self.observed)
+        terms = (*self.forces, *self.joints)
         key = (self.n, self.m, *(_told(value) for term in terms for value in vars(term).values()))
         object.__setattr__(self, "_key", key)
 
@@ -98,7 +96,7 @@ def _told(value: Any) -> Any:
     if isinstance(value, sp.csr_array):
         arrays = (value.indptr, value.indices, value.data)
         return value.shape, *((array.dtype.char, array.tobytes()) for array in arrays)
-    return value if isinstance(value, int) else id(value)
+    return value if isinstance(value, int | Turn | None) else id(value)
 
 
 _interning = threading.Lock()

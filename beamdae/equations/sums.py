@@ -8,12 +8,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure, once
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import MATRIX_SHARED
 from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
-from beamdae.symbolic.turns import Turned, turned_operator
+from beamdae.symbolic.turns import turned
 
 Array = np.ndarray
 _TIME = 2
@@ -34,7 +34,18 @@ class Places:
 
 def data_of(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
     """Data of the copies of a term, a column each."""
-    return equations.p[term.data].reshape((term.kernel.local.n_data, term.count), order="F")
+    return _numbers(equations, term)[: term.kernel.local.n_data]
+
+
+def _numbers(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
+    return equations.p[term.data].reshape((-1, term.count), order="F")
+
+
+def local_operator(equations: EquationsOfMotion, term: ForceTerm) -> sp.csr_array:
+    """From the global to the local coordinates of all copies."""
+    if term.turn is None:
+        return term.operator
+    return term.turn.operator(term.operator, _numbers(equations, term)[term.kernel.local.n_data :])
 
 
 def _motion(operator: sp.csr_array, *firsts: int) -> list[Gathered]:
@@ -52,27 +63,16 @@ def _joint_inputs(
 
 def _add_forces(total: SumBuilder, structure: Structure, at: Places, row: int) -> None:
     """Add F, from a row on."""
-    for term, by in zip(structure.forces, _turns(structure), strict=True):
-        copies = _add_force(total, at, term, by, term.kernel.force_kernel)
-        total.add_column(copies, 0, by.picked, row)
+    for term in structure.forces:
+        copies = _add_force(total, at, term, term.kernel.force_kernel)
+        total.add_column(copies, 0, term.operator, row)
 
 
-@once
-def _turns(structure: Structure) -> list[Turned]:
-    """Operators of the forces as kernels take them: those of elements turn within."""
-    return [
-        turned_operator(term.operator, term.count)
-        if term.kernel.reused
-        else Turned(term.operator, None, np.zeros((0, term.count)))
-        for term in structure.forces
-    ]
-
-
-def _add_force(
-    total: SumBuilder, at: Places, term: ForceTerm, by: Turned, kernel: Kernel
-) -> Copies:
-    inputs = _motion(by.picked, at.q, at.v, at.a)
-    return total.add(by.kernel(kernel, len(inputs)), inputs, term.data, term.count, by.data)
+def _add_force(total: SumBuilder, at: Places, term: ForceTerm, kernel: Kernel) -> Copies:
+    inputs = _motion(term.operator, at.q, at.v, at.a)
+    if term.turn is not None:
+        kernel = turned(kernel, term.turn, len(inputs))
+    return total.add(kernel, inputs, term.data, term.count)
 
 
 def residual_sum(
@@ -147,8 +147,8 @@ def add_tangents(
     With each kernel goes the operator of its rows and columns.
     """
     return [
-        (by.picked, _add_force(total, at, term, by, term.kernel.tangent_kernel(sums)))
-        for term, by in zip(structure.forces, _turns(structure), strict=True)
+        (term.operator, _add_force(total, at, term, term.kernel.tangent_kernel(sums)))
+        for term in structure.forces
     ]
 
 

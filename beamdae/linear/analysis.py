@@ -29,7 +29,7 @@ _BORDER = 2.0**-60
 _DIAGONAL = 0.1
 _LEAST_EXPONENT = -1000
 # What follows from patterns and pivots is kept for so many of them, of matrices of this size.
-_MOST_KEPT = 128
+_MOST_KEPT = 32
 _LARGEST_KEPT = 3000
 
 

@@ -10,6 +10,7 @@ import casadi as ca
 import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, finite, keep, point, shown, told
+from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, Piece
 
 
@@ -28,7 +29,8 @@ class Attachment:
     operator
         Rows that pick its local coordinates from those of the body.
     kinematics
-        Local coordinates -> (position in the inertial frame, turn since the reference drawing).
+        Local coordinates -> (position in the inertial frame, turn since the reference drawing); a
+        `Formula` if what is joined to it or observed of it shall be built but once.
     has_angle
         Whether it turns; a particle does not.
     """
@@ -69,6 +71,11 @@ class Attachment:
     def piece(self) -> Piece:
         """Where the local coordinates come from."""
         return Piece(self.body, self.operator)
+
+    @property
+    def moved(self) -> Callable[[SX], tuple[SX, SX]]:
+        """Its kinematics: the formula, or a function that says what is wrong with it."""
+        return self.kinematics if isinstance(self.kinematics, Formula) else self._moved
 
     def position(self, q: SX) -> SX:
         """Position (x, y) in the inertial frame [m] from the local coordinates."""

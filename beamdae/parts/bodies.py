@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,9 +14,48 @@ import scipy.sparse as sp
 from beamdae.errors import BeamdaeError, finite, keep, non_negative, point, positive
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable, rotate
 from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.symbolic.formulas import Formula, combined_kernel, plain
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 
 Array = np.ndarray
+
+
+_NO_ROWS = sp.csr_array((0, 0))
+_ALL_ROWS = {size: sp.eye_array(size, format="csr") for size in (2, 3)}
+
+
+def _fixed(q: SX, place: Any) -> tuple[SX, SX]:
+    return ca.vertcat(SX(place[0]), place[1]), SX(0)
+
+
+def _carried(q: SX, arm: Any) -> tuple[SX, SX]:
+    return q[:2] + rotate(q[2], arm), q[2]
+
+
+def _free(q: SX, none: Any) -> tuple[SX, SX]:
+    return q, SX(0)
+
+
+@cache
+def _rigid() -> ForceKernel:
+    """Inertia and weight of a rigid body; data: mass, inertia, gravity."""
+    local = Local(3, 4)
+    mass, inertia, weight = local.data[0], local.data[1], local.data[2:]
+    force = ca.vertcat(mass * (local.a[:2] - weight), inertia * local.a[2])
+    kinetic = 0.5 * (mass * ca.sumsqr(local.v[:2]) + inertia * local.v[2] ** 2)
+    energies = ca.vertcat(kinetic, 0, -mass * ca.dot(weight, local.q[:2]))
+    return ForceKernel(local, force, energies, reused=True)
+
+
+def _particle(local: Local, on: Any, own: Callable[[], Any]) -> ForceKernel:
+    """Inertia and weight of a particle; its own numbers are mass and gravity."""
+    numbers = own()
+    mass, weight = numbers[0], ca.vertcat(numbers[1], numbers[2])
+    place, _ = on(local.q)
+    load = mass * (local.ddot(place) - weight)
+    force = ca.jtimes(place, local.q, load, True)
+    kinetic = 0.5 * mass * ca.sumsqr(local.dot(place))
+    return ForceKernel(local, force, ca.vertcat(kinetic, 0, -mass * ca.dot(weight, place)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +67,7 @@ class Ground(Part):
     def at(self, x: float, y: float) -> Attachment:
         """The fixed point (x, y) [m]."""
         place = point(self.name, "point", (x, y))
-        return Attachment(
-            self, place, 0.0, sp.csr_array((0, 0)), lambda q: (SX(list(place)), SX(0))
-        )
+        return Attachment(self, place, 0.0, _NO_ROWS, Formula(_fixed, place))
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """The fixed points something is attached to."""
@@ -94,25 +133,13 @@ class RigidBody(Part):
     def at(self, x: float, y: float) -> Attachment:
         """The material point at (x, y) of the reference drawing [m]."""
         place = point(self.name, "point", (x, y))
-        arm = np.subtract(place, self.center)
-        return Attachment(
-            self,
-            place,
-            0.0,
-            sp.eye_array(3, format="csr"),
-            lambda q: (q[:2] + rotate(q[2], arm), q[2]),
-        )
+        arm = (place[0] - self.center[0], place[1] - self.center[1])
+        return Attachment(self, place, 0.0, _ALL_ROWS[3], Formula(_carried, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Inertia and weight."""
-        local = Local(3, 4)
-        mass, inertia, weight = local.data[0], local.data[1], local.data[2:]
-        force = ca.vertcat(mass * (local.a[:2] - weight), inertia * local.a[2])
-        kinetic = 0.5 * (mass * ca.sumsqr(local.v[:2]) + inertia * local.v[2] ** 2)
-        energies = ca.vertcat(kinetic, 0, -mass * ca.dot(weight, local.q[:2]))
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
-        piece = Piece(self, sp.eye_array(3, format="csr"))
-        return [ForceStatement(self.name, ForceKernel(local, force, energies), (piece,), data)]
+        return [ForceStatement(self.name, _rigid(), (Piece(self, _ALL_ROWS[3]),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """The points where something is attached, and the center if these are fewer than two."""
@@ -178,21 +205,14 @@ class PointMass(Part):
         if self.on is not None:
             return self.on
         assert self.at is not None
-        operator = sp.eye_array(2, format="csr")
-        return Attachment(self, self.at, 0.0, operator, lambda q: (q, SX(0)), has_angle=False)
+        free = Formula(_free)
+        return Attachment(self, self.at, 0.0, _ALL_ROWS[2], free, has_angle=False)
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Inertia and weight."""
         where = self.point
-        local = Local(where.size, 3)
-        mass, weight = local.data[0], local.data[1:]
-        place = where.position(local.q)
-        load = mass * (local.ddot(place) - weight)
-        force = ca.jtimes(place, local.q, load, True)
-        kinetic = 0.5 * mass * ca.sumsqr(local.dot(place))
-        energies = ca.vertcat(kinetic, 0, -mass * ca.dot(weight, place))
-        data = np.array([[self.mass], [gravity[0]], [gravity[1]]])
-        kernel = ForceKernel(local, force, energies)
+        own = plain(self.mass, *map(float, gravity))
+        kernel, data = combined_kernel(_particle, (where.moved, own), where.size)
         return [ForceStatement(self.name, kernel, (where.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:

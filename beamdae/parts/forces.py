@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,15 +20,37 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
+from beamdae.symbolic.formulas import combined_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 
-def _load(part: str, on: Attachment, local: Local, work: SX, load: SX) -> ForceStatement:
-    """Statement of the generalized force `load` that does work on the rate of `work`."""
+def _load(local: Local, work: SX, load: SX) -> ForceKernel:
+    """The generalized force `load` that does work on the rate of `work`."""
     force = -ca.jtimes(work, local.q, load, True)
     power = ca.dot(local.dot(work), load)
-    kernel = ForceKernel(local, force, powers=ca.vertcat(power, 0))
-    return ForceStatement(part, kernel, (on.piece,), np.zeros((0, 1)))
+    return ForceKernel(local, force, powers=ca.vertcat(power, 0))
+
+
+def _dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
+    place, _ = on(local.q)
+    return _load(local, place, ca.vertcat(*(law(local.time) for law in laws)))
+
+
+def _follower_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
+    place, turn = on(local.q)
+    return _load(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
+
+
+def _turning_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
+    return _load(local, on(local.q)[1], law(local.time))
+
+
+def _statement(
+    part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
+) -> ForceStatement:
+    functions = (on.moved, *(law.formula for law in laws))
+    kernel, data = combined_kernel(kind, functions, on.size)
+    return ForceStatement(part, kernel, (on.piece,), data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +91,8 @@ class Force(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
-        local = Local(self.on.size)
-        load = ca.vertcat(*(law(local.time) for law in self.laws))
-        if self.axes == "body":
-            load = rotate(self.on.turn(local.q), load)
-        return [_load(self.name, self.on, local, self.on.position(local.q), load)]
+        kind = {"inertial": _dead_load, "body": _follower_load}[self.axes]
+        return [_statement(self.name, self.on, kind, self.laws)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +116,4 @@ class Moment(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
-        local = Local(self.on.size)
-        (law,) = self.laws
-        return [_load(self.name, self.on, local, self.on.turn(local.q), law(local.time))]
+        return [_statement(self.name, self.on, _turning_load, self.laws)]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from beamdae.errors import BeamdaeError, keep, point
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
+from beamdae.symbolic.formulas import Combined, combined_kernel, plain
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -41,6 +42,10 @@ def _require_meeting(part: str, a: Attachment, b: Attachment) -> None:
             f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
             f"are {gap:.6g} m apart."
         )
+
+
+def _reaction(local: Local) -> SX:
+    return -local.lam
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,8 @@ class Joint(Part):
             Named(name, held.unit)
             for name, held in zip(self.reactions, self.multipliers, strict=True)
         )
-        return Quantity(columns, (), lambda local: -local.lam, joint=self.name)
+        held, _ = Combined.of(_reaction, ())
+        return Quantity(columns, (), held, joint=self.name)
 
     @property
     def multipliers(self) -> tuple[Named, ...]:
@@ -100,9 +106,71 @@ class Joint(Part):
         return [ConstraintStatement(self.name, kernel, pieces, self.multipliers)]
 
 
+@dataclass(frozen=True)
+class _Held:
+    """The kernel of a `gap` between two points, the first of so many local coordinates.
+
+    gap: (time, the first moved, the second moved, *further formulas) -> g, a point moved being its
+    position and turn.
+    """
+
+    size: int
+    gap: Callable[..., SX]
+
+    def __call__(self, local: Local, a: Any, b: Any, *own: Any) -> ConstraintKernel:
+        moved_a, moved_b = a(local.q[: self.size]), b(local.q[self.size :])
+        return ConstraintKernel(local, self.gap(local.time, moved_a, moved_b, *own))
+
+
+class _ByFormula(Joint):
+    """A joint whose constraint is one formula of where its points are: see `_Held.gap`."""
+
+    _gap: ClassVar[Callable[..., SX]]
+
+    @property
+    def _own(self) -> tuple[Callable[..., Any], ...]:
+        """Further formulas."""
+        return ()
+
+    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
+        """The constraint from the local coordinates of both attachments."""
+        return type(self)._gap(local.time, self.a.moved(q_a), self.b.moved(q_b), *self._own)
+
+    def constraints(self) -> list[ConstraintStatement]:
+        """The constraint as a local statement."""
+        if type(self).constraint is not _ByFormula.constraint:
+            return super().constraints()
+        kernel, data = combined_kernel(
+            _Held(self.a.size, type(self)._gap),
+            (self.a.moved, self.b.moved, *self._own),
+            self.a.size + self.b.size,
+            len(self.multipliers),
+        )
+        pieces = (self.a.piece, self.b.piece)
+        return [ConstraintStatement(self.name, kernel, pieces, self.multipliers, data)]
+
+
+def _meeting(time: SX, a: Any, b: Any) -> SX:
+    return b[0] - a[0]
+
+
+def _welded(time: SX, a: Any, b: Any) -> SX:
+    return ca.vertcat(b[0] - a[0], b[1] - a[1])
+
+
+def _driven(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
+    return b[1] - a[1] - law(time)
+
+
+def _on_line(time: SX, a: Any, b: Any, normal: Callable[[], Any]) -> SX:
+    return ca.dot(rotate(a[1], normal()), b[0] - a[0])
+
+
 @dataclass(frozen=True, eq=False)
-class Revolute(Joint):
+class Revolute(_ByFormula):
     """Common point of two bodies, free to turn: g = r_b - r_a."""
+
+    _gap = staticmethod(_meeting)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -118,14 +186,12 @@ class Revolute(Joint):
         """What each multiplier is called as a reaction."""
         return ("Fx", "Fy")
 
-    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
-        """The constraint from the local coordinates of both attachments."""
-        return self.b.position(q_b) - self.a.position(q_a)
-
 
 @dataclass(frozen=True, eq=False)
-class Weld(Joint):
+class Weld(_ByFormula):
     """Common point and common turn: g = (r_b - r_a, turn_b - turn_a)."""
+
+    _gap = staticmethod(_welded)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -143,14 +209,9 @@ class Weld(Joint):
         """What each multiplier is called as a reaction."""
         return ("Fx", "Fy", "M")
 
-    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
-        """The constraint from the local coordinates of both attachments."""
-        gap = self.b.position(q_b) - self.a.position(q_a)
-        return ca.vertcat(gap, self.b.turn(q_b) - self.a.turn(q_a))
-
 
 @dataclass(frozen=True, eq=False)
-class Driver(Joint):
+class Driver(_ByFormula):
     """Prescribed relative angle: g = turn_b - turn_a - law(t), turns since the drawing [rad].
 
     A law that is not zero at the start turns the bodies out of the drawing before the run, with
@@ -158,6 +219,7 @@ class Driver(Joint):
     """
 
     law: Any = None
+    _gap = staticmethod(_driven)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -188,14 +250,13 @@ class Driver(Joint):
         """What each multiplier is called as a reaction."""
         return ("M",)
 
-    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
-        """The constraint from the local coordinates of both attachments."""
-        (law,) = self.laws
-        return self.b.turn(q_b) - self.a.turn(q_a) - law(local.time)
+    @property
+    def _own(self) -> tuple[Callable[..., Any], ...]:
+        return (self.laws[0].formula,)
 
 
 @dataclass(frozen=True, eq=False)
-class PointOnLine(Joint):
+class PointOnLine(_ByFormula):
     """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
 
     The line is fixed to the body of `a` and turns with it; n is its left normal. The reaction is
@@ -203,6 +264,7 @@ class PointOnLine(Joint):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    _gap = staticmethod(_on_line)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -231,7 +293,6 @@ class PointOnLine(Joint):
         """What each multiplier is called as a reaction."""
         return ("F",)
 
-    def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
-        """The constraint from the local coordinates of both attachments."""
-        normal = rotate(self.a.turn(q_a), self._normal)
-        return ca.dot(normal, self.b.position(q_b) - self.a.position(q_a))
+    @property
+    def _own(self) -> tuple[Callable[..., Any], ...]:
+        return (plain(*self._normal.tolist()),)

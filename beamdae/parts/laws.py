@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -16,12 +16,18 @@ from beamdae.errors import (
     entries,
     finite,
     keep,
-    number,
     pair,
     positive,
     shown,
-    told,
 )
+from beamdae.parts.law_checks import (
+    called,
+    expression_of,
+    require_formula,
+    require_smooth,
+    require_the_same_of_numbers,
+)
+from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX
 
 
@@ -64,11 +70,45 @@ class Law:
 
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
-        values = [_formula(piece, time[0]) for piece in self.pieces]
-        value = values[-1]
-        for end, earlier in zip(self.breakpoints[::-1], values[-2::-1], strict=True):
-            value = ca.if_else(time[1] < end, earlier, value)
-        return value
+        return _on_branch(self.pieces, self.breakpoints, time)
+
+    @property
+    def formula(self) -> Callable[[SX], SX]:
+        """The law as a `Formula`, if its pieces are such; otherwise the law itself."""
+        # A class of the user's own may make something else of the pieces.
+        if type(self) is not Law or not all(isinstance(piece, Formula) for piece in self.pieces):
+            return self
+        pieces: Any = self.pieces
+        kind = _Pieces(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))
+        own = (number for piece in pieces for number in piece.numbers)
+        return Formula(kind, (*self.breakpoints, *own))
+
+    def at(self, t: float) -> float:
+        """The law at a time [s], of a law whose pieces take numbers."""
+        return float(self.pieces[bisect_right(self.breakpoints, t)](t))
+
+
+def _on_branch(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
+    """What the pieces give at time[0], on the branch that time[1] lies in."""
+    value = expression_of(pieces[-1], time[0])
+    for k in range(len(pieces) - 2, -1, -1):
+        value = ca.if_else(time[1] < breakpoints[k], expression_of(pieces[k], time[0]), value)
+    return value
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """The kind of laws whose pieces are of these kinds; the breakpoints are the first numbers."""
+
+    kinds: tuple[Callable[..., Any], ...]
+    counts: tuple[int, ...]
+
+    def __call__(self, time: SX, numbers: Any) -> SX:
+        first, pieces = len(self.kinds) - 1, []
+        for kind, count in zip(self.kinds, self.counts, strict=True):
+            pieces.append(Formula(kind, numbers[first : first + count]))
+            first += count
+        return _on_branch(pieces, numbers, time)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
@@ -82,140 +122,29 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         law = Law((value,))
     else:
         number = finite(part, "law", value)
-        law = Law((lambda t: number,))
-    function = _checked(part, law, start)
-    if callable(value) and law is not value:
-        _require_the_same_of_numbers(part, value, function, start)
-        _require_smooth(part, value, function)
-    first = float(function([start, start]))
+        law = Law((Formula(_constant, (number,)),))
+    if isinstance(law.formula, Formula):
+        first = law.at(start)
+    else:
+        function = _checked(part, law, start)
+        if law is not value:
+            require_the_same_of_numbers(part, value, function, start)
+            require_smooth(part, value, function)
+        first = float(function([start, start]))
     if not np.isfinite(first):
         raise BeamdaeError(
-            f"{part}: {_called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
+            f"{part}: {called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
         )
-    finite(part, f"{_called(law.pieces[0])} at t = {start:g}", first)
+    finite(part, f"{called(law.pieces[0])} at t = {start:g}", first)
     return law
-
-
-# Operations by which a formula can jump or kink where no integrator would stop.
-_ROUGH = {
-    getattr(ca, f"OP_{name}"): name.lower()
-    for name in (
-        "LT",
-        "LE",
-        "EQ",
-        "NE",
-        "IF_ELSE_ZERO",
-        "FLOOR",
-        "CEIL",
-        "FMOD",
-        "FABS",
-        "SIGN",
-        "COPYSIGN",
-        "FMIN",
-        "FMAX",
-    )
-}
-
-
-def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
-    used = {function.instruction_id(i) for i in range(function.n_instructions())}
-    rough = [name for operation, name in _ROUGH.items() if operation in used]
-    if rough:
-        raise BeamdaeError(
-            f"{part}: {_called(piece)} must be smooth, but it uses {', '.join(rough)}; "
-            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
-        )
-
-
-_DECIDES = (
-    "but it decides by the value of t (if, while, and, or, min, max); give its pieces to "
-    "bd.piecewise((end time, law), ..., last law)"
-)
-_OF_NUMBERS = (
-    "but it needs t as a number, as float, int, random numbers and the functions of math do; use "
-    "numpy functions such as np.sin, and bd.table for tables"
-)
-
-
-def _called(piece: Callable[[Any], Any]) -> str:
-    """'the law', with the name of its function if that has one."""
-    name = getattr(piece, "__name__", "<lambda>")
-    return "the law" if "<" in name else f"the law {name}"
-
-
-def _formula(piece: Callable[[Any], Any], t: SX) -> Any:
-    """What a piece makes of the symbol t, as an expression if it is a number or expression."""
-    with warnings.catch_warnings():
-        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
-        # like give the same scalar expression before and after it.
-        warnings.simplefilter("ignore", FutureWarning)
-        value = piece(t)
-    found = number(value)
-    if found is not None:
-        return SX(found)
-    if getattr(value, "ndim", None) == 0:
-        value = value.item()
-    return SX(value) if isinstance(value, (SX, ca.DM)) else value
-
-
-def _of_number(piece: Callable[[Any], Any], t: float) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return piece(t)
 
 
 def _checked(part: str, law: Law, start: float) -> ca.Function:
     """The law as a function of (t, branch)."""
     time = SX.sym("t", 2)
     for piece in law.pieces:
-        _require_formula(part, piece, time[0], start)
+        require_formula(part, piece, time[0], start)
     return ca.Function("law", [time], [law(time)])
-
-
-def _require_formula(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
-    """Refuse a piece that does not make one expression of the symbol t."""
-    wanted = f"{part}: {_called(piece)} must be a formula in t"
-    try:
-        value = _formula(piece, t)
-    except Exception as problem:
-        try:
-            _of_number(piece, start)
-        except Exception as own:
-            raise BeamdaeError(
-                f"{wanted} that gives a number, but it failed at t = {start:g}, {told(own)}."
-            ) from own
-        # Of bool() on a symbol; nothing else tells it from other failures.
-        decides = "truth value" in str(problem)
-        raise BeamdaeError(f"{wanted}, {_DECIDES if decides else _OF_NUMBERS}.") from None
-    if not isinstance(value, SX) or value.shape != (1, 1):
-        raise BeamdaeError(f"{part}: {_called(piece)} must return one number, got {shown(value)}.")
-    strange = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
-    if strange:
-        raise BeamdaeError(
-            f"{part}: {_called(piece)} must depend on t alone, not on {', '.join(strange[:3])}."
-        )
-
-
-# Times [s] after the start at which a law is asked for numbers.
-_ASKED = (0.0, 0.37, 1.9, 11.3)
-
-
-def _require_the_same_of_numbers(
-    part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
-) -> None:
-    """Refuse a formula that loses what the function does: float(t) is nan of a symbol."""
-    times = start + np.array(_ASKED)
-    try:
-        by_number = np.array([number(_of_number(piece, t)) for t in times.tolist()], float)
-    except Exception:
-        # It takes symbols alone, or no time so late.
-        return
-    known = np.isfinite(by_number)
-    by_formula = np.array([float(function([t, t])) for t in times[known]])
-    size = np.max(np.abs(by_number[known]), initial=0.0)
-    # What is not a number is not near.
-    if not np.all(np.abs(by_formula - by_number[known]) <= 1e-6 * size):
-        raise BeamdaeError(f"{part}: {_called(piece)} must be a formula in t, {_OF_NUMBERS}.")
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
@@ -224,7 +153,23 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     frequency = positive("sine", "frequency", frequency)
     phase = finite("sine", "phase", phase)
     omega = 2.0 * np.pi * frequency
-    return Law((lambda t: amplitude * np.sin(omega * t + phase),), (), 1.0 / frequency)
+    return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
+
+
+def _constant(t: Any, numbers: Any) -> Any:
+    return numbers[0]
+
+
+def _sine(t: Any, numbers: Any) -> Any:
+    return numbers[0] * np.sin(numbers[1] * t + numbers[2])
+
+
+def _rising(t: Any, numbers: Any) -> Any:
+    return numbers[0] * (0.5 * t**2 + (np.cos(numbers[1] * t) - 1.0) / numbers[1] ** 2)
+
+
+def _risen(t: Any, numbers: Any) -> Any:
+    return numbers[0] * (t - numbers[1])
 
 
 def run_up(speed: float, duration: float) -> Law:
@@ -236,11 +181,9 @@ def run_up(speed: float, duration: float) -> Law:
     speed = finite("run_up", "speed", speed)
     duration = positive("run_up", "duration", duration)
     omega = 2.0 * np.pi / duration
-
-    def rising(t: Any) -> Any:
-        return speed / duration * (0.5 * t**2 + (np.cos(omega * t) - 1.0) / omega**2)
-
-    return Law((rising, lambda t: speed * (t - 0.5 * duration)), (duration,), duration)
+    rising = Formula(_rising, (speed / duration, omega))
+    risen = Formula(_risen, (speed, 0.5 * duration))
+    return Law((rising, risen), (duration,), duration)
 
 
 def piecewise(*pieces: Any) -> Law:

@@ -2,26 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula, plain
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 
 def motion(attachment: Attachment) -> Quantity:
     """Position, angle and their rates of an attachment, in the inertial frame."""
-    has_angle = not SX(attachment.turn(SX.sym("q", attachment.size))).is_constant()
+    has_angle = _turns(attachment)
     place = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] if has_angle else [])]
     columns = (*place, *(column.rate for column in place))
+    kind = _section_motion if has_angle else _point_motion
+    inclination = plain(attachment.inclination)
+    values, data = Combined.of(kind, (attachment.moved, *([inclination] if has_angle else [])))
+    return Quantity(columns, (attachment.piece,), values, data)
 
-    def expression(local: Local) -> SX:
-        place = attachment.position(local.q)
-        if has_angle:
-            place = ca.vertcat(place, attachment.inclination + attachment.turn(local.q))
-        return ca.vertcat(place, local.dot(place))
 
-    return Quantity(columns, (attachment.piece,), expression)
+def _turns(attachment: Attachment) -> bool:
+    moved = attachment.moved
+    if isinstance(moved, Formula):
+        return _kind_turns(moved.kind, attachment.size, len(moved.numbers))
+    return _depends(moved, attachment.size)
+
+
+@lru_cache(maxsize=MOST_KINDS)
+def _kind_turns(kind: Callable[..., Any], size: int, numbers: int) -> bool:
+    return _depends(Formula(kind, SX.sym("numbers", numbers)), size)
+
+
+def _depends(moved: Callable[[SX], tuple[SX, SX]], size: int) -> bool:
+    return not SX(moved(SX.sym("q", size))[1]).is_constant()
+
+
+def _point_motion(local: Local, on: Any) -> SX:
+    place, _ = on(local.q)
+    return ca.vertcat(place, local.dot(place))
+
+
+def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX:
+    place, turn = on(local.q)
+    place = ca.vertcat(place, inclination()[0] + turn)
+    return ca.vertcat(place, local.dot(place))
+
+
+@dataclass(frozen=True)
+class _Relative:
+    """How far one point is from where the other carries it by an arm; `size` is of the former."""
+
+    size: int
+
+    def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any]) -> SX:
+        (place, turn), (root, turned) = of(local.q[: self.size]), on(local.q[self.size :])
+        return ca.vertcat(place - (root + rotate(turned, arm())), turn - turned)
 
 
 def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
@@ -35,12 +75,7 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     require_attachment("relative_displacement", "on", on)
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
-    arm = np.subtract(of.point, on.point)
-
-    def expression(local: Local) -> SX:
-        q_of, q_on = local.q[: of.size], local.q[of.size :]
-        carried = on.position(q_on) + rotate(on.turn(q_on), arm)
-        return ca.vertcat(of.position(q_of) - carried, of.turn(q_of) - on.turn(q_on))
-
+    arm = plain(*np.subtract(of.point, on.point).tolist())
     columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
-    return Quantity(columns, (of.piece, on.piece), expression)
+    values, data = Combined.of(_Relative(of.size), (of.moved, on.moved, arm))
+    return Quantity(columns, (of.piece, on.piece), values, data)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.assemble import positions
+from beamdae.equations.owners import positions
 from beamdae.errors import BeamdaeError, count
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism

@@ -2,7 +2,8 @@
 
 Joints of one kind differ in where their points lie. Each with a kernel of its own, a chain of many
 bodies takes as many functions to build and to call; with one, they are copies in one map, as the
-elements of beams are.
+elements of beams are. What is made of formulas has one from the start (`formulas`); this is for
+what users state.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.observed_kernel import ObservedKernel, ObservedStatement
+from beamdae.symbolic.formulas import MOST_KINDS
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -22,14 +23,12 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
+    QuantityKernel,
 )
 
 Array = np.ndarray
-AnyKernel = ForceKernel | ConstraintKernel | ObservedKernel
-Statement = ForceStatement | ConstraintStatement | ObservedStatement
-
-# Kernels that are kept for models to come.
-_MOST_KINDS = 512
+AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
+Statement = ForceStatement | ConstraintStatement
 
 
 class Alike(NamedTuple):
@@ -66,6 +65,12 @@ def _alike(kind: Any, members: list[int], statements: Sequence[Statement]) -> Al
         return Alike(own[0].kernel, members, data)
     numbers = [np.repeat(_numbers(x.kernel)[:, None], x.data.shape[1], axis=1) for x in own]
     return Alike(_general(kind), members, np.concatenate([data, np.concatenate(numbers, axis=1)]))
+
+
+def recognized(kernel: QuantityKernel) -> tuple[Any, Array]:
+    """The kernel of its kind, and the numbers that are its further data."""
+    recipe = _recipe(kernel)
+    return (kernel, np.zeros(0)) if recipe is None else (_general(recipe), _numbers(kernel))
 
 
 class _Recipe(NamedTuple):
@@ -117,7 +122,7 @@ def _numbers(kernel: AnyKernel) -> Array:
     )
 
 
-@lru_cache(maxsize=_MOST_KINDS)
+@lru_cache(maxsize=MOST_KINDS)
 def _general(recipe: _Recipe) -> AnyKernel:
     """The kernel of a kind with its numbers as further data, the same one every time.
 

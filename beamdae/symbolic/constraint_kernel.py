@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 
@@ -16,12 +16,22 @@ from beamdae.symbolic.local import SX, Local, column_misfit
 
 @dataclass(frozen=True)
 class ConstraintKernel:
-    """Holonomic constraints 0 = g(time, q, data) of one joint and everything derived from them."""
+    """Holonomic constraints 0 = g(time, q, data) of one joint and everything derived from them.
+
+    Attributes
+    ----------
+    local
+        Symbols.
+    constraint
+        g, shape (n_multipliers,).
+    reused
+        Whether many statements share the kernel as it is.
+    """
 
     local: Local
     constraint: SX
+    reused: bool = False
     _kernels: dict[Any, Kernel] = field(default_factory=dict, init=False, repr=False)
-    reused: ClassVar[bool] = False
 
     @property
     def inputs(self) -> list[SX]:

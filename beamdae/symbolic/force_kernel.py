@@ -30,7 +30,7 @@ class ForceKernel:
     powers
         (power of the loads, dissipated power) [W].
     reused
-        Whether many statements share the kernel, so that compiling it to machine code pays.
+        Whether many statements share the kernel as it is.
     """
 
     local: Local

@@ -131,8 +131,8 @@ class SumPlan:
     """
 
     n_shared: int
+    n_local: int
     n_out: int
-    local: Array
     data_at: Array
     data_of: Array
     calls: tuple[Stretch, ...]
@@ -158,7 +158,7 @@ class SumPlan:
 
         `p` are the numbers of the model.
         """
-        local = self.local.copy()
+        local = np.zeros(self.n_local)
         local[self.data_at] = p[self.data_of]
         kernels: Any = [_Evaluated(call) for call in self.calls]
         alive: tuple[Any, ...] = ()

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -31,6 +31,7 @@ __all__ = [
     "Named",
     "Piece",
     "Quantity",
+    "QuantityKernel",
     "RangeKernel",
     "RangeStatement",
 ]
@@ -167,3 +168,42 @@ class Quantity:
     expression: Callable[[Local], SX]
     data: np.ndarray = field(default_factory=lambda: np.zeros(0))
     joint: str | None = None
+
+
+@dataclass(frozen=True)
+class QuantityKernel:
+    """Values of a quantity.
+
+    Attributes
+    ----------
+    local
+        Symbols.
+    values
+        From time, q, v, data and lam of these, shape (number of columns,).
+    """
+
+    local: Local
+    values: SX
+    reused: ClassVar[bool] = False
+
+    @property
+    def inputs(self) -> list[SX]:
+        """(time, q, v, data, lam), what they may depend on."""
+        x = self.local
+        return [x.time, x.q, x.v, x.data, x.lam]
+
+    @property
+    def outputs(self) -> list[SX]:
+        """The values alone."""
+        return [self.values]
+
+    @classmethod
+    def stated(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
+        """The kernel of these `outputs`."""
+        (values,) = outputs
+        return cls(local, values)
+
+    @cached_property
+    def function(self) -> RowFunction:
+        """Rows of (time, q, v, data, lam) -> rows of values."""
+        return RowFunction(ca.Function("observed", self.inputs, [ca.densify(self.values)]))

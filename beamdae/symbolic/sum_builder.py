@@ -62,24 +62,15 @@ class SumBuilder:
     _local: int = 0
     _out: int = 0
     _data: list[tuple[Array, Array]] = field(default_factory=list)
-    _constants: list[tuple[Array, Array]] = field(default_factory=list)
     _calls: list[Stretch] = field(default_factory=list)
     _sources: list[int] = field(default_factory=list)
     _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
-    def add(
-        self,
-        kernel: Kernel,
-        inputs: Sequence[Gathered],
-        data: slice,
-        count: int,
-        constants: Array | None = None,
-    ) -> Copies:
+    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: slice, count: int) -> Copies:
         """Add `count` copies of a kernel with these local inputs.
 
-        Behind them stand what is at `data` among the numbers of the model, copy after copy, and
-        `constants`, a column a copy.
+        Behind them stands what is at `data` among the numbers of the model, copy after copy.
         """
         copies, numbers, row = Copies(kernel, count, self._out), kernel.function.numel_in(1), 0
         if kernel.function.numel_out(0) == 0:
@@ -92,8 +83,7 @@ class SumBuilder:
             self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
             row += height
         n_data = (data.stop - data.start) // count
-        more = np.zeros((0, count)) if constants is None else constants
-        assert row + n_data + len(more) == numbers
+        assert row + n_data == numbers
         for first in range(0, count, _AT_ONCE):
             found = min(count - first, _AT_ONCE)
             lanes = padded(found)
@@ -103,8 +93,7 @@ class SumBuilder:
             copy = first + np.minimum(np.arange(lanes), found - 1)
             of = data.start + np.arange(n_data)[:, None] + n_data * copy
             at = self._local + np.arange(numbers * lanes).reshape(numbers, lanes)[row:]
-            self._data.append((at[:n_data].ravel(), of.ravel()))
-            self._constants.append((at[n_data:].ravel(), more[:, copy].ravel()))
+            self._data.append((at.ravel(), of.ravel()))
             self._local += numbers * lanes
             self._out += kernel.function.numel_out(0) * lanes
         return copies
@@ -194,13 +183,10 @@ class SumBuilder:
         ended = ((of_local, picked), (of_local, gathered), (stretch, plain), (stretch, weighted))
         stretches += [np.searchsorted(by[entries], calls, "right") for by, entries in ended]
         data_at, data_of = _joined(self._data, "ll")
-        constants_at, constants = _joined(self._constants, "ld")
-        local = np.zeros(self._local)
-        local[constants_at] = constants
         return SumPlan(
             self.n_shared,
+            self._local,
             max([self.n_shared + 1, *np.diff(starts)]),
-            local,
             _index(data_at),
             _index(data_of),
             tuple(self._calls),

@@ -8,6 +8,7 @@ comes out; what is left to do one by one, from memory to memory, is to pick and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -44,9 +45,19 @@ class Turn:
             matrix[row, column] = data[k]
         return matrix
 
+    def operator(self, picked: sp.csr_array, data: Array) -> sp.csr_array:
+        """What picks and turns, with the numbers of the copies, a column each."""
+        copy, (rows, columns) = np.arange(data.shape[1]), self.shape
+        i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
+            [[[rows]], [[columns]]]
+        )
+        values = np.concatenate([np.ones((len(self.ones), len(copy))), data])
+        shape = (rows * len(copy), columns * len(copy))
+        turning = sp.csr_array((values.ravel(), (i.ravel(), j.ravel())), shape=shape)
+        return sp.csr_array(turning @ picked)
 
-@dataclass(frozen=True)
-class Turned:
+
+class Turned(NamedTuple):
     """An operator of copies: what it picks, and how that is turned.
 
     Attributes
@@ -61,10 +72,6 @@ class Turned:
     turn: Turn | None
     data: Array
 
-    def kernel(self, kernel: Kernel, vectors: int) -> Kernel:
-        """A kernel of `vectors` vectors of local coordinates, in those picked."""
-        return kernel if self.turn is None else turned(kernel, self.turn, vectors)
-
 
 def turned_operator(operator: sp.csr_array, count: int) -> Turned:
     """The operator of `count` copies, in coordinates that are picked.
@@ -72,13 +79,13 @@ def turned_operator(operator: sp.csr_array, count: int) -> Turned:
     The columns of a copy take their places by the rows of their largest entries: those of copies
     that lack some of them then still agree.
     """
-    rows, entries = operator.shape[0] // count, sp.coo_array(operator)
-    if np.all(entries.data == 1.0) and np.all(np.diff(operator.indptr) <= 1):
+    rows, data, lengths = operator.shape[0] // count, operator.data, np.diff(operator.indptr)
+    if np.all(data == 1.0) and np.all(lengths <= 1):
         return Turned(operator, None, np.zeros((0, count)))
-    copy, row = np.divmod(entries.coords[0], rows)
-    keys, column = np.unique(copy * operator.shape[1] + entries.coords[1], return_inverse=True)
+    copy, row = np.divmod(np.repeat(np.arange(operator.shape[0]), lengths), rows)
+    keys, column = np.unique(copy * operator.shape[1] + operator.indices, return_inverse=True)
     owner, of = np.divmod(keys, operator.shape[1])
-    by_size = np.lexsort((row, -np.abs(entries.data), column))
+    by_size = np.lexsort((row, -np.abs(data), column))
     main = row[by_size[np.unique(column[by_size], return_index=True)[1]]]
     # Of columns with the same main row each takes a place of its own.
     order = np.lexsort((of, main, owner))
@@ -91,16 +98,18 @@ def turned_operator(operator: sp.csr_array, count: int) -> Turned:
     cells, cell = np.unique(row * len(kinds) + place[column], return_inverse=True)
     values = np.ones((len(cells), count))
     # One in all copies that have the column; what the others turn is not looked at.
-    ones_of = np.bincount(cell, entries.data == 1.0, len(cells))
+    ones_of = np.bincount(cell, data == 1.0, len(cells))
     is_one = ones_of == np.bincount(place)[cells % len(kinds)]
     values[~is_one] = 0.0
-    values[cell, copy] = entries.data
+    values[cell, copy] = data
     at = [(int(i), int(j)) for i, j in zip(*np.divmod(cells, len(kinds)), strict=True)]
     ones, others = ([x for x, one in zip(at, is_one, strict=True) if one == k] for k in (1, 0))
-    picked = sp.csr_array(
-        (np.ones(len(keys)), (owner * len(kinds) + place, of)),
-        shape=(count * len(kinds), operator.shape[1]),
-    )
+    # No two columns of a copy have one place.
+    at_row = owner * len(kinds) + place
+    by_row = np.argsort(at_row)
+    starts = np.searchsorted(at_row[by_row], np.arange(count * len(kinds) + 1))
+    parts = (np.ones(len(keys)), of[by_row], starts)
+    picked = sp.csr_array(parts, shape=(count * len(kinds), operator.shape[1]))
     turn = Turn((rows, len(kinds)), tuple(ones), tuple(others))
     return Turned(picked, turn, values[~is_one])
 

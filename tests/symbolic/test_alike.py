@@ -1,14 +1,19 @@
 """Statements of one kind share a kernel, and mean what they meant on their own."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from chains import STRIP, chain, state
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
 from beamdae.equations import assemble
 from beamdae.equations.formulations import first_order
 from beamdae.symbolic.alike import Alike
+from beamdae.symbolic.statements import Named, Quantity
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 def workshop(mass=1.0):
@@ -73,3 +78,86 @@ def test_models_that_differ_in_numbers_alone_have_the_same_kernels():
         terms = zip(getattr(one, kind), getattr(other, kind), strict=True)
         assert all(x.kernel is y.kernel for x, y in terms)
     assert not np.array_equal(one.p, other.p)
+
+
+# Numbers of the models, each other than its default; those of the curve turn the elements' axes.
+NUMBERS = {
+    "hub_beam": {"torque": 11.0, "frequency": 1.2, "density": 2800.0},
+    "pendulum": {"tip_mass": 0.07, "damping": 2e-4},
+    "slider_crank": {"speed": 3.0, "density": 2800.0},
+    "spin_up": {"speed": 3.0},
+}
+CURVES = {
+    "hub_beam": {"subtended": 61.0, "length": 5.0},
+    "pendulum": {"radius": 0.9, "angle": -0.5},
+}
+
+
+def assembled(name, values):
+    model = bd.load_model(MODELS / f"{name}.py", name)
+    return bd.equations_of_motion(model(**values))
+
+
+def require_the_same_kernels(one, other):
+    for kind in ("forces", "joints"):
+        for x, y in zip(getattr(one, kind), getattr(other, kind), strict=True):
+            assert x.kernel is y.kernel
+            assert x.data == y.data
+            assert x.count == y.count
+    for x, y in zip(one.observables, other.observables, strict=True):
+        assert x.function is y.function
+        assert (x.data, x.rows) == (y.data, y.rows)
+    for x, y in zip(one.ranges, other.ranges, strict=True):
+        assert x.statement.kernel is y.statement.kernel
+
+
+def operators(equations):
+    terms = (*equations.forces, *equations.joints, *equations.observables, *equations.ranges)
+    return [*(term.operator for term in terms), *(joint.rows for joint in equations.joints)]
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.py")))
+def test_a_model_with_other_numbers_has_the_kernels_and_operators_it_had(name):
+    one, other = assembled(name, {}), assembled(name, NUMBERS[name])
+    require_the_same_kernels(one, other)
+    for x, y in zip(operators(one), operators(other), strict=True):
+        assert x.shape == y.shape
+        for part in ("indptr", "indices", "data"):
+            assert_array_equal(getattr(x, part), getattr(y, part))
+    assert not np.array_equal(one.p, other.p)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_a_model_with_another_curve_has_the_kernels_and_patterns_it_had(name):
+    one, other = assembled(name, {}), assembled(name, CURVES[name])
+    require_the_same_kernels(one, other)
+    for x, y in zip(operators(one), operators(other), strict=True):
+        for part in ("indptr", "indices"):
+            assert_array_equal(getattr(x, part), getattr(y, part))
+
+
+def observed(factor):
+    """The function and the values of a quantity of the user's own, and of the point it is about."""
+    mech = workshop()
+    on = mech.part("beam 1").end
+
+    def stretched(local):
+        return factor * on.position(local.q) + local.data[0]
+
+    columns = (Named("x", "m"), Named("y", "m"))
+    mech.observe("own", Quantity(columns, (on.piece,), stretched, np.array([0.5])))
+    mech.observe("point", on)
+    equations = bd.equations_of_motion(mech)
+    values = []
+    for one in equations.observables:
+        local = one.operator @ equations.q0
+        rest = (np.zeros_like(local), equations.p[one.data], [])
+        values.append(one.function(np.zeros((1, 2)), local, *rest).ravel())
+    return equations.observables[0].function, values[0], values[1][:2]
+
+
+def test_a_quantity_of_the_users_own_is_recognized_by_its_kind():
+    (function, *_), (same, values, point) = observed(2.5), observed(3.5)
+    assert function is same
+    # Its numbers are data, behind those it has itself; a few operations apart.
+    assert_allclose(values, 3.5 * point + 0.5, rtol=1e-14)

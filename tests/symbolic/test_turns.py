@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.equations.formulations import State, first_order, first_order_parts
 from beamdae.equations.step_equations import Predicted, step_equations, step_matrix, step_residual
+from beamdae.equations.sums import data_of, local_operator
 from beamdae.native.loops import Loop
 from beamdae.native.objects import is_on
 from beamdae.symbolic.kernel_sums import Kernel
@@ -78,17 +79,18 @@ def test_sums_over_many_elements(native, elements, settings):
 
 def by_copy(equations, state, c):
     """F and its derivatives times c, added up of one copy after the other."""
-    n, structure = equations.n, equations.structure
+    n = equations.n
     force, tangent = np.zeros(n), np.zeros((n, n))
-    for term in structure.forces:
-        kernel, own = term.kernel, term.operator.toarray().reshape(term.count, -1, n)
+    for term in equations.forces:
+        own = local_operator(equations, term).toarray().reshape(term.count, -1, n)
+        kernel = term.kernel
         x, vectors = kernel.local, (kernel.local.q, kernel.local.v, kernel.local.a)
         parts = [
             factor * ca.jacobian(kernel.force, y) for factor, y in zip(c, vectors, strict=True)
         ]
         outputs = [ca.densify(kernel.force), ca.densify(sum(parts))]
         function = ca.Function("copy", [x.time, *vectors, x.data], outputs)
-        data = equations.p[term.data].reshape(term.count, x.n_data)
+        data = data_of(equations, term).T
         for operator, numbers in zip(own, data, strict=True):
             column, matrix = function(TIME, *(operator @ y for y in state[:3]), numbers)
             force += operator.T @ column.full().ravel()
@@ -123,6 +125,8 @@ def test_operators_are_picked_and_turned():
         matrix = ca.DM(found.turn.matrix(ca.SX(ca.DM(found.data[:, copy])))).full()
         picked = found.picked[copy * own : (copy + 1) * own].toarray()
         assert_allclose(matrix @ picked, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
+    whole = found.turn.operator(found.picked, found.data)
+    assert_allclose(whole.toarray(), dense, rtol=0, atol=0)
 
 
 def test_picking_operators_stay():

@@ -1,0 +1,133 @@
+"""What is made of formulas is what the same functions give with their numbers in them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from chains import STRIP, state
+from numpy.testing import assert_allclose
+from support import Numeric
+
+import beamdae as bd
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.laws import Law
+from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
+
+TIME = np.array([0.7, 0.7])
+
+
+def machine():
+    """Everything that is made of formulas."""
+    mech = bd.Mechanism(gravity=(0.3, -9.81))
+    arc = bd.Arc(radius=0.9, length=0.5, start=(1.0, 0.1), angle=0.2)
+    beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2, frame="tangent"))
+    body = mech.add(bd.RigidBody("body", 2.0, 0.1, center=(1.0, 0.3)))
+    free = mech.add(bd.PointMass("free", 0.4, at=(2.0, 0.5)))
+    mech.add(bd.PointMass("mass", 0.3, on=beam.at(0.2)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(1.0, 0.1), beam.start))
+    weld = mech.add(bd.Weld("weld", beam.end, body.at(*beam.end.point)))
+    line = body.at(1.5, 0.4)
+    mech.add(bd.PointOnLine("line", line, free.point, direction=(0.5, 0.1)))
+    turning = bd.piecewise((0.5, 0.0), (1.0, bd.sine(0.2, 1.5, 0.4)), 0.1)
+    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), beam.start, law=turning))
+    mech.add(bd.Moment("moment", on=body.at(1.0, 0.3), law=bd.run_up(2.0, 0.5)))
+    loads = (bd.sine(3.0, 2.0), 1.5)
+    mech.add(bd.Force("dead", on=beam.at(0.3), law=loads))
+    mech.add(bd.Force("follower", on=beam.end, law=loads, axes="body"))
+    mech.observe("end", beam.end)
+    mech.observe("free", free.point)
+    mech.observe("relative", bd.relative_displacement(of=beam.end, on=body.at(0.0, 0.0)))
+    for axes in ("inertial", "frame", "local"):
+        mech.observe(axes, beam.deformation(0.2, axes=axes))
+    mech.observe("frame of the beam", beam.floating_frame)
+    mech.observe("gauge", beam.strain(0.3, 0.0))
+    mech.observe("forces", beam.section_forces(0.1))
+    mech.observe("weld", weld.reaction)
+    return mech
+
+
+def values(numeric):
+    """Forces, reactions, all levels and what is observed, at some state."""
+    q, v, a, lam = state(numeric.equations)
+    levels = [level(q=q, v=v, a=a) for level in numeric.levels]
+    names = [observable.name for observable in numeric.equations.observables]
+    observed = [numeric.observed(name, q=q, v=v, lam=lam) for name in names]
+    return [numeric.force(q=q, v=v, a=a), numeric.reaction(q=q, lam=lam), *levels, *observed]
+
+
+def test_formulas_mean_what_functions_mean(monkeypatch):
+    by_kind = Numeric(machine(), TIME)
+    monkeypatch.setattr(Attachment, "moved", property(Attachment._moved.__get__))
+    monkeypatch.setattr(Law, "formula", property(lambda law: law))
+    by_recipe = Numeric(machine(), TIME)
+    terms = [(*x.equations.forces, *x.equations.joints) for x in (by_kind, by_recipe)]
+    kernels = [{id(term.kernel) for term in found} for found in terms]
+    # The element and the rigid body are shared either way.
+    assert len(kernels[0] & kernels[1]) == 2
+    # A few operations in another order.
+    for got, expected in zip(values(by_kind), values(by_recipe), strict=True):
+        assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected)))
+
+
+def lifted(q, numbers):
+    return q * numbers[0]
+
+
+@dataclass(frozen=True)
+class Raised:
+    power: int
+
+    def __call__(self, q, numbers):
+        return q**self.power * numbers[0]
+
+
+def pushed(local, *functions):
+    return ForceKernel(local, sum(function(local.q) for function in functions))
+
+
+def test_equal_kinds_give_the_same_kernel_and_others_another():
+    def made(*functions):
+        return combined_kernel(pushed, functions, 1)
+
+    one, data = made(Formula(lifted, (2.0,)), Formula(Raised(2), (3.0,)))
+    again, other = made(Formula(lifted, (4.0,)), Formula(Raised(2), (5.0,)))
+    assert one is again
+    assert one.reused
+    assert_allclose((data, other), ([[2.0], [3.0]], [[4.0], [5.0]]), rtol=0)
+    assert made(Formula(lifted, (2.0,)), Formula(Raised(3), (3.0,)))[0] is not one
+    assert made(Formula(lifted, (2.0,)))[0] is not one
+
+
+def test_functions_that_are_no_formulas_are_taken_as_they_are():
+    kernel, data = combined_kernel(pushed, (lambda q: 7.0 * q, Formula(lifted, (2.0,))), 1)
+    assert not kernel.reused
+    assert_allclose(data, [[2.0]], rtol=0)
+    force = kernel.force_kernel.function(TIME, [3.0, 0.0, 0.0, *data.ravel()])
+    assert float(force) == pytest.approx(27.0, rel=1e-15)
+
+
+def test_a_mix_of_formulas_and_functions_is_of_no_kind():
+    kind, _ = Combined.of(pushed, (plain(1.0),))
+    mixed, _ = Combined.of(pushed, (plain(1.0), abs))
+    assert kind.is_kind
+    assert not mixed.is_kind
+
+
+class Halved(Law):
+    """Half of what its pieces give."""
+
+    def __call__(self, time):
+        return 0.5 * super().__call__(time)
+
+
+def test_a_law_of_the_users_own_class_is_asked_itself():
+    whole = bd.sine(3.0, 2.0, 0.4)
+    forces = []
+    for law in (whole, Halved(whole.pieces)):
+        mech = bd.Mechanism()
+        body = mech.add(bd.RigidBody("body", 2.0, 0.1))
+        mech.add(bd.Moment("moment", on=body.at(0.0, 0.0), law=law))
+        forces.append(Numeric(mech, TIME).force())
+    assert_allclose(forces[0], [0.0, 0.0, -3.0 * np.sin(4.0 * np.pi * 0.7 + 0.4)], rtol=1e-14)
+    assert_allclose(forces[1], 0.5 * forces[0], rtol=1e-15)
