@@ -14,7 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.start_sums import start_sums
 from beamdae.equations.structure import Structure, once
 from beamdae.equations.sums import Places, acceleration_sum
-from beamdae.integrators.alpha_run import Motion
+from beamdae.integrators.alpha_run import AlphaRun, Motion
 from beamdae.integrators.looping import Matrix
 from beamdae.native.codes import DONE
 from beamdae.native.vectors import combine, factorize, fill, solve
@@ -90,6 +90,22 @@ class NormalJerk:
     behind: Array
     nonzeros: Array
     found: Array
+
+
+@dataclass(slots=True, kw_only=True)
+class AdaptiveRun(AlphaRun):
+    """A run whose steps adapt.
+
+    Attributes
+    ----------
+    jerk
+        By which velocities are corrected when the step changes.
+    corrects
+        Whether they are.
+    """
+
+    jerk: NormalJerk
+    corrects: int
 
 
 def normal_jerk(jerk: NormalJerk, t: float, branch: float, at: Motion, delta: float) -> int:

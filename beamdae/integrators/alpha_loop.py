@@ -6,7 +6,6 @@ Plain Python over arrays: `native.loops` compiles it, and where that cannot be h
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from beamdae.equations.step_equations import (
     step_position,
     step_residual,
 )
-from beamdae.integrators.alpha_jerk import NormalJerk, normal_jerk
+from beamdae.integrators.alpha_jerk import AdaptiveRun, normal_jerk
 from beamdae.integrators.alpha_run import AlphaRun, Motion
 from beamdae.integrators.drive import fitted
 from beamdae.native.codes import DONE, FULL, NEW_PIVOTS, SINGULAR
@@ -41,22 +40,6 @@ _LEAST_SHRINKAGE, _MOST_SHRINKAGE = 0.9, 0.2
 # Where Newton's iteration fails nothing is known of the error.
 _FAILED_SHRINKAGE = 0.5
 _SAFETY = 0.8
-
-
-@dataclass(slots=True, kw_only=True)
-class AdaptiveRun(AlphaRun):
-    """A run whose steps adapt.
-
-    Attributes
-    ----------
-    jerk
-        By which velocities are corrected when the step changes.
-    corrects
-        Whether they are.
-    """
-
-    jerk: NormalJerk
-    corrects: int
 
 
 def fixed_steps(run: AlphaRun) -> int:

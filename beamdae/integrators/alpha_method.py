@@ -9,14 +9,13 @@ import numpy as np
 from beamdae.equations.formulations import State
 from beamdae.equations.step_equations import Predicted, StepEquations
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.alpha_jerk import JerkEquations
+from beamdae.integrators.alpha_jerk import AdaptiveRun, JerkEquations
 from beamdae.integrators.alpha_loop import (
     ERROR_TOO_LARGE,
     FIRST_STEP,
     NOT_CONVERGED,
     NOT_FINITE,
     NOT_RESUMED,
-    AdaptiveRun,
     adaptive_steps,
     fixed_steps,
     take_step,
