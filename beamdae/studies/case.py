@@ -118,6 +118,9 @@ class Case:
             can tell again: a lock, a generator, an open file.
         """
         known = {} if known is None else known
+        return _once(known, self, lambda: self._mechanism(known))
+
+    def _mechanism(self, known: Known) -> str:
         parameters = self.model.complete(dict(self.parameters))
         found = {name: _of_parameter(self.model, name, x, known) for name, x in parameters.items()}
         of_model = _once(known, self.model.build, lambda: _of_model(self.model))

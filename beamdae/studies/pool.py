@@ -24,8 +24,10 @@ _MOMENT = 0.1
 _PATIENCE = 10.0
 
 
-# A task, its outcome, and whether that is to be kept. To be closed where it is not gone through.
-Outcomes = Generator[tuple[Task, Outcome, bool], None, None]
+# A task, its outcome, and whether that is to be kept.
+_Found = tuple[Task, Outcome, bool]
+# To be closed where they are not gone through.
+Outcomes = Generator[_Found, None, None]
 
 
 class Executor(Protocol):
@@ -75,13 +77,17 @@ class LocalPool:
         """(task, outcome, whether it is to be kept) of each task."""
         waiting = deque((task, 1) for task in tasks)
         workers: list[Worker] = []
+        found: list[_Found] = []
         with Interrupts() as interrupts:
             try:
                 while waiting or any(worker.task for worker in workers):
+                    # What has ended is kept while the next ones run.
+                    yield from _handed_out(waiting, workers, self.workers)
+                    yield from found
                     if interrupts.noted:
                         raise KeyboardInterrupt
-                    yield from _handed_out(waiting, workers, self.workers)
-                    yield from _brought_back(waiting, workers)
+                    found = list(_brought_back(waiting, workers))
+                yield from found
             finally:
                 for worker in workers:
                     worker.end()
@@ -110,7 +116,10 @@ def _handed_out(waiting: deque[_Try], workers: list[Worker], most: int) -> Outco
 
 
 def _brought_back(waiting: deque[_Try], workers: list[Worker]) -> Outcomes:
-    """What has ended by now, or within a moment."""
+    """What has ended by now, or within a moment.
+
+    All of it at once: a process that has ended its task is free then.
+    """
     busy = [worker for worker in workers if worker.task is not None]
     for worker in ready(busy, _MOMENT):
         task, tries = worker.task

@@ -25,6 +25,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import packed
 from beamdae.studies.reads import Reads, digests, reading, unchanged
+from beamdae.studies.rows import to_text
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,8 @@ class Outcome:
         Hashes of files that were read, by name; see `beamdae.studies.reads`.
     file
         Name of the file its table is kept in, if it is.
+    text
+        Its table as that file has it, until it is kept: made where the case was run.
     """
 
     status: Status = REACHED_END
@@ -103,6 +106,7 @@ class Outcome:
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
+    text: bytes = field(default=b"", repr=False)
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:
@@ -174,13 +178,14 @@ def _performed(task: Task, reads: Reads) -> Outcome:
         times = [s.statistics.wall_time for s in solutions]
         found = values(solution) | {"wall time [s]": float(np.median(times))}
         table = by_time(solution)
+        text = to_text(table)
         frames = _frames(task, solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
-    return Outcome(solution.status, found, table, frames)
+    return Outcome(solution.status, found, table, frames, text=text)
 
 
 def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
@@ -225,8 +230,9 @@ def _equations(recipe: _Recipe) -> _Built:
 
 def by_time(solution: Solution) -> pd.DataFrame:
     """Observed columns, energies and drift at the output times."""
-    table = pd.concat([solution.observed, solution.ledger, solution.drift], axis=1)
-    return table.set_index(pd.Index(solution.t, name="t [s]"))
+    parts = (solution.observed, solution.ledger, solution.drift)
+    headers = pd.Index([header for part in parts for header in part])
+    return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)
 
 
 # Column of the case table by name in the summary of a solution.
