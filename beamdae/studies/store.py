@@ -78,7 +78,7 @@ class Store:
         # Numbers of numpy are told as their own.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _sum(content), "outcome": content}
-        write_bytes(self.record(task), f"{json.dumps(record, indent=1)}\n".encode())
+        write_bytes(self.record(task), f"{json.dumps(record)}\n".encode())
         return replace(outcome, text=b"")
 
     def outcome(self, task: Task) -> tuple[Outcome | None, str]:

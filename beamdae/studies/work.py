@@ -23,7 +23,7 @@ from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.memory import bounded, forget_peak, peak_memory
-from beamdae.studies.packing import packed
+from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
 
@@ -73,9 +73,13 @@ class Task:
     animated: bool = False
     mechanism: str = ""
 
-    def packed(self) -> bytes:
-        """The task for another process, the source of its model included."""
-        return packed(self)
+    def packed(self, known: Packed) -> bytes:
+        """The task for another process, the source of its model included; models once."""
+        case = self.case
+        # What else a user defines may refer to what the model does, and has to go along with it.
+        own = type(case.integrator).__module__.startswith("beamdae.")
+        apart = own and all(map(is_plain, case.parameters.values()))
+        return packed_around(self, case.model, known) if apart else packed(self)
 
 
 @dataclass(frozen=True)
