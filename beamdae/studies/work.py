@@ -78,7 +78,8 @@ class Task:
         case = self.case
         # What else a user defines may refer to what the model does, and has to go along with it.
         own = type(case.integrator).__module__.startswith("beamdae.")
-        apart = own and all(map(is_plain, case.parameters.values()))
+        values = (*case.parameters.values(), *vars(case.integrator).values())
+        apart = own and all(map(is_plain, values))
         return packed_around(self, case.model, known) if apart else packed(self)
 
 
