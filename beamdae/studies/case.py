@@ -185,8 +185,8 @@ def _of_files(model: Model) -> list[str | None]:
 
 
 @cache
-def _surroundings() -> list[Any]:
-    return [versions(), sys.version_info[:2], package_digest()]
+def _surroundings() -> str:
+    return digest([versions(), sys.version_info[:2], package_digest()])
 
 
 def text_of(value: Any) -> str:
