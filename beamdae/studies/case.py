@@ -118,6 +118,9 @@ class Case:
             can tell again: a lock, a generator, an open file.
         """
         known = {} if known is None else known
+        return _once(known, self, lambda: self._mechanism(known))
+
+    def _mechanism(self, known: Known) -> str:
         parameters = self.model.complete(dict(self.parameters))
         found = {name: _of_parameter(self.model, name, x, known) for name, x in parameters.items()}
         of_model = _once(known, self.model.build, lambda: _of_model(self.model))
@@ -182,8 +185,8 @@ def _of_files(model: Model) -> list[str | None]:
 
 
 @cache
-def _surroundings() -> list[Any]:
-    return [versions(), sys.version_info[:2], package_digest()]
+def _surroundings() -> str:
+    return digest([versions(), sys.version_info[:2], package_digest()])
 
 
 def text_of(value: Any) -> str:

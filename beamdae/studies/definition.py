@@ -36,6 +36,7 @@ class Study:
         Two integrators of different kind. The first gives the reference of each group of cases
         that differ in their integrator alone; how far the second is from it is its uncertainty.
         One that goes by its step is run with half of it as well and extrapolated (Richardson).
+        (): a sweep, whose cases are run once each and not measured.
     columns
         Observed columns errors are taken over; default: positions and angles that move.
     t_end, output_step
@@ -52,7 +53,7 @@ class Study:
 
     name: str
     cases: tuple[Case, ...]
-    references: tuple[Integrator, Integrator] = REFERENCES
+    references: tuple[Integrator, ...] = REFERENCES
     columns: tuple[str, ...] = ()
     t_end: float | None = None
     output_step: float | None = None
@@ -103,8 +104,15 @@ class Study:
                     "give one of them another name."
                 )
 
+    @property
+    def measured(self) -> bool:
+        """Whether there is something to measure errors by: references, or finer meshes."""
+        return bool(self.references) or self.over is not None
+
     def tag(self, case: Case) -> str:
-        """What tells a case from the others of its group."""
+        """What tells a case from the others of its group, or of a sweep."""
+        if not self.measured:
+            return f"{case.group}, {case.label}"
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, known: Known | None = None) -> Task:
@@ -142,16 +150,18 @@ def _cases(name: str, value: Any) -> tuple[Case, ...]:
     return cases
 
 
-def _references(name: str, value: Any) -> tuple[Integrator, Integrator]:
-    wanted = "two integrators of different kind"
+def _references(name: str, value: Any) -> tuple[Integrator, ...]:
+    wanted = "two integrators of different kind, or () for cases that are not measured"
     found = _listed(name, "references", value, wanted, 2)
+    if found == () and isinstance(value, (tuple, list)):
+        return ()
     allowed = f"{name}: references must be {wanted}"
     if not found or not all(isinstance(x, Integrator) for x in found):
         raise BeamdaeError(f"{allowed}, got {shown(value)}.")
     methods = [require_integrator(name, x).method for x in found]
     if len(methods) != 2 or methods[0] == methods[1]:
         raise BeamdaeError(f"{allowed}, got {', '.join(methods)}.")
-    return found[0], found[1]
+    return found
 
 
 def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
@@ -162,7 +172,7 @@ def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[A
 
 def study(
     *,
-    references: tuple[Integrator, Integrator] = REFERENCES,
+    references: tuple[Integrator, ...] = REFERENCES,
     columns: Iterable[str] = (),
     t_end: float | None = None,
     output_step: float | None = None,

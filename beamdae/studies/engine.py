@@ -43,7 +43,7 @@ class Results:
     summary
         What the rows come to, by group.
     references
-        By group.
+        By group; none in a sweep.
     outcomes
         By fingerprint.
     frames
@@ -193,7 +193,7 @@ def _row(
     group = group_key(plan.study, case)
     outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
     try:
-        found = row(case, group, outcome, references[group])
+        found = row(case, group, outcome, references.get(group))
     except BeamdaeError as problem:
         failed = Outcome(Status("failed", str(problem)), outcome.values)
         found = row(case, group, failed, NO_REFERENCE)

@@ -39,9 +39,7 @@ class Forecast:
         of_series = np.array([[_OTHER_SERIES if a == b else _OTHER_METHOD for b in methods]
                               for a in methods])  # fmt: skip
         np.fill_diagonal(of_series, 1.0)
-        of_groups = np.full((len(groups), len(groups)), _OTHER_GROUP)
-        np.fill_diagonal(of_groups, 1.0)
-        self._of_series, self._of_groups = of_series, of_groups
+        self._of_series = of_series
         self._sums = np.zeros((len(series), len(groups)))
         self._counts = np.zeros((len(series), len(groups)))
         self._missing = np.ones(len(tasks), bool)
@@ -76,8 +74,8 @@ class Forecast:
             return 0.0
         if not self._counts.any():
             return None
-        weights = self._of_series @ self._counts @ self._of_groups
-        means = self._of_series @ self._sums @ self._of_groups / weights
+        weights = self._of_series @ _over_groups(self._counts)
+        means = self._of_series @ _over_groups(self._sums) / weights
         expected = np.exp(self._prior + means[self._series, self._group])
         expected = np.minimum(expected, self._most)[self._missing]
         begun = self._begun[self._missing]
@@ -87,6 +85,11 @@ class Forecast:
         more = self._more[self._workers :]
         rest += float(np.median(more)) if more else 0.0
         return float(max(rest.sum() / self._workers, rest.max()))
+
+
+def _over_groups(values: np.ndarray) -> np.ndarray:
+    """What counts for a group: its own values, and a share of all others."""
+    return _OTHER_GROUP * values.sum(axis=1, keepdims=True) + (1.0 - _OTHER_GROUP) * values
 
 
 def _numbered(names: Sequence[str]) -> tuple[list[str], np.ndarray]:

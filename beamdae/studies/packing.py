@@ -3,17 +3,47 @@
 from __future__ import annotations
 
 import copyreg
+import io
+import pickle
 import sys
 from collections.abc import Callable
 from functools import _lru_cache_wrapper, cached_property, lru_cache
 from typing import Any
 
 import cloudpickle
+import numpy as np
+
+_PLAIN = (bool, int, float, str, type(None))
 
 
 def packed(value: Any) -> bytes:
     """A value, with all that is not defined in installed modules, as bytes."""
     return cloudpickle.dumps(value)
+
+
+def is_plain(value: Any) -> bool:
+    """Whether a value is a number or a text, and refers to nothing."""
+    return type(value) in _PLAIN or isinstance(value, np.generic)
+
+
+# Parts of values by their identity, which lasts as long as they do, and packed.
+Packed = dict[int, tuple[Any, bytes]]
+
+
+def packed_around(value: Any, part: Any, known: Packed) -> bytes:
+    """A value that has no functions but those of `part`, which is packed once.
+
+    The part is a copy of its own wherever the value is unpacked.
+    """
+    if id(part) not in known:
+        known[id(part)] = part, packed(part)
+    stream = io.BytesIO()
+    pickler = pickle.Pickler(stream)
+    table: dict[type, Callable[[Any], Any]] = {**copyreg.dispatch_table}
+    table[type(part)] = lambda x: (cloudpickle.loads, (known[id(x)][1],))
+    pickler.dispatch_table = table
+    pickler.dump(value)
+    return stream.getvalue()
 
 
 def _cached_property(function: Callable[[Any], Any], name: str | None) -> cached_property[Any]:

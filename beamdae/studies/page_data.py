@@ -18,6 +18,8 @@ from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.work import Outcome
 
 _ROWS = 200
+# Curves of more cases make a page that takes long to open.
+_MOST_CURVES = 200
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -51,7 +53,7 @@ def page(results: Results) -> dict[str, Any]:
         "subtitle": f"{len(table)} cases, {failed} failed",
         "made": versions(),
         "notes": _notes(results),
-        "groups": [_group(results, str(g)) for g in table["group"].unique()],
+        "groups": _groups(results),
         "columns": [
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
@@ -66,24 +68,39 @@ def page(results: Results) -> dict[str, Any]:
 
 
 def _notes(results: Results) -> list[str]:
-    notes = [
-        "Error: largest difference to the reference over the run and its columns, relative to half "
-        "the range of each. An error less than ten times the uncertainty of the reference is "
-        "drawn hollow: it is at most that.",
-    ]
+    notes = []
+    if results.study.measured:
+        notes.append(
+            "Error: largest difference to the reference over the run and its columns, relative to "
+            "half the range of each. An error less than ten times the uncertainty of the reference "
+            "is drawn hollow: it is at most that."
+        )
+    if len(results.table) > _MOST_CURVES:
+        notes.append(
+            f"Curves are those of the first {_MOST_CURVES} cases, the others' are in trajectories/."
+        )
     if results.interrupted:
         notes.append("The study was interrupted; start it again and it goes on.")
     return notes
 
 
-def _group(results: Results, group: str) -> dict[str, Any]:
+def _groups(results: Results) -> list[dict[str, Any]]:
+    """Those of the case table; the cases of a sweep are one."""
+    study = results.study
+    if not study.measured:
+        return [{"id": study.name, "label": study.name}]
+    frames: dict[str, Any] = dict.fromkeys(map(str, results.table["group"].unique()))
+    for case in study.cases:
+        group = group_key(study, case)
+        # Of whatever run of the same mechanism has them: its reference.
+        frames[group] = frames[group] or results.frames_of(case)
+    return [_group(results, group, found) for group, found in frames.items()]
+
+
+def _group(results: Results, group: str, frames: dict[str, Any] | None) -> dict[str, Any]:
     reference = results.references.get(group)
     sentence = "its reference was not run" if reference is None else reference.sentence
     accepted = reference is not None and reference.table is not None
-    frames = None
-    for case in results.study.cases:
-        if group_key(results.study, case) == group:
-            frames = frames or _frames(results, case)
     return {
         "id": group,
         "label": group,
@@ -98,20 +115,15 @@ def _group(results: Results, group: str) -> dict[str, Any]:
     }
 
 
-def _frames(results: Results, case: Case) -> dict[str, Any] | None:
-    """Of whatever run of the same mechanism has them: its reference."""
-    return results.frames_of(case)
-
-
 def _case(
     results: Results, case: Case, row: pd.Series, keys: list[str], number: int
 ) -> dict[str, Any]:
-    outcome = results.outcome(case)
+    outcome, study = results.outcome(case), results.study
     reference = results.references.get(str(row["group"]))
     return {
         "id": str(number),
-        "group": str(row["group"]),
-        "label": results.study.tag(case),
+        "group": str(row["group"]) if study.measured else study.name,
+        "label": study.tag(case),
         "series": case.series,
         "family": case.integrator.method,
         "status": str(row["reason"]) or "ok",
@@ -122,7 +134,7 @@ def _case(
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
         "limited": row["status"] == "limited",
-        "curves": _curves(outcome, reference),
+        "curves": _curves(outcome, reference) if number < _MOST_CURVES else None,
     }
 
 

@@ -39,6 +39,8 @@ def plots(results: Results) -> dict[str, Plot]:
 
     Each writes PNG and SVG and returns their paths: none where there is nothing to draw.
     """
+    if ERROR not in results.table:
+        return {}
     found: dict[str, Plot] = {"comparison": partial(_of_one_group, results)}
     if results.study.over is not None:
         return found | {"mesh_convergence": partial(_mesh, results)}

@@ -19,7 +19,7 @@ class Plan:
     of_cases
         The task of each case, by its identity.
     methods
-        The tasks of the two methods of the reference of each group.
+        The tasks of the two methods of the reference of each group, if errors are measured.
     tasks
         Each run once.
     """
@@ -35,7 +35,9 @@ class Plan:
         known: Known = {}
         of_cases = {id(case): study.task(case, known=known) for case in study.cases}
         methods = {
-            group: reference_tasks(study, cases, known) for group, cases in groups(study).items()
+            group: reference_tasks(study, cases, known)
+            for group, cases in groups(study).items()
+            if study.measured
         }
         of_references = [task for group in methods.values() for m in group for task in m]
         return cls(study, of_cases, methods, _unique([*of_references, *of_cases.values()]))

@@ -11,6 +11,7 @@ from typing import Protocol
 from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Status
 from beamdae.studies.interrupts import Interrupts
+from beamdae.studies.packing import Packed
 from beamdae.studies.reads import forget
 from beamdae.studies.work import Outcome, Task, mistake, perform
 from beamdae.studies.workers import Worker, WorkerError, ready
@@ -24,8 +25,10 @@ _MOMENT = 0.1
 _PATIENCE = 10.0
 
 
-# A task, its outcome, and whether that is to be kept. To be closed where it is not gone through.
-Outcomes = Generator[tuple[Task, Outcome, bool], None, None]
+# A task, its outcome, and whether that is to be kept.
+_Found = tuple[Task, Outcome, bool]
+# To be closed where they are not gone through.
+Outcomes = Generator[_Found, None, None]
 
 
 class Executor(Protocol):
@@ -53,9 +56,10 @@ class SerialPool:
 
     def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task, in their order."""
+        known: Packed = {}
         for task in tasks:
             forget()
-            outcome = perform(task.packed())
+            outcome = perform(task.packed(known))
             yield task, outcome, True
             # The integrator took the interrupt for its run alone; it is meant for the study.
             if outcome.status.kind == "interrupted":
@@ -75,13 +79,18 @@ class LocalPool:
         """(task, outcome, whether it is to be kept) of each task."""
         waiting = deque((task, 1) for task in tasks)
         workers: list[Worker] = []
+        found: list[_Found] = []
+        known: Packed = {}
         with Interrupts() as interrupts:
             try:
                 while waiting or any(worker.task for worker in workers):
+                    # What has ended is kept while the next ones run.
+                    yield from _handed_out(waiting, workers, self.workers, known)
+                    yield from found
                     if interrupts.noted:
                         raise KeyboardInterrupt
-                    yield from _handed_out(waiting, workers, self.workers)
-                    yield from _brought_back(waiting, workers)
+                    found = list(_brought_back(waiting, workers))
+                yield from found
             finally:
                 for worker in workers:
                     worker.end()
@@ -91,12 +100,12 @@ class LocalPool:
 _Try = tuple[Task, int]
 
 
-def _handed_out(waiting: deque[_Try], workers: list[Worker], most: int) -> Outcomes:
+def _handed_out(waiting: deque[_Try], workers: list[Worker], most: int, known: Packed) -> Outcomes:
     """Give every process a task, and start no more than are of use."""
     while waiting and sum(worker.task is not None for worker in workers) < most:
         task, tries = waiting.popleft()
         try:
-            packed = task.packed()
+            packed = task.packed(known)
         except Exception as problem:  # Whatever a model holds that cannot be sent.
             yield task, Outcome.failed(f"it cannot be sent to a process, {mistake(problem)}"), False
             continue
@@ -110,7 +119,10 @@ def _handed_out(waiting: deque[_Try], workers: list[Worker], most: int) -> Outco
 
 
 def _brought_back(waiting: deque[_Try], workers: list[Worker]) -> Outcomes:
-    """What has ended by now, or within a moment."""
+    """What has ended by now, or within a moment.
+
+    All of it at once: a process that has ended its task is free then.
+    """
     busy = [worker for worker in workers if worker.task is not None]
     for worker in ready(busy, _MOMENT):
         task, tries = worker.task
@@ -157,8 +169,11 @@ class DaskPool:
         from distributed import KilledWorker
         from distributed import as_completed as completed
 
+        known: Packed = {}
         futures = {
-            self._client.submit(perform, task.packed(), key=f"beamdae-{task.key}", pure=False): task
+            self._client.submit(
+                perform, task.packed(known), key=f"beamdae-{task.key}", pure=False
+            ): task
             for task in tasks
         }
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
 from dataclasses import asdict, dataclass, replace
@@ -14,9 +13,10 @@ from typing import Any, get_args
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.results.files import guarded, sweep, write_bytes
+from beamdae.results.files import sweep, write_bytes
 from beamdae.results.solution import Kind, Status
 from beamdae.studies.reads import changed
+from beamdae.studies.rows import from_text, to_text
 from beamdae.studies.work import Outcome, Task
 
 _FORMAT = 2
@@ -59,7 +59,7 @@ class Store:
             path = self.trajectory(task)
             outcome = replace(outcome, file=path.name)
             # The record has the headers as they are.
-            text = guarded(table).to_csv(lineterminator="\n").encode(errors="replace")
+            text = outcome.text or to_text(table)
             write_bytes(path, text)
             rows = {
                 "file": path.name,
@@ -78,8 +78,8 @@ class Store:
         # Numbers of numpy are told as their own.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _sum(content), "outcome": content}
-        write_bytes(self.record(task), f"{json.dumps(record, indent=1)}\n".encode())
-        return outcome
+        write_bytes(self.record(task), f"{json.dumps(record)}\n".encode())
+        return replace(outcome, text=b"")
 
     def outcome(self, task: Task) -> tuple[Outcome | None, str]:
         """The outcome of a task if there is one that serves, and what is wrong if it is damaged.
@@ -138,10 +138,7 @@ class Store:
             raise _DamagedError(f"{path.name} cannot be read, {problem.strerror}") from None
         if hashlib.sha256(text).hexdigest() != rows["sha256"]:
             raise _DamagedError(f"{path.name} is not what was written")
-        # As texts first: pandas itself may read the last digit of a number as another one.
-        table = pd.read_csv(io.BytesIO(text), index_col=0, dtype=str)
-        table.index = table.index.astype(float)
-        return table.astype(float).set_axis(rows["columns"], axis="columns")
+        return from_text(text, rows["columns"])
 
     def clean(self) -> None:
         """Remove what processes that have ended left unfinished."""

@@ -90,10 +90,11 @@ def summary(cases: pd.DataFrame) -> pd.DataFrame:
     """By group: the fastest integrator for each accuracy, observed orders, crossovers.
 
     Rows whose error the reference cannot resolve count for accuracies it can resolve: their error
-    is at most that.
+    is at most that. Of cases that are not measured there is nothing to say.
     """
     lines: list[dict[str, Any]] = []
-    for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
+    told = cases["status"] == ("ok" if ERROR in cases else "")
+    for group, rows in cases[told].groupby("group", sort=False):
         measured = rows.dropna(subset=[ERROR])
         lines += _best(str(group), measured)
         lines += _orders(str(group), measured[~measured["below resolution"]])

@@ -23,8 +23,9 @@ from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.memory import bounded, forget_peak, peak_memory
-from beamdae.studies.packing import packed
+from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
+from beamdae.studies.rows import to_text
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,14 @@ class Task:
     animated: bool = False
     mechanism: str = ""
 
-    def packed(self) -> bytes:
-        """The task for another process, the source of its model included."""
-        return packed(self)
+    def packed(self, known: Packed) -> bytes:
+        """The task for another process, the source of its model included; models once."""
+        case = self.case
+        # What else a user defines may refer to what the model does, and has to go along with it.
+        own = type(case.integrator).__module__.startswith("beamdae.")
+        values = (*case.parameters.values(), *vars(case.integrator).values())
+        apart = own and all(map(is_plain, values))
+        return packed_around(self, case.model, known) if apart else packed(self)
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,8 @@ class Outcome:
         Hashes of files that were read, by name; see `beamdae.studies.reads`.
     file
         Name of the file its table is kept in, if it is.
+    text
+        Its table as that file has it, until it is kept: made where the case was run.
     """
 
     status: Status = REACHED_END
@@ -103,6 +111,7 @@ class Outcome:
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
+    text: bytes = field(default=b"", repr=False)
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:
@@ -174,13 +183,14 @@ def _performed(task: Task, reads: Reads) -> Outcome:
         times = [s.statistics.wall_time for s in solutions]
         found = values(solution) | {"wall time [s]": float(np.median(times))}
         table = by_time(solution)
+        text = to_text(table)
         frames = _frames(task, solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
-    return Outcome(solution.status, found, table, frames)
+    return Outcome(solution.status, found, table, frames, text=text)
 
 
 def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
@@ -225,8 +235,9 @@ def _equations(recipe: _Recipe) -> _Built:
 
 def by_time(solution: Solution) -> pd.DataFrame:
     """Observed columns, energies and drift at the output times."""
-    table = pd.concat([solution.observed, solution.ledger, solution.drift], axis=1)
-    return table.set_index(pd.Index(solution.t, name="t [s]"))
+    parts = (solution.observed, solution.ledger, solution.drift)
+    headers = pd.Index([header for part in parts for header in part])
+    return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)
 
 
 # Column of the case table by name in the summary of a solution.

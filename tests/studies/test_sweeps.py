@@ -1,0 +1,190 @@
+"""Many cases that differ in numbers: what they are sent and kept with, and no references."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.commands import app
+from beamdae.report.page.page import write_page
+from beamdae.studies import engine, page_data, rows
+from beamdae.studies.packing import packed
+from beamdae.studies.pictures import plots
+from beamdae.studies.pool import LocalPool, SerialPool
+
+ALPHA = bd.GeneralizedAlpha(step=5e-3)
+
+
+@bd.model(t_end=0.1)
+def swing(mass=2.0, marker="", arm=(1.0, 0.0)):
+    if marker:
+        Path(marker).touch()
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=arm))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    return mech
+
+
+def sweep(*values, **settings):
+    cases = tuple(bd.Case(swing, x, ALPHA) for x in values)
+    return bd.Study("sweep", cases, references=(), **settings)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    study = sweep(*bd.grid(mass=[1.0, -1.0, *range(2, 6)]))
+    return engine.run(study, tmp_path_factory.mktemp("sweep"), SerialPool())
+
+
+# Rows as text -------------------------------------------------------------------------------------
+
+ROWS = pd.DataFrame(
+    {
+        '=a, "b"': [0.1 + 0.2, -1e-17, 5e-324, 1e22],
+        "c": [np.nan, np.pi, -0.0, 12.0],
+        "d": [np.inf, -np.inf, 1.7976931348623157e308, 123456.789],
+    },
+    index=pd.Index([0.0, 1 / 3, 0.5, 1.0], name="t [s]"),
+)
+
+
+def test_rows_are_the_text_pandas_writes():
+    expected = ROWS.rename(columns={'=a, "b"': '\'=a, "b"'}).to_csv(lineterminator="\n")
+    assert rows.to_text(ROWS) == expected.encode()
+
+
+@pytest.mark.parametrize("table", [ROWS, ROWS[[]], ROWS.iloc[:0], ROWS.iloc[:1]])
+def test_rows_are_read_back_to_the_last_bit(table):
+    found = rows.from_text(rows.to_text(table), list(table))
+    pd.testing.assert_frame_equal(found, table, check_exact=True, check_column_type=False)
+    assert np.array_equal(np.signbit(found), np.signbit(table))
+
+
+# Packing ------------------------------------------------------------------------------------------
+
+
+def test_the_model_of_tasks_that_differ_in_numbers_is_packed_once(monkeypatch):
+    packings = []
+    monkeypatch.setattr("beamdae.studies.packing.packed", lambda x: packings.append(x) or packed(x))
+    study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
+    known = {}
+    tasks = [study.task(case) for case in study.cases]
+    found = [pickle.loads(task.packed(known)) for task in tasks]
+    assert packings == [swing]
+    assert [task.case.parameters["mass"] for task in found] == [1.0, 2.0, 3]
+    assert [task.key for task in found] == [task.key for task in tasks]
+    # As in separate packings: what a model does to its own values stays in its case.
+    assert found[0].case.model.build.__globals__ is not found[1].case.model.build.__globals__
+
+
+class Arm(tuple):
+    """What a user defines."""
+
+
+def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
+    around = []
+    monkeypatch.setattr("beamdae.studies.work.packed_around", lambda *_: around.append(1))
+    task = replace(
+        sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
+    )
+    assert pickle.loads(task.packed({})).case.parameters["arm"] == (1.0, 0.0)
+    assert around == []
+
+
+# Order --------------------------------------------------------------------------------------------
+
+
+def test_a_process_has_its_next_case_before_the_last_one_is_kept(tmp_path):
+    markers = [str(tmp_path / f"{k}") for k in range(2)]
+    study = sweep(*bd.grid(marker=markers))
+    found = LocalPool(1).outcomes([study.task(case) for case in study.cases])
+    try:
+        next(found)
+        # Nobody asks for the second outcome yet.
+        latest = time.monotonic() + 60.0
+        while not Path(markers[1]).exists():
+            assert time.monotonic() < latest
+            time.sleep(0.01)
+    finally:
+        found.close()
+
+
+# Without references -------------------------------------------------------------------------------
+
+
+def test_a_sweep_runs_its_cases_alone(swept):
+    assert len(swept.outcomes) == 6
+    assert list(swept.table["status"]) == ["ok", "failed", *["ok"] * 4]
+    assert "error [-]" not in swept.table
+    assert swept.references == {}
+    assert swept.summary.empty
+    assert not swept.failed
+
+
+def test_a_sweep_goes_on_where_it_stopped(swept, tmp_path):
+    def refused(tasks):
+        raise AssertionError(f"{len(list(tasks))} cases were run again")
+
+    pool = SerialPool()
+    pool.outcomes = refused
+    again = engine.run(swept.study, swept.folder, pool)
+    pd.testing.assert_frame_equal(again.table, swept.table)
+    for key, outcome in swept.outcomes.items():
+        if outcome.table is not None:
+            pd.testing.assert_frame_equal(again.outcomes[key].table, outcome.table)
+
+
+def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
+    swept, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(page_data, "_MOST_CURVES", 4)
+    page = page_data.page(swept)
+    assert [group["id"] for group in page["groups"]] == ["sweep"]
+    assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
+    drawn = [case["curves"] is not None for case in page["cases"]]
+    assert drawn == [True, False, True, True, False, False]
+    assert page["notes"] == [
+        "Curves are those of the first 4 cases, the others' are in trajectories/."
+    ]
+    assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
+    assert plots(swept) == {}
+
+
+def test_references_are_two_or_none():
+    with pytest.raises(bd.BeamdaeError, match=r"two integrators of different kind, or \(\) for"):
+        replace(sweep({}), references=None)
+    assert replace(sweep({}), references=[]).references == ()
+
+
+SWEEP_FILE = f"""
+import beamdae as bd
+
+swing = bd.load_model({str(Path(__file__))!r})
+
+
+@bd.study(references=())
+def masses():
+    return [bd.Case(swing, x, bd.GeneralizedAlpha(step=5e-3)) for x in bd.grid(mass=[1.0, -1.0])]
+"""
+
+
+def test_the_command_tells_how_many_cases_of_a_sweep_reached_their_end(tmp_path):
+    (tmp_path / "study.py").write_text(SWEEP_FILE)
+    arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    assert "2 cases, 1 of them reached their end" in result.output
+    assert "failed: swing(mass=-1.0), " in result.output
+    assert (tmp_path / "masses" / "report.html").is_file()
+    table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))
+    assert list(table["mass"]) == [1.0, -1.0]
