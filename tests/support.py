@@ -168,7 +168,9 @@ class Numeric:
         given = [self.time if time is None else time, self.equations.q0 if q is None else q]
         given += [np.zeros(self.n) if x is None else x for x in (v, a)]
         given += [np.zeros(self.m) if lam is None else lam]
-        return measures.balance(self.equations)(*(np.asarray(x, float)[None] for x in given))[0]
+        return measures.balance(self.equations).rows()(
+            *(np.asarray(x, float)[None] for x in given)
+        )[0]
 
     def energies(self, *state, **more):
         """(kinetic, strain, gravity, power of the loads, dissipated power)."""

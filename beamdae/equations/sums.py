@@ -13,6 +13,8 @@ from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
 
 Array = np.ndarray
 _TIME = 2
+# Energies and powers, the first rows of a balance.
+BOOKED = 6
 # Where the coefficients stand among what the kernels of matrices share.
 C_Q, C_V, C_A, C_L, C_H = (MATRIX_SHARED.index(c) for c in ("c_q", "c_v", "c_a", "c_l", "c_h"))
 
@@ -83,6 +85,40 @@ def reaction_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
         copies = total.add(kernel, _joint_inputs(joint, at, (), False), data, joint.count)
         total.add_column(copies, 0, joint.operator, 0)
     return total
+
+
+def balance_sum(equations: EquationsOfMotion, at: Places) -> SumBuilder:
+    """Rows: energies and powers, F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+
+    The first are (kinetic, strain, gravity) [J] and the power of the loads, that of the drivers and
+    the dissipated one [W].
+    """
+    n, m, total = equations.n, equations.m, SumBuilder(_TIME)
+    residual = BOOKED
+    reaction, still, level = residual + n, residual + 2 * n, residual + 3 * n
+    for term in equations.forces:
+        inputs = _motion(term.operator, at.q, at.v, at.a)
+        kernel, data = term.kernel.balance_kernel, data_of(equations, term)
+        copies = total.add(kernel, inputs, data, term.count)
+        total.add_column(copies, 0, term.operator, residual)
+        total.add_column(copies, 1, term.operator, still)
+        total.add_column(copies, 2, _added_up(term.count, 0, 1, 2, 3, 5), 0)
+    for joint in equations.joints:
+        inputs = _joint_inputs(joint, at, (1,), False)
+        kernel, data = joint.kernel.balance_kernel, data_of(equations, joint)
+        copies = total.add(kernel, inputs, data, joint.count)
+        total.add_column(copies, 0, joint.operator, residual)
+        total.add_column(copies, 0, joint.operator, reaction)
+        total.add_column(copies, 1, joint.rows, level)
+        total.add_column(copies, 2, joint.rows, level + m)
+        total.add_column(copies, 3, _added_up(joint.count, 4), 0)
+    return total
+
+
+def _added_up(count: int, *rows: int) -> sp.csr_array:
+    """What adds up columns of all copies into these rows."""
+    at = np.tile(rows, count)
+    return sp.csr_array((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), BOOKED))
 
 
 def add_tangents(

@@ -70,20 +70,20 @@ class EnergyLedger:
     values
         By interval: rows of (3) energies, (3) powers, and norms at its nodes, see
         `measures.balance`.
-    starts
-        By interval: the works until it begins [J].
+    works
+        By interval: the works until each of its steps [J].
     """
 
     trajectory: Trajectory
     values: tuple[Array, ...]
-    starts: tuple[Array, ...]
+    works: tuple[Array, ...]
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> EnergyLedger:
         """Keep the books of a run."""
-        function = measures.balance(equations)
+        function = measures.balance(equations).rows()
         rows: list[Array] = []
-        starts: list[Array] = []
+        works: list[Array] = []
         work = np.zeros(3)
         for interval in trajectory.intervals:
             q, v, a, lam = interval.rows
@@ -92,9 +92,9 @@ class EnergyLedger:
                 # A law whose rate jumps at a breakpoint changes the velocities at once.
                 work = work + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])
             rows.append(values)
-            starts.append(work)
-            work = work + interval.integrals(values[:, 3:6], interval.t[-1:])[0]
-        return cls(trajectory, tuple(rows), tuple(starts))
+            works.append(work + interval.sums(values[:, 3:6]))
+            work = works[-1][-1]
+        return cls(trajectory, tuple(rows), tuple(works))
 
     def at(self, times: Array) -> Array:
         """Energies, works and what the books are off by [J] at ascending times of the run.
@@ -114,14 +114,14 @@ class EnergyLedger:
         Energies and powers lie on the polynomials of the dense output.
         """
         interval, values = self.trajectory.intervals[k], self.values[k]
-        works = self.starts[k] + interval.integrals(values[:, 3:6], times)
+        works = interval.integrals(values[:, 3:6], times, self.works[k])
         return np.hstack([interval.smooth(values[:, :3], times), works])
 
     @cached_property
     def energy(self) -> Balance:
         """Energy - work of loads - work of drivers + dissipated - start, at all steps [J]."""
-        intervals = self.trajectory.intervals
-        books = np.concatenate([self._books(k, i.t) for k, i in enumerate(intervals)])
+        energies = (x[:, :3] for x in self._at_steps)
+        books = np.hstack([np.concatenate(list(energies)), np.concatenate(self.works)])
         turnover = max(
             np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
         )
@@ -131,9 +131,13 @@ class EnergyLedger:
     @cached_property
     def _norms(self) -> Array:
         """Norms at all steps, see `measures.balance`."""
+        return np.concatenate([x[:, 6:] for x in self._at_steps])
+
+    @property
+    def _at_steps(self) -> list[Array]:
+        """By interval: of the values those at the steps."""
         intervals = self.trajectory.intervals
-        norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
-        return np.concatenate(norms)
+        return [x[:: i.per_step] for x, i in zip(self.values, intervals, strict=True)]
 
     @property
     def force(self) -> Balance:

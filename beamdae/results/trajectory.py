@@ -92,14 +92,18 @@ class Interval:
         """Values at times inside the interval of what is as smooth as q, from rows at the nodes."""
         return self._polynomials(t, _before(self.nodes, t), _SMOOTH)(values)
 
-    def integrals(self, rates: Array, t: Array) -> Array:
-        """Integrals from the start of the interval to times inside, of rows of rates at the nodes.
+    def sums(self, rates: Array) -> Array:
+        """Integrals from the start of the interval to its steps, of rows of rates at the nodes.
 
         Of the same polynomials, degree 3 through steps. Through the stages of Radau IIA that is its
         own quadrature, (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9: the weight of the start is 0.
         """
         sums = np.zeros((len(self.t), rates.shape[1]))
         np.cumsum(self._since_step(rates, self.t[1:]), axis=0, out=sums[1:])
+        return sums
+
+    def integrals(self, rates: Array, t: Array, sums: Array) -> Array:
+        """The same to times inside the interval, from the `sums` to its steps."""
         return sums[_before(self.t, t)] + self._since_step(rates, t)
 
     def _since_step(self, rates: Array, t: Array) -> Array:
