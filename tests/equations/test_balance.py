@@ -1,0 +1,46 @@
+"""The books of a run, row by row, in machine code and as plain Python."""
+
+import numpy as np
+import pytest
+from hub_beam import hub_beam
+from numpy.testing import assert_array_equal
+
+from beamdae.equations import measures
+from beamdae.simulation import as_equations
+
+
+@pytest.fixture(scope="module")
+def books():
+    """Balance of a hub beam, and states around its start, more than are looked at together."""
+    equations = as_equations(hub_beam(elements=2))
+    balance = measures.balance(equations)
+    count = 2 * len(balance.buffers(False).times) + 3
+    random = np.random.default_rng(0)
+    sizes = (equations.n, equations.n, equations.n, equations.m)
+    state = [random.normal(size=(count, size)) for size in sizes]
+    state[0] = equations.q0 + 1e-3 * state[0]
+    t = np.linspace(0.0, 1.0, count)
+    return balance, np.column_stack([t, np.full(count, 0.5)]), state
+
+
+def test_rows_do_not_depend_on_those_beside_them(books):
+    balance, times, state = books
+    keep = balance.rows()
+    together = keep(times, *state)
+    some = [0, 1, len(times) // 2, len(times) - 1]
+    alone = [keep(times[k : k + 1], *(x[k : k + 1] for x in state))[0] for k in some]
+    assert_array_equal(together[some], alone)
+    assert len(np.unique(together[:, 0])) == len(times)
+
+
+def test_machine_code_and_plain_python_keep_the_same_books(books):
+    balance, times, state = books
+    run = balance.buffers(False)
+    run.filled = count = 7
+    run.times[:count] = times[:count]
+    run.states[:count] = np.hstack(state)[:count]
+    measures.keep_books(run)
+    found = balance.rows()(times[:count], *(x[:count] for x in state))
+    # Sums of tens of numbers, each row in the same order.
+    off = np.abs(found - run.found[:count]).max(axis=0)
+    assert (off <= 1e-14 * np.abs(found).max(axis=0)).all()
