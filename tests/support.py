@@ -154,7 +154,7 @@ class Numeric:
     def _balance(self, q=None, v=None, a=None, lam=None, time=None):
         """The row of the books at a state."""
         given = self._given(q, v, a, lam, time)
-        return measures.balance(self.equations)(*(x[None] for x in given))[0]
+        return measures.books_of(self.equations)(*(x[None] for x in given))[0]
 
     def energies(self, *state, **more):
         """(kinetic, strain, gravity, power of the loads, dissipated power)."""

@@ -193,6 +193,7 @@ def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> N
     import numpy as np
 
     from beamdae import verification
+    from beamdae.results.files import write_beside
 
     if not solution.columns:
         return
@@ -207,7 +208,7 @@ def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> N
         for column, row in zip(solution.columns, rows, strict=True)
     }
     with interrupts.held():
-        solution.to_csv(files.table, errors=known)
+        write_beside(files.table, solution.beside(errors=known))
 
 
 def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import once
-from beamdae.equations.sums import data_of, local_operator
-from beamdae.symbolic.kernel_rows import KernelRows
+from beamdae.equations.structure import Structure, once
+from beamdae.equations.sums import BOOKED, Places, balance_sum
+from beamdae.native.codes import DONE
+from beamdae.native.loops import Loop
+from beamdae.native.machine import MachineError
+from beamdae.native.vectors import combine, largest
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
 Array = np.ndarray
 
-# Of forces at rows of states, as many as stay in the caches.
-_NUMBERS_AT_ONCE = 50000
+# States whose books are kept at once: as many as stay in the caches.
+_NUMBERS_AT_ONCE, _ROWS_AT_ONCE = 100_000, 1024
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
+_NORMS = 5
 # What tables hold besides the observed columns.
 TIME = "t [s]"
 LEDGER_COLUMNS = tuple(
@@ -42,55 +48,134 @@ class ObservedRows:
 
 
 @dataclass(frozen=True)
-class BalanceRows:
-    """What keeps the books of a run, see `balance`."""
+class Balance:
+    """What keeps the books of a run, see `balance`.
 
-    equations: EquationsOfMotion
-    forces: tuple[KernelRows, ...]
-    joints: tuple[KernelRows, ...]
+    Attributes
+    ----------
+    n, m
+        Numbers of coordinates and constraints.
+    total
+        `balance_sum` of (q, v, a, lam).
+    """
+
+    n: int
+    m: int
+    total: SumPlan
+
+    def rows(self, p: Array) -> BalanceRows:
+        """What evaluates it at rows of states, with the numbers of a model, for one run alone."""
+        return BalanceRows(self, p)
+
+    def buffers(self, native: bool, p: Array) -> BalanceRun:
+        """What `keep_books` works on."""
+        size = 3 * self.n + self.m
+        rows = int(np.clip(_NUMBERS_AT_ONCE // max(size, 1), 1, _ROWS_AT_ONCE))
+        return BalanceRun(
+            self.total.sum(native, p),
+            self.n,
+            self.m,
+            times=np.zeros((rows, 2)),
+            states=np.zeros((rows, size)),
+            found=np.zeros((rows, BOOKED + _NORMS)),
+            value=np.zeros(BOOKED + size + self.m),
+            ones=np.ones(max(self.n, self.m)),
+        )
+
+
+@dataclass(slots=True)
+class BalanceRun:
+    """Rows of a run whose books are kept.
+
+    Attributes
+    ----------
+    total, n, m
+        See `Balance`.
+    times, states
+        (t, branch) and (q, v, a, lam) of the rows.
+    found
+        Energies, powers and norms of the rows.
+    value, ones
+        The sum at one of them, and weights of its norms.
+    filled
+        How many rows there are.
+    """
+
+    total: Sum
+    n: int
+    m: int
+    times: Array
+    states: Array
+    found: Array
+    value: Array
+    ones: Array
+    filled: int = 0
+
+
+def keep_books(run: BalanceRun) -> int:
+    """Energies, powers and norms of all rows there are."""
+    n, m, value = run.n, run.m, run.value
+    on_q, on_g = run.ones[:n], run.ones[:m]
+    levels = BOOKED + 3 * n
+    for i in range(run.filled):
+        combine(run.total.shared, (1.0,), (run.times[i],))
+        evaluate(run.total, run.states[i], value)
+        row = run.found[i]
+        combine(row[:BOOKED], (1.0,), (value[:BOOKED],))
+        for k in range(3):
+            row[BOOKED + k] = largest(value[BOOKED + k * n : BOOKED + (k + 1) * n], on_q)
+        for k in range(2):
+            row[BOOKED + 3 + k] = largest(value[levels + k * m : levels + (k + 1) * m], on_g)
+    return DONE
+
+
+class BalanceRows:
+    """Keeps the books of one run, in machine code where that can be had."""
+
+    def __init__(self, balance: Balance, p: Array) -> None:
+        self._loop: Loop | None = None
+        if balance.total.is_native:
+            self._run = balance.buffers(True, p)
+            with suppress(MachineError):
+                self._loop = Loop(keep_books, self._run)
+        if self._loop is None:
+            self._run = balance.buffers(False, p)
 
     def __call__(self, times: Array, *state: Array) -> Array:
         """Rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
-        at_once = max(_NUMBERS_AT_ONCE // self.equations.n, 1)
-        parts = (slice(i, i + at_once) for i in range(0, len(times), at_once))
-        return np.concatenate([self._some(times[i], *(x[i] for x in state)) for i in parts])
+        run, found = self._run, np.empty((len(times), self._run.found.shape[1]))
+        ends = np.cumsum([x.shape[1] for x in state])[:-1]
+        columns = np.split(run.states, ends, axis=1)
+        # In between Python hears of Ctrl-C.
+        for first in range(0, len(times), len(run.times)):
+            some = slice(first, first + len(run.times))
+            run.filled = len(times[some])
+            run.times[: run.filled] = times[some]
+            for column, x in zip(columns, state, strict=True):
+                column[: run.filled] = x[some]
+            self._keep()
+            found[some] = run.found[: run.filled]
+        return found
 
-    def _some(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-        e = self.equations
-        force, still, reaction = (np.zeros((len(q), e.n)) for _ in range(3))
-        energies, drivers = np.zeros((len(q), 5)), np.zeros(len(q))
-        levels = [np.zeros((len(q), e.m)) for _ in range(2)]
-        for term, rows in zip(e.forces, self.forces, strict=True):
-            operator = rows.operators[0]
-            own_force, own_still, own_energies = rows(times, (q, v, a))
-            force += own_force @ operator
-            still += own_still @ operator
-            energies += own_energies.reshape(len(q), term.count, 5).sum(axis=1)
-        for joint, rows in zip(e.joints, self.joints, strict=True):
-            own_reaction, *own_levels, power = rows(times, (q, v, lam))
-            reaction += own_reaction @ joint.operator
-            for level, own in zip(levels, own_levels, strict=True):
-                level += own @ joint.rows
-            drivers += power.sum(axis=1)
-        norms = [np.abs(x).max(axis=1, initial=0.0) for x in (force + reaction, reaction, still)]
-        norms += [np.abs(x).max(axis=1, initial=0.0) for x in levels]
-        return np.column_stack([energies[:, :3], energies[:, 3], drivers, energies[:, 4], *norms])
+    def _keep(self) -> None:
+        if self._loop is not None:
+            self._loop()
+            return
+        # Forces beyond all numbers are told of by their norms.
+        with np.errstate(over="ignore", invalid="ignore"):
+            keep_books(self._run)
 
 
 @once
-def balance(e: EquationsOfMotion) -> BalanceRows:
+def balance(e: Structure) -> Balance:
     """(3) `ENERGIES` [J], (3) powers of `WORKS` [W], and what shows how good a state is.
 
     The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
-    forces = (
-        KernelRows(t.kernel.balance_kernel, (local_operator(e, t),) * 3, data_of(e, t), t.count)
-        for t in e.forces
-    )
-    joints = (
-        KernelRows(
-            t.kernel.balance_kernel, (t.operator, t.operator, t.rows), data_of(e, t), t.count
-        )
-        for t in e.joints
-    )
-    return BalanceRows(e, tuple(forces), tuple(joints))
+    at = Places(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
+    return Balance(e.n, e.m, balance_sum(e, at).vector())
+
+
+def books_of(equations: EquationsOfMotion) -> BalanceRows:
+    """Rows (energies, powers, norms) at rows of states, see `balance`; for one run alone."""
+    return balance(equations.structure).rows(equations.p)

@@ -17,6 +17,8 @@ from beamdae.symbolic.turns import turned
 
 Array = np.ndarray
 _TIME = 2
+# Energies and powers, the first rows of a balance.
+BOOKED = 6
 # Where the coefficients stand among what the kernels of matrices share.
 C_Q, C_V, C_A, C_L, C_H = (MATRIX_SHARED.index(c) for c in ("c_q", "c_v", "c_a", "c_l", "c_h"))
 
@@ -68,10 +70,13 @@ def _add_forces(total: SumBuilder, structure: Structure, at: Places, row: int) -
         total.add_column(copies, 0, term.operator, row)
 
 
-def _add_force(total: SumBuilder, at: Places, term: ForceTerm, kernel: Kernel) -> Copies:
+def _add_force(
+    total: SumBuilder, at: Places, term: ForceTerm, kernel: Kernel, scalars: int = 0
+) -> Copies:
+    """Add a kernel of a term, whose last outputs, so many, are not in its coordinates."""
     inputs = _motion(term.operator, at.q, at.v, at.a)
     if term.turn is not None:
-        kernel = turned(kernel, term.turn, len(inputs))
+        kernel = turned(kernel, term.turn, len(inputs), scalars)
     return total.add(kernel, inputs, term.data, term.count)
 
 
@@ -137,6 +142,37 @@ def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
         copies = total.add(kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, 0)
     return total
+
+
+def balance_sum(structure: Structure, at: Places) -> SumBuilder:
+    """Rows: energies and powers, F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+
+    The first are (kinetic, strain, gravity) [J] and the power of the loads, that of the drivers and
+    the dissipated one [W].
+    """
+    n, m, total = structure.n, structure.m, SumBuilder(_TIME)
+    residual = BOOKED
+    reaction, still, level = residual + n, residual + 2 * n, residual + 3 * n
+    for term in structure.forces:
+        copies = _add_force(total, at, term, term.kernel.balance_kernel, scalars=1)
+        total.add_column(copies, 0, term.operator, residual)
+        total.add_column(copies, 1, term.operator, still)
+        total.add_column(copies, 2, _added_up(term.count, 0, 1, 2, 3, 5), 0)
+    for joint in structure.joints:
+        inputs = _joint_inputs(joint, at, (1,), False)
+        copies = total.add(joint.kernel.balance_kernel, inputs, joint.data, joint.count)
+        total.add_column(copies, 0, joint.operator, residual)
+        total.add_column(copies, 0, joint.operator, reaction)
+        total.add_column(copies, 1, joint.rows, level)
+        total.add_column(copies, 2, joint.rows, level + m)
+        total.add_column(copies, 3, _added_up(joint.count, 4), 0)
+    return total
+
+
+def _added_up(count: int, *rows: int) -> sp.csr_array:
+    """What adds up columns of all copies into these rows."""
+    at = np.tile(rows, count)
+    return sp.csr_array((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), BOOKED))
 
 
 def add_tangents(

@@ -67,34 +67,36 @@ class EnergyLedger:
 
     Attributes
     ----------
-    values
-        By interval: rows of (3) energies, (3) powers, and norms at its nodes, see
-        `measures.balance`.
-    starts
-        By interval: the works until it begins [J].
+    energies, powers, norms
+        By interval: rows at its nodes, see `measures.balance`.
+    works
+        By interval: the works until each of its steps [J].
     """
 
     trajectory: Trajectory
-    values: tuple[Array, ...]
-    starts: tuple[Array, ...]
+    energies: tuple[Array, ...]
+    powers: tuple[Array, ...]
+    norms: tuple[Array, ...]
+    works: tuple[Array, ...]
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> EnergyLedger:
         """Keep the books of a run."""
-        function = measures.balance(equations)
-        rows: list[Array] = []
-        starts: list[Array] = []
+        function = measures.books_of(equations)
+        rows: list[tuple[Array, ...]] = []
+        works: list[Array] = []
         work = np.zeros(3)
         for interval in trajectory.intervals:
-            q, v, a, lam = interval.rows
-            values = function(interval.times, q, v, a, lam)
+            values = np.split(function(interval.times, *interval.rows), [3, 6], axis=1)
+            energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
                 # A law whose rate jumps at a breakpoint changes the velocities at once.
-                work = work + np.array([0.0, values[0, 0] - rows[-1][-1, 0], 0.0])
-            rows.append(values)
-            starts.append(work)
-            work = work + interval.integrals(values[:, 3:6], interval.t[-1:])[0]
-        return cls(trajectory, tuple(rows), tuple(starts))
+                work = work + np.array([0.0, energies[0, 0] - rows[-1][0][-1, 0], 0.0])
+            rows.append((energies, powers, norms))
+            works.append(work + interval.sums(powers))
+            work = works[-1][-1]
+        all_energies, all_powers, all_norms = zip(*rows, strict=True)
+        return cls(trajectory, all_energies, all_powers, all_norms, tuple(works))
 
     def at(self, times: Array) -> Array:
         """Energies, works and what the books are off by [J] at ascending times of the run.
@@ -105,7 +107,7 @@ class EnergyLedger:
         books = np.concatenate(
             [self._books(k, times[which == k]) for k in range(len(self.trajectory.intervals))]
         )
-        start = np.append(self.values[0][0, :3], np.zeros(3))
+        start = np.append(self.energies[0][0], np.zeros(3))
         return np.column_stack([books, _imbalance(books, start)])
 
     def _books(self, k: int, times: Array) -> Array:
@@ -113,15 +115,14 @@ class EnergyLedger:
 
         Energies and powers lie on the polynomials of the dense output.
         """
-        interval, values = self.trajectory.intervals[k], self.values[k]
-        works = self.starts[k] + interval.integrals(values[:, 3:6], times)
-        return np.hstack([interval.smooth(values[:, :3], times), works])
+        interval = self.trajectory.intervals[k]
+        works = interval.integrals(self.powers[k], times, self.works[k])
+        return np.hstack([interval.smooth(self.energies[k], times), works])
 
     @cached_property
     def energy(self) -> Balance:
         """Energy - work of loads - work of drivers + dissipated - start, at all steps [J]."""
-        intervals = self.trajectory.intervals
-        books = np.concatenate([self._books(k, i.t) for k, i in enumerate(intervals)])
+        books = np.hstack([self._at_steps(self.energies), np.concatenate(self.works)])
         turnover = max(
             np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
         )
@@ -131,9 +132,12 @@ class EnergyLedger:
     @cached_property
     def _norms(self) -> Array:
         """Norms at all steps, see `measures.balance`."""
+        return self._at_steps(self.norms)
+
+    def _at_steps(self, values: tuple[Array, ...]) -> Array:
+        """Of values at the nodes those at the steps."""
         intervals = self.trajectory.intervals
-        norms = [x[:: i.per_step, 6:] for x, i in zip(self.values, intervals, strict=True)]
-        return np.concatenate(norms)
+        return np.concatenate([x[:: i.per_step] for x, i in zip(values, intervals, strict=True)])
 
     @property
     def force(self) -> Balance:

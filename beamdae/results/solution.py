@@ -175,7 +175,7 @@ class Solution:
         """Largest |g| and |g_dot| over the joints at the output times."""
         import pandas as pd
 
-        rows = self._measured(measures.balance(self.equations))[:, -2:]
+        rows = self._measured(measures.books_of(self.equations))[:, -2:]
         return pd.DataFrame(rows, columns=list(measures.DRIFT_COLUMNS))
 
     @cached_property
@@ -254,7 +254,17 @@ class Solution:
         BeamdaeError
             If a file cannot be written.
         """
-        beside = {
+        text = str(path) if isinstance(path, (str, Path)) else ""
+        if not (may_be_path(text) and Path(text).name):
+            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
+        columns: dict[str, Any] = dict(self.all_columns())
+        if not self.status.success:
+            columns["status"] = [self.status.kind] * len(self.t)
+        return write(Path(path), columns, self.beside(**further))
+
+    def beside(self, **further: Any) -> dict[str, Any]:
+        """What `to_csv` writes as JSON beside the table, as plain values."""
+        return {
             "status": self.status.kind,
             "reason": self.status.sentence,
             "model": self.model,
@@ -265,10 +275,3 @@ class Solution:
             "warnings": list(self.warnings),
             **further,
         }
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns: dict[str, Any] = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.t)
-        return write(Path(path), columns, beside)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.equations.formulations import State
 
@@ -16,20 +16,6 @@ Array = np.ndarray
 # 4 rows between the steps of BDF up to order 5 are as good as the steps; a vibration from step to
 # step grows to 2.2 times what it is there, with 3 to 1.6 times, with 5 to 3.1 times.
 _SMOOTH, _ROUGH = 4, 3
-
-
-class _Polynomials(NamedTuple):
-    """Lagrange polynomials at some times: the first node of each, and the weights of all."""
-
-    first: Array
-    weights: Array
-
-    def __call__(self, values: Array) -> Array:
-        """Their values, for rows of values at the nodes."""
-        found = np.zeros((len(self.first), values.shape[1]))
-        for k, weight in enumerate(self.weights):
-            found += weight[:, None] * values[self.first + k]
-        return found
 
 
 @dataclass(frozen=True)
@@ -85,21 +71,25 @@ class Interval:
         q, v, a, lam = self.rows
         node = _before(self.nodes, t)
         smooth, rough = self._polynomials(t, node, _SMOOTH), self._polynomials(t, node, _ROUGH)
-        position = smooth(q) if self.per_step == 1 else self._integrated(q, v, t)
-        return State(position, smooth(v), rough(a), rough(lam))
+        position = smooth @ q if self.per_step == 1 else self._integrated(q, v, t)
+        return State(position, smooth @ v, rough @ a, rough @ lam)
 
     def smooth(self, values: Array, t: Array) -> Array:
         """Values at times inside the interval of what is as smooth as q, from rows at the nodes."""
-        return self._polynomials(t, _before(self.nodes, t), _SMOOTH)(values)
+        return self._polynomials(t, _before(self.nodes, t), _SMOOTH) @ values
 
-    def integrals(self, rates: Array, t: Array) -> Array:
-        """Integrals from the start of the interval to times inside, of rows of rates at the nodes.
+    def sums(self, rates: Array) -> Array:
+        """Integrals from the start of the interval to its steps, of rows of rates at the nodes.
 
         Of the same polynomials, degree 3 through steps. Through the stages of Radau IIA that is its
         own quadrature, (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9: the weight of the start is 0.
         """
         sums = np.zeros((len(self.t), rates.shape[1]))
         np.cumsum(self._since_step(rates, self.t[1:]), axis=0, out=sums[1:])
+        return sums
+
+    def integrals(self, rates: Array, t: Array, sums: Array) -> Array:
+        """The same to times inside the interval, from the `sums` to its steps."""
         return sums[_before(self.t, t)] + self._since_step(rates, t)
 
     def _since_step(self, rates: Array, t: Array) -> Array:
@@ -112,7 +102,7 @@ class Interval:
         degree = max(self.per_step, _ROUGH)
         for x, weight in zip(*np.polynomial.legendre.leggauss(degree // 2 + 1), strict=True):
             at = start + (1.0 + x) * half
-            found += (weight * half)[:, None] * self._polynomials(at, node, _ROUGH)(rates)
+            found += (weight * half)[:, None] * (self._polynomials(at, node, _ROUGH) @ rates)
         return found
 
     def _integrated(self, q: Array, v: Array, t: Array) -> Array:
@@ -123,19 +113,22 @@ class Interval:
         x = ((t - self.t[step]) / (self.t[step + 1] - self.t[step]))[:, None]
         return ends[step] + self._since_step(v, t) + x * missed[step]
 
-    def _polynomials(self, t: Array, node: Array, degree: int) -> _Polynomials:
-        """Those that hold at times `t` past each `node`."""
+    def _polynomials(self, t: Array, node: Array, degree: int) -> sp.csr_array:
+        """Lagrange polynomials at times past each `node`: their weights of rows at the nodes."""
         last = len(self.nodes) - 1
         degree = min(degree if self.per_step == 1 else self.per_step, last)
         end = (node // self.per_step + 1) * self.per_step
         least = np.minimum(node, 1)
         first = np.minimum(np.maximum(end - degree, least), last - degree)
-        x = self.nodes[first + np.arange(degree + 1)[:, None]]
+        through = first + np.arange(degree + 1)[:, None]
+        x = self.nodes[through]
         weights = np.ones_like(x)
         for k, j in np.ndindex(degree + 1, degree + 1):
             if j != k:
                 weights[k] *= (t - x[j]) / (x[k] - x[j])
-        return _Polynomials(first, weights)
+        ends = np.arange(len(t) + 1) * (degree + 1)
+        shape = (len(t), len(self.nodes))
+        return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
 
 
 def _before(nodes: Array, t: Array) -> Array:

@@ -145,9 +145,9 @@ class ConstraintKernel:
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Local (t, branch, q, v, lam, data) -> G^T lam, g, g_dot and the power of a driver."""
+        """Shared (t, branch), local (q, v, lam, data) -> G^T lam, g, g_dot, power of a driver."""
         x = self.local
         rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
         outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
-        local = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
-        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
+        local = ca.vertcat(x.q, x.v, x.lam, x.data)
+        return Kernel.of("balance", x.time, local, [ca.densify(o) for o in outputs])

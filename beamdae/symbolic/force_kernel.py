@@ -95,9 +95,9 @@ class ForceKernel:
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Local (t, branch, q, v, a, data) -> F, F at a = 0, (energies, powers)."""
+        """Shared (t, branch), local (q, v, a, data) -> F, F at a = 0, (energies, powers)."""
         x = self.local
-        local = ca.vertcat(x.time, x.q, x.v, x.a, x.data)
+        local = ca.vertcat(x.q, x.v, x.a, x.data)
         still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
-        return Kernel.of("balance", SX(0, 1), local, [ca.densify(o) for o in outputs])
+        return Kernel.of("balance", x.time, local, [ca.densify(o) for o in outputs])

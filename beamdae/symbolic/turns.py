@@ -114,18 +114,19 @@ def turned_operator(operator: sp.csr_array, count: int) -> Turned:
     return Turned(picked, turn, values[~is_one])
 
 
-def turned(kernel: Kernel, turn: Turn, vectors: int) -> Kernel:
+def turned(kernel: Kernel, turn: Turn, vectors: int, scalars: int = 0) -> Kernel:
     """The kernel of (vectors, data) as one of (vectors picked, data, numbers of the turn).
 
-    Its columns C become T^T C and its matrices V become T^T V T.
+    Its columns C become T^T C and its matrices V become T^T V T, but for its last outputs, as many
+    as `scalars`, which stay as they are.
     """
-    key = turn, vectors
+    key = turn, vectors, scalars
     if key not in kernel.turned:
-        kernel.turned[key] = _turned(kernel, turn, vectors)
+        kernel.turned[key] = _turned(kernel, turn, vectors, scalars)
     return kernel.turned[key]
 
 
-def _turned(kernel: Kernel, turn: Turn, vectors: int) -> Kernel:
+def _turned(kernel: Kernel, turn: Turn, vectors: int, scalars: int) -> Kernel:
     function, (size, own) = kernel.function, turn.shape
     n_data = function.numel_in(1) - vectors * size
     shared, data = SX.sym("shared", function.numel_in(0)), SX.sym("data", n_data)
@@ -134,9 +135,15 @@ def _turned(kernel: Kernel, turn: Turn, vectors: int) -> Kernel:
     matrix = turn.matrix(numbers)
     entries = function(shared, ca.vertcat(*(matrix @ x for x in picked), data))
     ends = np.cumsum([0, *(pattern.nnz() for pattern in kernel.outputs)]).tolist()
-    outputs = []
-    for pattern, begin, end in zip(kernel.outputs, ends[:-1], ends[1:], strict=True):
-        value = matrix.T @ SX(pattern, entries[begin:end])
-        outputs.append(value if pattern.size2() == 1 else value @ matrix)
+    values = [
+        SX(pattern, entries[begin:end])
+        for pattern, begin, end in zip(kernel.outputs, ends[:-1], ends[1:], strict=True)
+    ]
+    in_coordinates = len(values) - scalars
+    outputs = [
+        matrix.T @ value if value.shape[1] == 1 else matrix.T @ value @ matrix
+        for value in values[:in_coordinates]
+    ]
+    outputs += values[in_coordinates:]
     local = ca.vertcat(*picked, data, numbers)
     return Kernel.of(function.name(), shared, local, outputs)

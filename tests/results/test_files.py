@@ -1,5 +1,6 @@
 """Files of results: whole or not there at all, and read back as they were written."""
 
+import csv
 import errno
 import json
 import os
@@ -8,8 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_array_equal
 from pandas.testing import assert_frame_equal
 
 from beamdae.errors import BeamdaeError
@@ -289,3 +292,17 @@ def test_a_table_with_headers_twice_and_one_without_rows_are_guarded():
 
 def test_versions_are_those_of_the_packages():
     assert set(files.versions()) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
+
+
+def test_cells_are_read_back_as_they_were(tmp_path):
+    texts = ["plain", 'a "word", and more', "two\nlines", ""]
+    numbers = np.array([1.0 / 3.0, np.nan, -np.inf, 1e-300])
+    columns = {"x, y [m]": numbers, "text": texts, "count": np.arange(4)}
+    write(tmp_path / "run.csv", columns, {})
+    with open(tmp_path / "run.csv", encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == list(columns)
+    assert [row[1] for row in rows] == texts
+    assert [row[2] for row in rows] == ["0", "1", "2", "3"]
+    assert_array_equal([float(row[0] or "nan") for row in rows], numbers)
+    assert rows[1][0] == ""

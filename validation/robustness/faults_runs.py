@@ -34,7 +34,7 @@ def _signaled(bench: Bench, number: int, seconds: float, times: int = 1) -> Ran:
     if seconds > _STARTED:
         bench.simulated()
     bench.write("model.py", LONG)
-    # Of fewer elements it takes a million steps in this time, and as long to sum them up.
+    # Of fewer elements it takes a million steps in this time, and seconds to sum them up.
     process = bench.start(bench.command(*RUN, "--set", "elements=16"))
     time.sleep(seconds)
     for _ in range(times):
@@ -88,7 +88,7 @@ def interrupt_twice(bench: Bench) -> None:
 
 def terminated(bench: Bench) -> None:
     """SIGTERM ends a run at once."""
-    # What was computed is summed up, which takes as long as it took.
+    # What was computed is summed up, which takes a small part of the time it took.
     ran = _signaled(bench, signal.SIGTERM, 2.5)
     expect(ran.code in (143, -signal.SIGTERM), f"exit code {ran.code}, {ran.last}")
     expect(ran.seconds < 5.0, f"after {ran.seconds:.1f} s")
