@@ -25,7 +25,8 @@ _ROOM = 64
 _MOST_ORDER = 5
 # How many of the unknowns that limit the step are told.
 _TOLD = 3
-_RESIDUAL, _JACOBIAN = "dppp@", "ddpppp@ppp"
+# What IDA calls, and its arguments.
+_RESIDUAL, _JACOBIAN = (residual, "dppp@"), (jacobian, "ddpppp@ppp")
 _RENEW = ctypes.CFUNCTYPE(ctypes.c_int)
 # What IDA counts of failures, and begins to count anew whenever it starts.
 _FAILURES = ("error_test_failures", "failed_solves", "newton_failures")
@@ -75,8 +76,8 @@ class CompiledIda:
             none,
             t.ctypes.data,
         )
-        self._loop = loop = Loop(steps, run)
-        addresses = loop.callback(residual, _RESIDUAL), loop.callback(jacobian, _JACOBIAN)
+        self._loop = loop = Loop(steps, run, residual=_RESIDUAL, jacobian=_JACOBIAN)
+        addresses = loop.addresses["residual"], loop.addresses["jacobian"]
         self._solver = solver = Solver(*addresses, user_data=loop.table.ctypes.data, **options)
         run.y, run.yp, run.errors = solver.y, solver.yp, solver.errors
         run.memory, run.y_at, run.yp_at, run.errors_at = solver.pointers

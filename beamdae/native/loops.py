@@ -28,7 +28,6 @@ from beamdae.native.objects import Source, is_on, machine_code
 
 Array = np.ndarray
 
-_SYMBOL = "loop"
 _LEVEL = 2
 # What the machine code of a loop depends on besides its source.
 _COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
@@ -37,7 +36,9 @@ _BEHIND: dict[Any, Any] = {
     vectors.factorize: elimination.factorize_linear,
     vectors.solve: elimination.solve_linear,
 }
-_C_TYPES = {"d": ctypes.c_double, "p": ctypes.c_void_p, "@": ctypes.c_void_p}
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+# Symbol, function and arguments of what is compiled into one module.
+_Entries = tuple[tuple[str, tuple[Any, str]], ...]
 
 
 class Loop:
@@ -45,30 +46,31 @@ class Loop:
 
     Attributes
     ----------
-    address
-        Of the C function, whose argument "@" is the address of `table`.
+    addresses
+        Of C functions: of the loop, whose one argument is the address of `table`, and of callbacks.
     table
         Numbers and addresses.
     """
 
-    def __init__(self, function: Any, work: Any, arguments: str = "@") -> None:
-        """`function(work, *arguments)` in machine code.
+    def __init__(self, function: Any, work: Any, **callbacks: tuple[Any, str]) -> None:
+        """`function(work)` in machine code, and other functions of the same object.
 
         Parameters
         ----------
         work
             A dataclass of int, float, arrays and such dataclasses.
-        arguments
-            Of the C function, in their order: "d" for double, "p" for a pointer, which the function
-            is given as an integer, "@" for the table.
+        **callbacks
+            (function, arguments) of C functions `function(work, *arguments)` of the same table:
+            "d" for double, "p" for a pointer, which the function is given as an integer, "@" for
+            the table.
         """
         layout = _Layout(work)
         self._numbers, self._kind = layout.numbers, layout.kind
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
-        self.address = self.callback(function, arguments)
-        kinds = (_C_TYPES[kind] for kind in arguments)
-        self._call = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(self.address)
+        entries = {"loop": (function, "@"), **callbacks}
+        self.addresses = _machine_code(tuple(entries.items()), self._kind)
+        self._call = _CALL(self.addresses["loop"])
         # What the table points to.
         self._work = work
 
@@ -78,10 +80,6 @@ class Loop:
         code = self._call(self.table.ctypes.data)
         self.unload()
         return int(code)
-
-    def callback(self, function: Any, arguments: str) -> int:
-        """Address of another C function, `function(work, *arguments)`, of the same table."""
-        return _machine_code(function, self._kind, arguments)
 
     def bind(self) -> None:
         """Numbers and arrays of the object, which may be others now, into the table.
@@ -191,33 +189,35 @@ _loaded: dict[Any, Loaded | None] = {}
 _loading = threading.Lock()
 
 
-def _machine_code(function: Any, kind: Any, arguments: str) -> int:
+def _machine_code(entries: _Entries, kind: Any) -> dict[str, int]:
     if not is_on():
         raise MachineError("machine code is not wanted")
-    key = (function, kind, arguments)
+    name = entries[0][1][0].__name__
+    key = (entries, kind)
     with _loading:
         if key not in _loaded:
-            text = "\n".join([*_parts(function, {}), repr(kind), arguments, _versions()])
+            called: dict[FunctionType, None] = {}
+            text = [repr(kind), _versions()]
+            for symbol, (function, arguments) in entries:
+                text += [symbol, arguments, *_parts(function, called)]
             source = Source(
-                function.__name__,
-                text,
-                (_SYMBOL,),
+                name,
+                "\n".join(text),
+                tuple(symbol for symbol, _ in entries),
                 level=_LEVEL,
-                ir=lambda: _compiled(function, kind, arguments),
+                ir=lambda: _compiled(entries, tuple(called), kind),
             )
             _loaded[key] = machine_code(source, lambda code: True)
         code = _loaded[key]
     if code is None:
-        raise MachineError(f"{function.__name__}: it cannot be compiled")
-    return code.addresses[_SYMBOL]
+        raise MachineError(f"{name}: it cannot be compiled")
+    return code.addresses
 
 
-def _compiled(function: Any, kind: Any, arguments: str) -> str:
-    """LLVM IR of a loop, with everything it needs."""
+def _compiled(entries: _Entries, parts: tuple[FunctionType, ...], kind: Any) -> str:
+    """LLVM IR of loops of one object, with everything they need."""
     try:
         from beamdae.native import numba_compiler
     except ImportError as problem:
         raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
-    called: dict[FunctionType, None] = {}
-    list(_parts(function, called))
-    return numba_compiler.ir(function, tuple(called), kind, arguments, _SYMBOL)
+    return numba_compiler.ir(dict(entries), parts, kind)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
+from numba.core.runtime.context import NRTContext
 
 from beamdae.errors import told
 from beamdae.native import overloads, structs
@@ -30,28 +33,66 @@ _EXCEPTIONS = re.compile(r"^(@PyExc_\w+ = )external (global i8).*$", re.MULTILIN
 # By which Python would call it.
 _NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
+# Between texts of modules.
+_NEXT = "\n; next\n"
+
 _registered: set[FunctionType] = set()
 
 
 class _Text(JITCodeLibrary):
     """A function as IR alone.
 
-    Numba by itself optimizes every function twice and makes machine code of it, which takes two
-    thirds of the time; `machine` does all of that once, for the whole loop.
+    Numba by itself optimizes every function twice, makes machine code of it, and copies it and all
+    it calls into every caller, which takes two thirds of the time; `machine` does all of that
+    once, for the whole loop.
     """
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        pass
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self._own: list[str] = []
 
-    def _optimize_final_module(self) -> None:
-        pass
+    def add_ir_module(self, ir_module: Any) -> None:
+        self._raise_if_finalized()
+        self._own.append(str(ir_module))
 
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        self._raise_if_finalized()
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
         return 0
+
+    def get_llvm_str(self) -> str:
+        return _NEXT.join(self._texts(set()))
+
+    def _texts(self, found: set[Any]) -> Iterator[str]:
+        """Of it and of all that it calls, each once."""
+        found.add(self)
+        yield from self._own
+        for library in self._linking_libraries:
+            if library in found:
+                continue
+            if isinstance(library, _Text):
+                yield from library._texts(found)
+            # That one counts and frees arrays.
+            elif library is not rtsys.library:
+                found.add(library)
+                yield library.get_llvm_str()
+
+    def _get_module_for_linking(self) -> Any:
+        # Of others, who compile something that calls it.
+        return llvm.parse_assembly(str(_linked(self._texts(set()), ())))
+
+
+class _Uncounted(NRTContext):
+    """Nobody counts who uses an array: its memory is always somebody else's."""
+
+    def incref(self, builder: Any, kind: Any, value: Any) -> None:
+        pass
+
+    def decref(self, builder: Any, kind: Any, value: Any) -> None:
+        pass
 
 
 @contextmanager
@@ -64,31 +105,35 @@ def _text_alone() -> Iterator[None]:
         codegen._library_class = _Text
         # Something of its own for Python to call, which never does.
         context.get_executable = lambda library, description, environment: [].count
+        counting = vars(context).pop("nrt", None)
+        context.nrt = _Uncounted(context, True)
         try:
             yield
         finally:
             codegen._library_class = kept
-            del context.get_executable
+            del context.get_executable, context.nrt
+            if counting is not None:
+                context.nrt = counting
 
 
 assert overloads.__name__
 
 
 def ir(
-    function: Callable[..., int],
+    entries: Mapping[str, tuple[Callable[..., int], str]],
     parts: Sequence[FunctionType],
     kind: Any,
-    arguments: str,
-    symbol: str,
 ) -> str:
-    """LLVM IR that needs nothing of numba or Python, with the loop as `symbol`.
+    """LLVM IR that needs nothing of numba or Python, with loops of one object as symbols.
 
     Parameters
     ----------
+    entries
+        Symbol -> (loop, its arguments).
     parts
-        The function and all functions it calls.
+        The loops and all functions they call.
     kind
-        Of the object it works on, see `loops`.
+        Of the object they work on, see `loops`.
 
     Raises
     ------
@@ -99,26 +144,56 @@ def ir(
         if part not in _registered:
             _registered.add(part)
             numba.extending.register_jitable(error_model="numpy", **_NO_WRAPPERS)(part)
-    names = [f"a{k}" if kind != "@" else "table" for k, kind in enumerate(arguments)]
-    given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
-    space = {"function": function, "object_at": structs.at(_numba_type(kind))}
-    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
-    signature = numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
-    compiling = numba.cfunc(signature, error_model="numpy")
+    wanted = {symbol: _entry(*entry, kind) for symbol, entry in entries.items()}
     try:
         try:
             with _text_alone():
-                compiled = compiling(space["entry"])
-        except (AttributeError, TypeError):
+                text = _compiled(wanted)
+        except (AttributeError, TypeError, RuntimeError):
             # A numba whose inner parts are others than those known here: then it takes its time.
-            compiled = compiling(space["entry"])
-    except numba.errors.NumbaError as problem:
+            text = _compiled(wanted)
+    except (numba.errors.NumbaError, RuntimeError) as problem:
         raise MachineError(f"numba cannot compile loops ({told(problem)})") from problem
-    text = compiled.inspect_llvm()
-    text = re.sub(rf'@"?{re.escape(compiled.native_name)}"?(?=\W)', f"@{symbol}", text)
     text = _COUNTING.sub(r"define internal void @\1(ptr) alwaysinline {\n  ret void\n}", text)
     text = _RAISING.sub(r"define internal \1@\2(\3) {\n  unreachable\n}", text)
     return _EXCEPTIONS.sub(r"\1internal \2 0", text)
+
+
+def _entry(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
+    """A C function that calls a loop, and its signature."""
+    names = [f"a{k}" if one != "@" else "table" for k, one in enumerate(arguments)]
+    given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
+    space = {"function": function, "object_at": structs.at(_numba_type(kind))}
+    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
+    return space["entry"], numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
+
+
+def _compiled(wanted: Mapping[str, tuple[Any, Any]]) -> str:
+    """One module of C functions, with the symbols they are wanted as."""
+    texts: dict[str, None] = {}
+    symbols = {}
+    for symbol, (entry, signature) in wanted.items():
+        made = numba.cfunc(signature, error_model="numpy")(entry)
+        symbols[made.native_name] = symbol
+        texts.update(dict.fromkeys(made.inspect_llvm().split(_NEXT)))
+    text = str(_linked(texts, symbols))
+    for name, symbol in symbols.items():
+        text = re.sub(rf'@"?{re.escape(name)}"?(?=\W)', f"@{symbol}", text)
+    return text
+
+
+def _linked(texts: Iterable[str], wanted: Container[str]) -> Any:
+    """One module of several; functions that are not wanted stay only where they are called."""
+    # Of its own context, which goes with it.
+    context = llvm.create_context()
+    whole, *others = (llvm.parse_assembly(text, context) for text in texts)
+    for other in others:
+        whole.link_in(other)
+    for function in whole.functions:
+        is_open = not function.is_declaration and function.linkage == llvm.Linkage.external
+        if is_open and function.name not in wanted:
+            function.linkage = "linkonce_odr"
+    return whole
 
 
 def _numba_type(kind: Any) -> Any:

@@ -79,9 +79,9 @@ def test_c_functions_are_called_with_what_they_are_given(native):
 def test_callbacks_share_the_table_of_the_loop():
     numbers, out = np.zeros(4), np.zeros(1)
     work = Work(numbers, np.ones(4), 0, 0, 0, 0)
-    loop = Loop(calls, work)
+    loop = Loop(calls, work, called_back=(called_back, "dp@"))
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
-    function = kind(loop.callback(called_back, "dp@"))
+    function = kind(loop.addresses["called_back"])
     loop.load()
     table = loop.table.ctypes.data
     assert [function(x, out.ctypes.data, table) for x in (1.5, 2.5)] == [1, 2]
@@ -118,7 +118,7 @@ def test_regression_two_threads_load_one_object(monkeypatch):
     found = []
 
     def make():
-        found.append(Loop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).address)
+        found.append(Loop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).addresses["loop"])
 
     threads = [threading.Thread(target=make) for _ in range(3)]
     for thread in threads:

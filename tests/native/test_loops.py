@@ -1,6 +1,7 @@
 """Loops in machine code do what they do in plain Python."""
 
 import copy
+import ctypes
 import threading
 import time
 import warnings
@@ -113,10 +114,10 @@ def assert_same(one, other):
         assert_array_equal(x, y)
 
 
-def in_silence(function, *work):
+def in_silence(function, work, **callbacks):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return Loop(function, *work)
+        return Loop(function, work, **callbacks)
 
 
 @pytest.mark.parametrize("size", [1, 4, 7])
@@ -147,9 +148,10 @@ def weighed(work, factor, table):
 
 def test_the_c_function_has_the_arguments_asked_for():
     own = work()
-    loop = in_silence(weighed, own, "d@p")
+    loop = in_silence(everything, own, weighed=(weighed, "d@p"))
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
     loop.load()
-    assert loop._call(2.5, loop.table.ctypes.data, 40) == DONE
+    assert kind(loop.addresses["weighed"])(2.5, loop.table.ctypes.data, 40) == DONE
     loop.unload()
     assert own.rate == 100.0
 

@@ -21,9 +21,13 @@ def other(work):
     return 1 if work.numbers[0] > 0.0 else 0
 
 
+def given(work, number):
+    return other(work) + int(number)
+
+
 def test_functions_others_compile_are_whole():
     kind = ("Work", (("numbers", 0, ("float64", 1)),))
-    text = numba_compiler.ir(loop, (loop,), kind, "@", "loop")
+    text = numba_compiler.ir({"loop": (loop, "@")}, (loop,), kind)
     assert "define i32 @loop" in text
 
     @numba.njit
@@ -48,4 +52,7 @@ def test_another_numba_compiles_in_its_own_time(monkeypatch):
 
     monkeypatch.setattr(numba_compiler, "_text_alone", unknown)
     kind = ("Other", (("numbers", 0, ("float64", 1)),))
-    assert "define i32 @loop" in numba_compiler.ir(other, (other,), kind, "@", "loop")
+    entries = {"loop": (other, "@"), "given": (given, "d@")}
+    text = numba_compiler.ir(entries, (other, given), kind)
+    assert "define i32 @loop" in text
+    assert "define i32 @given" in text
