@@ -9,9 +9,11 @@ kept like that of kernels, and numba is imported only to make it.
 from __future__ import annotations
 
 import ctypes
+import gc
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -216,8 +218,21 @@ def _machine_code(entries: _Entries, kind: Any) -> dict[str, int]:
 
 def _compiled(entries: _Entries, parts: tuple[FunctionType, ...], kind: Any) -> str:
     """LLVM IR of loops of one object, with everything they need."""
+    with _without_collections():
+        try:
+            from beamdae.native import numba_compiler
+        except ImportError as problem:
+            raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
+        return numba_compiler.ir(dict(entries), parts, kind)
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Python looks for garbage later: numba makes objects by the million, most of which stay."""
+    was_enabled = gc.isenabled()
+    gc.disable()
     try:
-        from beamdae.native import numba_compiler
-    except ImportError as problem:
-        raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
-    return numba_compiler.ir(dict(entries), parts, kind)
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import cache
 from itertools import count
 from types import MappingProxyType
@@ -64,6 +64,29 @@ def compiled(ir: str, level: int) -> bytes:
         return bytes(target.emit_object(module))
     except RuntimeError as problem:
         raise MachineError(f"LLVM cannot compile kernels ({_first_line(problem)})") from problem
+
+
+def linked(texts: Iterable[str], wanted: Container[str]) -> str:
+    """One module of LLVM IR of several; of their functions only those wanted have to stay.
+
+    Raises
+    ------
+    MachineError
+        If two of them have something of one name, or what is no IR.
+    """
+    llvm = _llvmlite().binding
+    try:
+        context = llvm.create_context()
+        whole, *others = (llvm.parse_assembly(text, context) for text in texts)
+        for other in others:
+            whole.link_in(other)
+    except RuntimeError as problem:
+        raise MachineError(f"LLVM cannot link loops ({_first_line(problem)})") from problem
+    for function in whole.functions:
+        is_open = not function.is_declaration and function.linkage == llvm.Linkage.external
+        if is_open and function.name not in wanted:
+            function.linkage = "linkonce_odr"
+    return str(whole)
 
 
 class Loaded:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
 
-import llvmlite.binding as llvm
 import numba
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
@@ -18,7 +17,7 @@ from numba.core.runtime.context import NRTContext
 
 from beamdae.errors import told
 from beamdae.native import overloads, structs
-from beamdae.native.machine import MachineError
+from beamdae.native.machine import MachineError, linked
 
 _NUMBERS = {"int": numba.int64, "float": numba.float64}
 _ARGUMENTS = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
@@ -82,7 +81,7 @@ class _Text(JITCodeLibrary):
 
     def _get_module_for_linking(self) -> Any:
         # Of others, who compile something that calls it.
-        return llvm.parse_assembly(str(_linked(self._texts(set()), ())))
+        return ll.parse_assembly(linked(self._texts(set()), ()))
 
 
 class _Uncounted(NRTContext):
@@ -149,10 +148,10 @@ def ir(
         try:
             with _text_alone():
                 text = _compiled(wanted)
-        except (AttributeError, TypeError, RuntimeError):
+        except (AttributeError, TypeError, MachineError):
             # A numba whose inner parts are others than those known here: then it takes its time.
             text = _compiled(wanted)
-    except (numba.errors.NumbaError, RuntimeError) as problem:
+    except numba.errors.NumbaError as problem:
         raise MachineError(f"numba cannot compile loops ({told(problem)})") from problem
     text = _COUNTING.sub(r"define internal void @\1(ptr) alwaysinline {\n  ret void\n}", text)
     text = _RAISING.sub(r"define internal \1@\2(\3) {\n  unreachable\n}", text)
@@ -176,24 +175,10 @@ def _compiled(wanted: Mapping[str, tuple[Any, Any]]) -> str:
         made = numba.cfunc(signature, error_model="numpy")(entry)
         symbols[made.native_name] = symbol
         texts.update(dict.fromkeys(made.inspect_llvm().split(_NEXT)))
-    text = str(_linked(texts, symbols))
+    text = linked(texts, symbols)
     for name, symbol in symbols.items():
         text = re.sub(rf'@"?{re.escape(name)}"?(?=\W)', f"@{symbol}", text)
     return text
-
-
-def _linked(texts: Iterable[str], wanted: Container[str]) -> Any:
-    """One module of several; functions that are not wanted stay only where they are called."""
-    # Of its own context, which goes with it.
-    context = llvm.create_context()
-    whole, *others = (llvm.parse_assembly(text, context) for text in texts)
-    for other in others:
-        whole.link_in(other)
-    for function in whole.functions:
-        is_open = not function.is_declaration and function.linkage == llvm.Linkage.external
-        if is_open and function.name not in wanted:
-            function.linkage = "linkonce_odr"
-    return whole
 
 
 def _numba_type(kind: Any) -> Any:

@@ -149,3 +149,8 @@ def test_ir_that_cannot_be_compiled_is_done_without(cache):
     with pytest.warns(KernelWarning, match="LLVM cannot compile kernels"):
         assert machine_code(Source("none", "nonsense", ("f",)), lambda code: True) is None
     assert list(cache.iterdir()) == []
+
+
+def test_modules_that_cannot_be_linked_are_told_of():
+    with pytest.raises(MachineError, match="LLVM cannot link loops"):
+        machine.linked([constant(1), constant(2)], ("value",))
