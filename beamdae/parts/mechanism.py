@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +13,7 @@ from beamdae.parts.bodies import Ground
 from beamdae.parts.laws import Law
 from beamdae.parts.observables import motion
 from beamdae.parts.part import Part, require_name
+from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
 
 P = TypeVar("P", bound=Part)
@@ -24,6 +26,10 @@ class Mechanism:
     ----------
     gravity
         Acceleration of gravity (gx, gy) [m/s^2].
+    start
+        "as drawn"; "equilibrium" under the loads at t = 0, at rest; or positions and velocities by
+        name, {"part.coordinate": value, "part.coordinate_dot": value}, the others follow by the
+        joints.
 
     Examples
     --------
@@ -33,8 +39,13 @@ class Mechanism:
     >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     """
 
-    def __init__(self, gravity: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        gravity: tuple[float, float] = (0.0, 0.0),
+        start: str | Mapping[str, float] = "as drawn",
+    ) -> None:
         self.gravity = np.array(point("Mechanism", "gravity", gravity))
+        self.start = require_start("Mechanism", start)
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
         self.observables: dict[str, Quantity] = {}
