@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -36,7 +37,7 @@ from beamdae.equations.structure import (
     interned,
 )
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.alike import Alike, by_kernel, recognized
 from beamdae.symbolic.formulas import MOST_KINDS, Combined
@@ -116,6 +117,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         owners=owners,
         laws=laws_of(parts),
     )
+    if mechanism.redundant == MINIMUM_NORM:
+        drawn_equations = replace(drawn_equations, redundant=True)
     return started(drawn_equations, mechanism.start if start is None else start)
 
 

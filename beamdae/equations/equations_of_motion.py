@@ -126,6 +126,9 @@ class EquationsOfMotion:
         Those that change with time, with the parts that follow them.
     start
         What was asked for instead of the drawing, if anything.
+    redundant
+        Whether constraints that follow from others are spared, see `reduced.reduced`; they are
+        refused if not.
     """
 
     coordinates: tuple[Named, ...]
@@ -143,6 +146,7 @@ class EquationsOfMotion:
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
     start: Start | None = field(default=None, repr=False)
+    redundant: bool = False
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

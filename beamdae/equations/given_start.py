@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations import first_order
+from beamdae.equations.reduced import reduced
 from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
 
@@ -48,15 +49,18 @@ def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> Equatio
     if start == AS_DRAWN:
         return equations
     time = np.array([t, t + _after(equations, t)])
+    # Joints that are redundant would leave what holds them open.
+    spared = reduced(equations, time) if equations.redundant else None
+    own = equations if spared is None else spared.equations
     if start == EQUILIBRIUM:
-        q, v = _equilibrium(equations, time), np.zeros(equations.n)
+        q, v = _equilibrium(own, time), np.zeros(equations.n)
         return replace(equations, q0=_fixed(q), v0=_fixed(v), start=Start(EQUILIBRIUM, q, v, True))
     positions, velocities = _read(equations, start)
     asked_q, asked_v = np.array(equations.q0), np.array(equations.v0)
     asked_q[list(positions)] = list(positions.values())
     asked_v[list(velocities)] = list(velocities.values())
-    q = _closed(equations, time, positions)
-    v = _moving(equations, time, q, asked_v, list(velocities))
+    q = _closed(own, time, positions)
+    v = _moving(own, time, q, asked_v, list(velocities))
     told = ", ".join(f"{name} = {value:g}" for name, value in start.items()) or AS_DRAWN
     asked = Start(told, asked_q, asked_v, bool(positions))
     return replace(equations, q0=_fixed(q), v0=_fixed(v), start=asked)

@@ -22,6 +22,7 @@ from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import LoopMethod, Method, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
+from beamdae.integrators.spared import spared, with_all
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
@@ -221,7 +222,10 @@ def drive(
     try:
         # States that are not finite end a run; the steps that come to them say nothing.
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            solution = _driven(integrator, equations, times, method_on, progress, scout_on)
+            by = spared(equations, float(times[0]))
+            own = equations if by is None else by.equations
+            solution = _driven(integrator, own, times, method_on, progress, scout_on)
+            solution = solution if by is None else with_all(solution, by)
     except KeyboardInterrupt:
         if solution is None:
             raise

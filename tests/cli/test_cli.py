@@ -312,10 +312,9 @@ def test_check_tells_size_and_start(command):
     result = command("check", ARM)
     assert result.exit_code == 0
     rows = {line[:22].strip(): line[22:].strip() for line in result.stdout.splitlines()}
-    assert rows["coordinates"] == "12"
-    assert rows["constraints"] == "2"
-    assert rows["degrees of freedom"] == "10"
-    assert "found" in rows["consistent start"]
+    assert rows["size"].startswith("12 coordinates, 2 constraints")
+    assert rows["mobility"].startswith("10 =")
+    assert "as drawn" in rows["start"]
     assert "Revolute" in result.stdout
     assert "beam, largest relative error of arc length" in result.stdout
 
@@ -323,7 +322,13 @@ def test_check_tells_size_and_start(command):
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])
 def test_check_finds_what_run_would(command, name):
     source, arguments, *words = MISTAKES[name]
-    assert_mistake(command("check", source, *arguments), *words)
+    result = command("check", source, *arguments)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert all(word in line for word in words)
+    if name == "dependent constraints":
+        told = " ".join(result.stdout.split())
+        assert "hinge and again both block the travel of the beam along (1, 0)" in told
 
 
 def test_list_shows_every_model_and_why_a_file_has_none(tmp_path):
