@@ -20,7 +20,7 @@ from beamdae.equations.mobility import (
 )
 from beamdae.equations.reduced import without_dependent
 from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_joints
-from beamdae.errors import BeamdaeError, BeamdaeWarning, positive
+from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.route import branch_of, plan
 from beamdae.model_functions import Model
@@ -31,8 +31,8 @@ from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
 
-# Matrices of more coordinates are not looked at as a whole: that takes their number cubed.
-_MOST = 1200
+# Constraints and coordinates whose matrices are looked at as a whole: that takes their cube.
+_MOST_CONSTRAINTS, _MOST = 1500, 600
 # Seconds a trial run may take.
 _TRIAL = 1.0
 # Errors of curvature times length: on the hub beam the tip deformation is off by 3e-4 of its
@@ -125,7 +125,7 @@ class Check:
     start
         What the joints change of the start asked for, or None if there is no start.
     spectrum
-        Natural frequencies, or None.
+        Natural frequencies, or None: without a start, or of more than 600 coordinates.
     meshes
         Of each beam.
     prediction
@@ -184,7 +184,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     BeamdaeError
         If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
     """
-    name = "mechanism"
+    name, predict = "mechanism", one_of("check", "predict", predict, (True, False))
     if isinstance(model, Model):
         name, t_end = model.name, model.t_end if t_end is None else t_end
         model = model()
@@ -203,7 +203,8 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         rigid_mobility=None,
         dependent=(),
         free_motions=(),
-        loose=loose_groups(equations),
+        # Coordinates of other systems may be anything.
+        loose=loose_groups(equations) if isinstance(model, Mechanism) else (),
         residuals=_residuals(own, time, state),
         start=None if state is None else start_facts(equations, state),
         spectrum=None,
@@ -211,7 +212,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         prediction=None,
         problem=problem,
     )
-    if equations.n <= _MOST:
+    if equations.m <= _MOST_CONSTRAINTS:
         joints = scaled_joints(own, time, q)
         found = replace(
             found,
@@ -220,7 +221,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             dependent=dependent_sets(own, time, q, v, joints),
             free_motions=free_motions(equations, q, joints),
         )
-        if state is not None:
+        if state is not None and equations.n <= _MOST:
             held = scaled_joints(starter, time, q)
             found = replace(found, spectrum=spectrum(starter, time, state, held))
     if predict and end is not None and not problem:
@@ -239,7 +240,8 @@ def _start(equations: EquationsOfMotion, end: float) -> tuple[Starter, Any, str]
     Where constraints depend on each other it is that of those that do not.
     """
     time, own, problem = _first(equations, end), equations, ""
-    if equations.n <= _MOST and (by := without_dependent(equations, time)) is not None:
+    few = equations.m <= _MOST_CONSTRAINTS
+    if few and (by := without_dependent(equations, time)) is not None:
         own = by.equations
         try:
             if equations.redundant:

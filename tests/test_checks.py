@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
@@ -214,3 +215,63 @@ def test_starts_by_name_know_of_spared_constraints():
     solution = bd.simulate(mech, bd.Radau(), 0.01, start={"bar 0.angle": 0.2})
     q = dict(zip(solution.equations.q_names, solution.q[0], strict=True))
     assert_allclose([q[f"bar {k}.angle"] for k in range(3)], 0.2, atol=1e-10)
+
+
+def test_a_redundant_joint_in_a_singular_position_is_told_apart():
+    """Two welds in one place are redundant wherever the straight chain they hold goes to."""
+    mech, last = bd.Mechanism(), None
+    for k in range(3):
+        link = mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k + 0.5, 0.0)))
+        before = mech.ground.at(0.0, 0.0) if last is None else last
+        mech.add(bd.Revolute(f"pin {k}", before, link.at(k, 0.0)))
+        last = link.at(k + 1.0, 0.0)
+    mech.add(bd.Weld("first weld", mech.ground.at(3.0, 0.0), last))
+    mech.add(bd.Weld("second weld", mech.ground.at(3.0, 0.0), last))
+    verdicts = {one.parts: one.everywhere for one in mech.check().dependent}
+    assert verdicts.pop(("first weld", "second weld"))
+    assert list(verdicts.values()) == [False]
+
+
+def test_a_mechanism_without_joints_and_a_system_without_parts_are_checked():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
+    found = bd.check(mech, t_end=1.0)
+    assert (found.ok, found.mobility, found.loose) == (True, 2, (("stone",),))
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    bob = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1, 1], force=[0, -9.81], q0=[1, 0], v0=[0, 0],
+        constraints=ca.dot(q, q) - 1.0,
+    )  # fmt: skip
+    found = bd.check(bob, predict=False)
+    assert (found.mobility, found.free_motions, found.loose) == (1, ("q1 can move",), ())
+    hanging = bd.simulate(bob, bd.Radau(), 0.1, start="equilibrium")
+    assert_allclose(hanging.q[-1], (0.0, -1.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_check_does_not_depend_on_the_place_of_the_drawing_or_the_order_of_parts(turn, backwards):
+    """Three parallel bars, turned and moved; joints stated in either order."""
+
+    def placed(x, y):
+        c, s = np.cos(turn), np.sin(turn)
+        return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
+
+    mech = bd.Mechanism()
+    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=placed(1.3, 1.0)))
+    joints = []
+    for k in range(3):
+        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=placed(k + 0.15, 0.5)))
+        foot, head = placed(k, 0.0), placed(k + 0.3, 1.0)
+        joints.append(bd.Revolute(f"foot {k}", mech.ground.at(*foot), bar.at(*foot)))
+        joints.append(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
+    for joint in reversed(joints) if backwards else joints:
+        mech.add(joint)
+    found = mech.check()
+    (told,) = found.dependent
+    assert set(told.parts) == {joint.name for joint in joints}
+    if not backwards:
+        # The motion is what the joint stated last holds once more.
+        assert told.blocks == "the turn of the coupler"
+    assert told.everywhere
+    assert (found.mobility, len(found.free_motions)) == (1, 1)

@@ -75,11 +75,13 @@ def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     """A motion of all bodies that nothing holds, as a sentence: who turns about what."""
     told = []
     for body in bodies(e):
-        travel, turn, _ = _sizes(e, body, motion)
-        if max(travel, turn) <= _NONE:
+        travel, turn, other = _sizes(e, body, motion)
+        if max(travel, turn, other) <= _NONE:
             continue
-        if body.place is None or body.angle is None or turn * _FAR <= travel:
-            how = f"travel along {_direction(body, motion)}" if body.place else "move"
+        if body.place is None:
+            how = "move"
+        elif body.angle is None or turn * _FAR <= travel:
+            how = f"travel along {_direction(body, motion)}"
         else:
             (x, y), rate = q[list(body.place)], motion[body.angle]
             dx, dy = motion[list(body.place)]
@@ -87,7 +89,7 @@ def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
             center = [c if abs(c) > size else 0.0 for c in (x - dy / rate, y + dx / rate)]
             how = f"turn about ({center[0]:.4g}, {center[1]:.4g})"
         told.append(f"{body.name} can {how}")
-    return ", ".join(told) or "nothing moves"
+    return ", ".join(told)
 
 
 def _direction(body: Body, motion: Array) -> str:
@@ -95,7 +97,7 @@ def _direction(body: Body, motion: Array) -> str:
         return "its coordinate"
     along = motion[list(body.place)]
     along = along / np.linalg.norm(along)
+    x, y = (value if abs(value) > _NONE else 0.0 for value in along)
     # Of a line both ways.
-    along = along if (along[0], along[1]) >= (1e-9, 0.0) or along[0] > -1e-9 else -along
-    x, y = (value if abs(value) > 1e-9 else 0.0 for value in along)
+    x, y = (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
     return f"({x:.3g}, {y:.3g})"

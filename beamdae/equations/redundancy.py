@@ -19,6 +19,8 @@ Array = np.ndarray
 _DEPENDENT, _SHARE = 1e-9, 1e-7
 # A set that depends only here is independent after moving on by this much of the mechanism.
 _ASIDE, _ITERATIONS = 1e-2, 20
+# Names of a sentence.
+_MOST_NAMES = 9
 # Of the mechanism: what constraints may differ by that agree.
 _AGREE = 1e-10
 
@@ -70,6 +72,8 @@ def together(sets: Sequence[DependentSet]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
+    if len(names) > _MOST_NAMES:
+        names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -148,10 +152,10 @@ def dependent_sets(
     e, split = starter.equations, joints.split
     if not len(split.dropped):
         return ()
-    everywhere = _rank_aside(starter, time, q, joints) <= joints.rank
+    beside = _beside(starter, time, q, joints)
     levels = starter.levels(time, q, v)[:2]
     return tuple(
-        _dependent_set(e, q, joints, levels, row, shares, everywhere)
+        _dependent_set(e, q, joints, levels, row, shares, beside)
         for row, shares in zip(split.dropped, split.shares, strict=True)
     )
 
@@ -163,7 +167,7 @@ def _dependent_set(
     levels: Array,
     row: int,
     shares: Array,
-    everywhere: bool,
+    beside: Array,
 ) -> DependentSet:
     weights = np.zeros(e.m)
     weights[joints.split.kept], weights[row] = -shares, 1.0
@@ -177,25 +181,27 @@ def _dependent_set(
         tuple(dict.fromkeys(_part(name) for name in named)),
         _blocked(e, q, joints.matrix, chosen, weights),
         (gap, rate),
-        everywhere,
+        len(independent_rows(beside[chosen]).kept) < len(chosen),
     )
 
 
-def _rank_aside(starter: Starter, time: Array, q: Array, joints: ScaledJoints) -> int:
-    """The rank beside a position, on along motions its constraints allow."""
+def _beside(starter: Starter, time: Array, q: Array, joints: ScaledJoints) -> Array:
+    """The scaled G beside a position, along motions its constraints allow, if there are any."""
     e = starter.equations
-    free = la.null_space(joints.matrix, rcond=1e-9)
+    (held,) = np.nonzero(np.any(joints.matrix, axis=0))
+    free = la.null_space(joints.matrix[:, held], rcond=1e-9)
     if not free.shape[1]:
-        return joints.rank
-    way = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
+        return joints.matrix
+    way = np.zeros(e.n)
+    way[held] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
     beside = q + _ASIDE * e.position_scales * way / np.max(np.abs(way))
     for _ in range(_ITERATIONS):
         g = starter.levels(time, beside)[0]
         if np.max(np.abs(g)) <= _AGREE * max(1.0, e.length):
-            return scaled_joints(starter, time, beside).rank
+            return scaled_joints(starter, time, beside).matrix
         own = starter.constraint_matrix(time, beside).toarray() * e.position_scales
-        beside = beside - e.position_scales * la.lstsq(own, g, cond=1e-8)[0]
-    return joints.rank
+        beside[held] -= (e.position_scales[held]) * la.lstsq(own[:, held], g, cond=1e-8)[0]
+    return joints.matrix
 
 
 def _part(name: str) -> str:
@@ -216,9 +222,12 @@ def _blocked(
     own = [k for k in chosen if _part(names[k]) == last]
     others = len(own) < len(chosen)
     along = weights[own] @ matrix[own] if others else matrix[own[-1]]
-    outside = np.delete(matrix, chosen, axis=0)
-    free = la.null_space(outside, rcond=1e-10) if len(outside) else np.eye(matrix.shape[1])
-    motion = free @ (free.T @ along)
+    # Coordinates that no constraint holds have no part in it.
+    (held,) = np.nonzero(np.any(matrix, axis=0))
+    outside = np.delete(matrix, chosen, axis=0)[:, held]
+    free = la.null_space(outside, rcond=1e-10) if len(outside) else np.eye(len(held))
+    motion = np.zeros(matrix.shape[1])
+    motion[held] = free @ (free.T @ along[held])
     if np.linalg.norm(motion) < 1e-9 * np.linalg.norm(along) or not np.any(along):
         motion = along
     return f"the {described(equations, q, motion * equations.position_scales)}"

@@ -22,10 +22,12 @@ def facts_of(check: Any) -> Mapping[str, str]:
             f"{check.mobility} = {check.coordinates} coordinates - {check.rank} independent "
             f"constraints; {rigid} if beams are rigid and drivers hold"
         )
-    facts["dependent constraints"] = _sets(check.dependent) or "none"
-    facts["free motions"] = "; ".join(check.free_motions) or "none"
+        facts["dependent constraints"] = _sets(check.dependent) or "none"
+        facts["free motions"] = "; ".join(check.free_motions) or "none"
+    else:
+        facts["mobility"] = "not looked for, the constraints are too many"
     loose = "; ".join(", ".join(group) for group in check.loose)
-    facts["unconnected parts"] = f"no joint to the ground: {loose}" if loose else "none"
+    facts["unconnected parts"] = f"no joint ties to the ground: {loose}" if loose else "none"
     facts["start"] = _start(check)
     if check.residuals:
         worst = {
@@ -38,6 +40,8 @@ def facts_of(check: Any) -> Mapping[str, str]:
         )
     if check.spectrum is not None:
         facts |= _spectrum(check.spectrum)
+    elif check.start is not None:
+        facts["frequencies"] = "not looked for, the coordinates are too many"
     for mesh in check.meshes:
         facts[f"mesh of {mesh.beam}"] = (
             f"{mesh.verdict}; arc length off by {mesh.length_error:.2g}, curvature times length by "

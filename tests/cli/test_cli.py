@@ -319,6 +319,15 @@ def test_check_tells_size_and_start(command):
     assert "beam, largest relative error of arc length" in result.stdout
 
 
+def test_run_starts_as_it_is_told(command):
+    result = command("run", ARM, "--start", "beam.theta_dot=2", "--t-end", "0.01", "--no-estimate")
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(Path("results/arm.json").read_text())["start"]
+    assert told["asked"] == "beam.theta_dot = 2"
+    assert_mistake(command("run", ARM, "--start", "beam.theta=x"), "--start", "must be a number")
+    assert_mistake(command("run", ARM, "--start", "beam.thet=1"), "did you mean 'beam.theta'")
+
+
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])
 def test_check_finds_what_run_would(command, name):
     source, arguments, *words = MISTAKES[name]
