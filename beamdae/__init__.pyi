@@ -4,6 +4,8 @@ from .beams.damping import RayleighDamping as RayleighDamping
 from .beams.sections import Material as Material
 from .beams.sections import Section as Section
 from .beams.welded import welded_beams as welded_beams
+from .checks import Check as Check
+from .checks import check as check
 from .cli.model_file import load_model as load_model
 from .curves.plane_curves import Arc as Arc
 from .curves.plane_curves import Line as Line

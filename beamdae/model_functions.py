@@ -116,6 +116,12 @@ class Model:
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
         return built
 
+    def check(self, **settings: Any) -> Any:
+        """What it is and what is wrong with it, see `beamdae.check`."""
+        import beamdae
+
+        return beamdae.check(self, **settings)
+
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """All parameters, checked: `values` over the defaults.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.given_start import started
 from beamdae.errors import BeamdaeError, BeamdaeWarning, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
@@ -28,6 +30,7 @@ def simulate(
     t_end: float | None = None,
     output_step: float | None = None,
     progress: Progress | None = None,
+    start: str | Mapping[str, float] | None = None,
 ) -> Solution:
     """Integrate a model from t = 0.
 
@@ -45,6 +48,9 @@ def simulate(
     progress
         Called now and then with the time reached, that of the start while a scout goes ahead; a
         text it answers ends the run there.
+    start
+        "as drawn", "equilibrium" (under the loads at t = 0, at rest), or positions and velocities
+        by name such as {"crank.angle": 0.3, "crank.angle_dot": 5.0}; default the model's own.
 
     Returns
     -------
@@ -77,7 +83,7 @@ def simulate(
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
     try:
-        equations = as_equations(model)
+        equations = as_equations(model, start)
         _require_room(equations, len(times))
         solution = method.integrate(equations, times, progress=progress)
     except (MemoryError, RuntimeError) as problem:
@@ -150,14 +156,14 @@ def _is_for_memory(problem: Exception) -> bool:
     return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)
 
 
-def as_equations(model: Any) -> EquationsOfMotion:
-    """Equations of motion of whatever can state them."""
-    if isinstance(model, EquationsOfMotion):
-        return model
+def as_equations(model: Any, start: Any = None) -> EquationsOfMotion:
+    """Equations of motion of whatever can state them; `start` stands for the model's own."""
     if isinstance(model, Model):
-        return as_equations(model())
-    if isinstance(model, ConstrainedSystem):
-        return model.equations
+        return as_equations(model(), start)
     if isinstance(model, Mechanism):
-        return equations_of_motion(model)
+        return equations_of_motion(model, start)
+    if isinstance(model, ConstrainedSystem):
+        model = model.equations
+    if isinstance(model, EquationsOfMotion):
+        return model if start is None else started(model, start)
     raise BeamdaeError(f"simulate: expected a model or a mechanism, got {shown(model)}.")

@@ -118,7 +118,18 @@ CALLS = {
 ELSEWHERE = {
     *("Auto", "Ida", "Radau", "GeneralizedAlpha"),
     *("BeamRange", "BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Integrator", "Part"),
-    *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
+    *(
+        "Case",
+        "Check",
+        "Model",
+        "Solution",
+        "Study",
+        "check",
+        "compare",
+        "error_estimate",
+        "grid",
+        "simulate",
+    ),
     *("study", "verify"),
 }
 

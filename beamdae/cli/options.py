@@ -18,6 +18,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Value of a model parameter; repeat."),
 ]
+Starts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--start",
+        metavar="HOW",
+        help="'as drawn', 'equilibrium' or PART.COORDINATE=VALUE (rates: ..._dot); repeat.",
+    ),
+]
 Out = Annotated[Path, typer.Option(help="Folder to write to.")]
 EndTime = Annotated[float | None, typer.Option(help="End time in seconds; default the model's.")]
 OutputStep = Annotated[
@@ -30,14 +38,29 @@ TimeLimit = Annotated[
 ]
 
 
-def assignments(settings: list[str] | None) -> dict[str, str]:
-    """The values of --set name=value, by name."""
+def assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
+    """The values of --set name=value, or of another option, by name."""
     values = {}
     for setting in settings or []:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise BeamdaeError(f"--set {setting}: it must have the form name=value.")
+            raise BeamdaeError(f"{option} {setting}: it must have the form name=value.")
         values[key.strip()] = value.strip()
+    return values
+
+
+def start_of(given: list[str] | None) -> str | dict[str, float] | None:
+    """The start that --start asks for; None: the model's own."""
+    if not given:
+        return None
+    if len(given) == 1 and "=" not in given[0]:
+        return given[0]
+    values = {}
+    for name, value in assignments(given, "--start").items():
+        try:
+            values[name] = float(value)
+        except ValueError:
+            raise BeamdaeError(f"--start {name}={value}: the value must be a number.") from None
     return values
 
 

@@ -21,9 +21,11 @@ from beamdae.cli.options import (
     Out,
     OutputStep,
     Settings,
+    Starts,
     TimeLimit,
     assignments,
     require_writable,
+    start_of,
 )
 from beamdae.cli.progress import run_progress
 from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
@@ -59,6 +61,7 @@ def run_command(
     max_order: Annotated[str | None, typer.Option(help="1 to 5, or auto (ida).")] = None,
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
+    start: Starts = None,
     output_step: OutputStep = None,
     out: Out = Path("results"),
     estimate: Annotated[
@@ -94,7 +97,7 @@ def run_command(
     # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):
-        solution = _integrated(model, method, t_end, output_step)
+        solution = _integrated(model, method, t_end, output_step, start_of(start))
         with interrupts.held():
             told.written += [solution.to_csv(files.table), files.beside]
         told.cut_short = interrupts.heard()
@@ -157,7 +160,9 @@ class _Told:
     cut_short: bool = False
 
 
-def _integrated(model: Model, method: Any, t_end: float | None, output_step: float | None) -> Any:
+def _integrated(
+    model: Model, method: Any, t_end: float | None, output_step: float | None, start: Any
+) -> Any:
     """The solution, also one that an interrupt ended."""
     from beamdae.simulation import simulate
 
@@ -172,7 +177,8 @@ def _integrated(model: Model, method: Any, t_end: float | None, output_step: flo
                 raise KeyboardInterrupt
 
         try:
-            return simulate(model, method, t_end, output_step, partial(reached, method.label))
+            told = partial(reached, method.label)
+            return simulate(model, method, t_end, output_step, told, start)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 

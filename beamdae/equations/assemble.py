@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -24,6 +26,7 @@ from beamdae.equations.fit import (
     require_unique,
     stated,
 )
+from beamdae.equations.given_start import started
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.owners import Owners, owners_of, places_at
 from beamdae.equations.poles import LawOfPart, laws_of
@@ -34,7 +37,7 @@ from beamdae.equations.structure import (
     interned,
 )
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.alike import Alike, by_kernel, recognized
 from beamdae.symbolic.formulas import MOST_KINDS, Combined
@@ -59,8 +62,10 @@ _AS_DRAWN = 1e-2
 _MEMORY = 1e4
 
 
-def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
+def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfMotion:
     """Equations of motion of a mechanism: the sum of what its parts state.
+
+    `start` stands for that of the mechanism, see `Mechanism`.
 
     Raises
     ------
@@ -95,7 +100,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
-    return build(
+    drawn_equations = build(
         coordinates=tuple(
             Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
         ),
@@ -112,6 +117,9 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         owners=owners,
         laws=laws_of(parts),
     )
+    if mechanism.redundant == MINIMUM_NORM:
+        drawn_equations = replace(drawn_equations, redundant=True)
+    return started(drawn_equations, mechanism.start if start is None else start)
 
 
 def _extent(points: Array, otherwise: float = 1.0) -> float:

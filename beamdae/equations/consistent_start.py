@@ -96,6 +96,17 @@ class Starter:
         solver, _ = self._factorized(time, state.q, state.v, _MASS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
+    def levels(
+        self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
+    ) -> Array:
+        """g, g_dot and g_ddot at time = (t, branch), (3, m); zero stands for what is not given."""
+        return self._own.levels(time, q, v, a)
+
+    def at_rest(self, q: Array) -> State:
+        """The state at positions `q` without motion and reactions."""
+        still = np.zeros(self.equations.n)
+        return State(q, still, still, np.zeros(self.equations.m))
+
     def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
         """G = dg/dq, sparse (m, n)."""
         pattern, nonzeros = self._own.sums.gradient_pattern, self._own.gradients(time, q)

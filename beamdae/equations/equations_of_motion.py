@@ -78,6 +78,25 @@ class PartCoordinates(NamedTuple):
     size: float
 
 
+class Start(NamedTuple):
+    """A start other than the drawing.
+
+    Attributes
+    ----------
+    told
+        In words.
+    q, v
+        What was asked for, before joints made it consistent.
+    moves
+        Whether other positions than those drawn were asked for.
+    """
+
+    told: str
+    q: Array
+    v: Array
+    moves: bool
+
+
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0 with everything integrators ask of them.
@@ -87,7 +106,7 @@ class EquationsOfMotion:
     coordinates, multipliers
         'part.coordinate' and unit of each coordinate and multiplier.
     q0, v0
-        Start as drawn; `consistent_start.Starter` makes it consistent.
+        Start, as drawn or of `start`; `consistent_start.Starter` makes it consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length
@@ -105,6 +124,11 @@ class EquationsOfMotion:
         The kernels of forces and joints, without numbers.
     laws
         Those that change with time, with the parts that follow them.
+    start
+        What was asked for instead of the drawing, if anything.
+    redundant
+        Whether constraints that follow from others are spared, see `reduced.reduced`; they are
+        refused if not.
     """
 
     coordinates: tuple[Named, ...]
@@ -121,6 +145,8 @@ class EquationsOfMotion:
     scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
+    start: Start | None = field(default=None, repr=False)
+    redundant: bool = False
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

@@ -13,6 +13,7 @@ from typing import cast
 
 import numpy as np
 
+from beamdae.equations.blame import blame
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
@@ -22,6 +23,7 @@ from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import LoopMethod, Method, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
+from beamdae.integrators.spared import spared, with_all
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
@@ -29,6 +31,8 @@ from beamdae.symbolic.factorizations import single_threaded
 Array = np.ndarray
 
 STUCK = "the step became too small to advance time; check laws, or loosen rtol"
+# Where to look for what stopped a run, over what was left of its interval.
+_AHEAD = 1e-6
 _PAST = "past the end of its interval; a method must stop there"
 _STAGES = "a method must give the stages inside a step in the order of time, in every step as many"
 _NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
@@ -46,7 +50,14 @@ _LEAST_WAY = 0.2
 
 
 class StepError(ArithmeticError):
-    """A method cannot go on; the message says why, and what to do."""
+    """A method cannot go on; the message says why, and what to do.
+
+    `residual` is that of a first-order form where it was given up, if there is one.
+    """
+
+    def __init__(self, message: str, residual: Array | None = None) -> None:
+        super().__init__(message)
+        self.residual = residual
 
 
 # The last step of an interval ends on its end if it comes this near.
@@ -130,7 +141,9 @@ class _Run:
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
         except StepError as problem:
-            return self._failed(problem)
+            now, ahead = np.array([rows.end, branch]), rows.end + _AHEAD * (end - rows.end)
+            causes = blame(self._route.equations, now, rows.last, ahead, problem.residual)
+            return self._failed("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
             # Nothing is lost that was computed; before the first step a mistake is no run.
             if self.steps == 0:
@@ -221,7 +234,10 @@ def drive(
     try:
         # States that are not finite end a run; the steps that come to them say nothing.
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            solution = _driven(integrator, equations, times, method_on, progress, scout_on)
+            by = spared(equations, float(times[0]))
+            own = equations if by is None else by.equations
+            solution = _driven(integrator, own, times, method_on, progress, scout_on)
+            solution = solution if by is None else with_all(solution, by)
     except KeyboardInterrupt:
         if solution is None:
             raise

@@ -190,7 +190,7 @@ class Bdf:
         while not len(rows := self._ida.advance(most)):
             shorter = _SHORTER * self._first
             if self._state is None or self._t + shorter == self._t or shorter < _SHORTEST:
-                raise StepError(self._reason)
+                raise StepError(self._reason, self._ida.last[2])
             self._start(shorter, self._state)
         self._t = float(rows[-1, 0])
         self._state = None
@@ -208,8 +208,11 @@ class Bdf:
         code = self._ida.code
         if code == NO_ADVANCE:
             return STUCK
+        limits = next(iter(self._ida.told.get("limited_by", {})), "")
+        most = f", the error of {limits} limits most steps" if limits else ""
         return {
-            -3: "the error test failed at the smallest step; loosen rtol or test positions only",
+            -3: "the error test failed at the smallest step; loosen rtol or test positions only"
+            f"{most}",
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
         }.get(code, reason(code))

@@ -189,7 +189,7 @@ class Collocating:
         # Asked again after a failure it fails again: what went before is not lost.
         code = self._running()
         if run.filled == 0:
-            raise StepError(_REASONS[code])
+            raise StepError(_REASONS[code], run.residuals_at[-1])
         return run.rows[: run.filled]
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, nearest, point, shown
+from beamdae.errors import BeamdaeError, nearest, one_of, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
 from beamdae.parts.laws import Law
 from beamdae.parts.observables import motion
 from beamdae.parts.part import Part, require_name
+from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
 
+REFUSE, MINIMUM_NORM = "refuse", "minimum norm"
 P = TypeVar("P", bound=Part)
 
 
@@ -24,6 +27,13 @@ class Mechanism:
     ----------
     gravity
         Acceleration of gravity (gx, gy) [m/s^2].
+    start
+        "as drawn"; "equilibrium" under the loads at t = 0, at rest; or positions and velocities by
+        name, {"part.coordinate": value, "part.coordinate_dot": value}, the others follow by the
+        joints.
+    redundant
+        What becomes of constraints that follow from others: "refuse", or "minimum norm": they are
+        spared, and of all reactions that balance the forces the least are told.
 
     Examples
     --------
@@ -33,8 +43,15 @@ class Mechanism:
     >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     """
 
-    def __init__(self, gravity: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        gravity: tuple[float, float] = (0.0, 0.0),
+        start: str | Mapping[str, float] = "as drawn",
+        redundant: str = REFUSE,
+    ) -> None:
         self.gravity = np.array(point("Mechanism", "gravity", gravity))
+        self.start = require_start("Mechanism", start)
+        self.redundant = one_of("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
         self.observables: dict[str, Quantity] = {}
@@ -86,6 +103,12 @@ class Mechanism:
         if not isinstance(name, str) or name not in self.parts:
             raise BeamdaeError(f"Mechanism: no part {shown(name)}{nearest(name, self.parts)}.")
         return self.parts[name]
+
+    def check(self, **settings: Any) -> Any:
+        """What it is and what is wrong with it, see `beamdae.check`."""
+        import beamdae
+
+        return beamdae.check(self, **settings)
 
     @property
     def laws(self) -> list[Law]:

@@ -18,6 +18,7 @@ from beamdae.results.branches import SingularPosition, branch_warnings, singular
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
+from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
 from beamdae.symbolic.statements import Named
@@ -184,13 +185,24 @@ class Solution:
         return self._books.quality
 
     @cached_property
+    def start(self) -> StartFacts:
+        """What was asked for as the start, and what the joints changed of it, by part."""
+        first = self.trajectory.intervals[0].rows
+        return start_facts(self.equations, State(*(rows[0] for rows in first)))
+
+    @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
         """How far each beam went from its floating frame, and what that makes of its strains."""
         return beam_ranges(self.equations, self.trajectory)
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
-        """Positions the run passed in which the joints lose rank and motions branch."""
+        """Positions the run passed in which the joints lose rank and motions branch.
+
+        They are not looked for where redundant constraints have no full rank anywhere.
+        """
+        if self.equations.redundant:
+            return ()
         return singular_positions(self.equations, self.trajectory)
 
     @cached_property
@@ -198,7 +210,12 @@ class Solution:
         """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
         beams = (beam.warning for beam in self.validity)
         doubtful = doubts(self.equations, self._books, *self._looked_at())
-        return (*filter(None, beams), *branch_warnings(self.singular_positions), *doubtful)
+        moved = self.start.warning
+        return (
+            *filter(None, (moved, *beams)),
+            *branch_warnings(self.singular_positions),
+            *doubtful,
+        )
 
     def table(self) -> pd.DataFrame:
         """Time, observed quantities and the energy ledger; headers carry units."""
@@ -270,6 +287,10 @@ class Solution:
             "model": self.model,
             "integrator": self.integrator,
             "result": self.summary(),
+            "start": {
+                "asked": self.start.asked,
+                "changed by the joints": [asdict(change) for change in self.start.changes],
+            },
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(passed) for passed in self.singular_positions],
             "warnings": list(self.warnings),

@@ -217,7 +217,10 @@ NUMBERS: dict[str, Base] = {
 
 MECHANISMS: dict[str, Base] = {
     "ConstrainedSystem": Base(_constrained, lambda w, system: w.run(system)),
-    "Mechanism": Base(lambda w: {"gravity": (0.0, -9.81)}, lambda w, mech: _falling(w, mech)),
+    "Mechanism": Base(
+        lambda w: {"gravity": (0.0, -9.81), "start": "as drawn", "redundant": "refuse"},
+        lambda w, mech: _falling(w, mech),
+    ),
     "Mechanism.add": Base(
         lambda w: {"part": bd.RigidBody("disk", 1.0, 0.1)},
         lambda w, made: w.run(),
@@ -248,5 +251,7 @@ MECHANISMS: dict[str, Base] = {
     "relative_displacement": Base(
         lambda w: {"of": w.bar.at(*KNEE), "on": w.bar.at(0.0, 0.0)}, observed
     ),
-    "equations_of_motion": Base(lambda w: {"mechanism": w.mech}, lambda w, e: w.run(e)),
+    "equations_of_motion": Base(
+        lambda w: {"mechanism": w.mech, "start": "as drawn"}, lambda w, e: w.run(e)
+    ),
 }

@@ -133,9 +133,11 @@ MODELS: dict[str, Base] = {
             "t_end": T_END,
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
+            "start": "as drawn",
         },
         itself,
     ),
+    "check": Base(lambda w: {"model": w.mech, "t_end": T_END, "predict": False}, itself),
 }
 
 INTEGRATING: dict[str, Base] = {
@@ -238,6 +240,7 @@ NOT_CALLED = {
     "BeamRange": "a row of Solution.validity",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
+    "Check": "what check gives",
     "EquationsOfMotion": "what equations_of_motion gives",
 }
 # Arguments users do not give.

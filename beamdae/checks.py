@@ -1,0 +1,298 @@
+"""What a mechanism is, and what is wrong with it, without a run to its end."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.mobility import (
+    Spectrum,
+    free_motions,
+    loose_groups,
+    rigid_mobility,
+    spectrum,
+)
+from beamdae.equations.reduced import without_dependent
+from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_joints
+from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
+from beamdae.integrators.auto import Auto
+from beamdae.integrators.route import branch_of, plan
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import Mechanism
+from beamdae.report.checked import facts_of
+from beamdae.results.start_changes import StartFacts, start_facts
+from beamdae.simulation import as_equations, simulate
+
+Array = np.ndarray
+
+# Constraints and coordinates whose matrices are looked at as a whole: that takes their cube.
+_MOST_CONSTRAINTS, _MOST = 1500, 600
+# Seconds a trial run may take.
+_TRIAL = 1.0
+# Errors of curvature times length: on the hub beam the tip deformation is off by 3e-4 of its
+# amplitude at 4e-3, and by 1e-2 at 1.5e-2 (validation/mesh_convergence).
+_GOOD, _FAIR = 5e-3, 5e-2
+
+
+@dataclass(frozen=True)
+class Residual:
+    """By how much a part's constraints are off at the start as it was asked for.
+
+    Attributes
+    ----------
+    part
+        Its name.
+    position, velocity
+        Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before anything is made consistent.
+    acceleration
+        Largest |g_ddot| at the consistent start, or None if there is none.
+    """
+
+    part: str
+    position: float
+    velocity: float
+    acceleration: float | None
+
+
+@dataclass(frozen=True)
+class MeshVerdict:
+    """How well the elements of a beam follow its curve.
+
+    Attributes
+    ----------
+    beam
+        Its name.
+    length_error
+        Largest relative error of arc length of an element.
+    curvature_error
+        Largest error of curvature times the length of the beam.
+    verdict
+        "good", "fair" or "coarse", and what helps.
+    """
+
+    beam: str
+    length_error: float
+    curvature_error: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a run with `Auto()` will take, to the order of magnitude, from a trial of a second.
+
+    Attributes
+    ----------
+    steps, seconds
+        Steps, and time without building and compiling.
+    method
+        Which method Auto takes, and why.
+    reached
+        How far the trial came, of the whole run.
+    """
+
+    steps: float
+    seconds: float
+    method: str
+    reached: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a mechanism is and what is wrong with it; `str` tells all of it.
+
+    Attributes
+    ----------
+    name
+        Of the model.
+    coordinates, constraints, rank
+        n, m and the number of independent constraints at the start; None where it is too large.
+    rigid_mobility
+        Degrees of freedom if all beams are rigid, with drivers as constraints.
+    dependent
+        Minimal sets of constraints that depend on each other.
+    free_motions
+        What the bodies can do, in words.
+    loose
+        Groups of parts that nothing ties to the others.
+    residuals
+        By how much constraints are off, by part.
+    start
+        What the joints change of the start asked for, or None if there is no start.
+    spectrum
+        Natural frequencies, or None: without a start, or of more than 600 coordinates.
+    meshes
+        Of each beam.
+    prediction
+        Steps and time of a run, or None.
+    problem
+        Why the mechanism cannot be run, or "".
+    """
+
+    name: str
+    coordinates: int
+    constraints: int
+    rank: int | None
+    rigid_mobility: int | None
+    dependent: tuple[DependentSet, ...]
+    free_motions: tuple[str, ...]
+    loose: tuple[tuple[str, ...], ...]
+    residuals: tuple[Residual, ...]
+    start: StartFacts | None
+    spectrum: Spectrum | None
+    meshes: tuple[MeshVerdict, ...]
+    prediction: Prediction | None
+    problem: str
+
+    def __str__(self) -> str:
+        """All of it as text."""
+        told = facts_of(self)
+        width = max(map(len, told))
+        return "\n".join([self.name, *(f"{topic:<{width}}  {x}" for topic, x in told.items())])
+
+    @property
+    def mobility(self) -> int | None:
+        """Degrees of freedom: coordinates less independent constraints."""
+        return None if self.rank is None else self.coordinates - self.rank
+
+    @property
+    def ok(self) -> bool:
+        """Whether it can be run."""
+        return not self.problem
+
+
+def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check:
+    """Look a model through without running it to its end.
+
+    Parameters
+    ----------
+    model
+        A model function (with its defaults), a mechanism, a constrained system or equations.
+    t_end
+        End time [s] of the run to predict; default the model's own. Mechanisms have none: without
+        it nothing is predicted for them.
+    predict
+        Whether a trial run of at most a second is made.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
+    """
+    name, predict = "mechanism", one_of("check", "predict", predict, (True, False))
+    if isinstance(model, Model):
+        name, t_end = model.name, model.t_end if t_end is None else t_end
+        model = model()
+    end = None if t_end is None else positive("check", "t_end", t_end)
+    equations = as_equations(model)
+    starter, state, problem = _start(equations, end or 1.0)
+    time = _first(equations, end or 1.0)
+    q = equations.q0 if state is None else state.q
+    v = equations.v0 if state is None else state.v
+    own = Starter(equations)
+    found = Check(
+        name,
+        equations.n,
+        equations.m,
+        rank=None,
+        rigid_mobility=None,
+        dependent=(),
+        free_motions=(),
+        # Coordinates of other systems may be anything.
+        loose=loose_groups(equations) if isinstance(model, Mechanism) else (),
+        residuals=_residuals(own, time, state),
+        start=None if state is None else start_facts(equations, state),
+        spectrum=None,
+        meshes=_meshes(model),
+        prediction=None,
+        problem=problem,
+    )
+    if equations.m <= _MOST_CONSTRAINTS:
+        joints = scaled_joints(own, time, q)
+        found = replace(
+            found,
+            rank=joints.rank,
+            rigid_mobility=rigid_mobility(equations, joints),
+            dependent=dependent_sets(own, time, q, v, joints),
+            free_motions=free_motions(equations, q, joints),
+        )
+        if state is not None and equations.n <= _MOST:
+            held = scaled_joints(starter, time, q)
+            found = replace(found, spectrum=spectrum(starter, time, state, held))
+    if predict and end is not None and not problem:
+        found = replace(found, prediction=_prediction(equations, end))
+    return found
+
+
+def _first(equations: EquationsOfMotion, end: float) -> Array:
+    inner = min((b for b in equations.breakpoints if 0.0 < b < end), default=end)
+    return np.array([0.0, branch_of(0.0, inner)])
+
+
+def _start(equations: EquationsOfMotion, end: float) -> tuple[Starter, Any, str]:
+    """What starts the mechanism, its consistent state if there is one, and why it cannot be run.
+
+    Where constraints depend on each other it is that of those that do not.
+    """
+    time, own, problem = _first(equations, end), equations, ""
+    few = equations.m <= _MOST_CONSTRAINTS
+    if few and (by := without_dependent(equations, time)) is not None:
+        own = by.equations
+        try:
+            if equations.redundant:
+                by.require_agreement(time)
+            else:
+                plan(equations, np.array([0.0, end]))
+        except BeamdaeError as wrong:
+            problem = str(wrong)
+    try:
+        route = plan(own, np.array([0.0, end]))
+    except BeamdaeError as wrong:
+        return Starter(own), None, problem or str(wrong)
+    return route.starter, route.state, problem
+
+
+def _residuals(starter: Starter, time: Array, state: Any) -> tuple[Residual, ...]:
+    e = starter.equations
+    g, rate, _ = np.abs(starter.levels(time, e.q0, e.v0))
+    if state is not None:
+        last = np.abs(starter.levels(time, state.q, state.v, state.a)[2])
+    parts = [name.rpartition(".")[0] or name for name in e.lam_names]
+    found = []
+    for part in dict.fromkeys(parts):
+        own = np.array([name == part for name in parts])
+        accelerated = None if state is None else float(last[own].max())
+        found.append(Residual(part, float(g[own].max()), float(rate[own].max()), accelerated))
+    return tuple(found)
+
+
+def _meshes(mechanism: Any) -> tuple[MeshVerdict, ...]:
+    beams = mechanism.parts.values() if isinstance(mechanism, Mechanism) else ()
+    found = []
+    for beam in beams:
+        if isinstance(beam, Beam):
+            length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
+            off = max(length, curvature)
+            grade = "good" if off <= _GOOD else "fair" if off <= _FAIR else "coarse"
+            finer = f", elements={2 * beam.mesh.elements} would be better"
+            verdict = grade if grade == "good" else grade + finer
+            found.append(MeshVerdict(beam.name, length, curvature, verdict))
+    return tuple(found)
+
+
+def _prediction(equations: EquationsOfMotion, end: float) -> Prediction | None:
+    """From a trial run of at most a second."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
+    reached = solution.trajectory.end / end
+    if not reached > 0.0 or solution.status.kind == "failed":
+        return None
+    took, chosen = solution.statistics, solution.integrator
+    told = f"{chosen.get('method', '')}, {chosen.get('auto', '')}".rstrip(", ")
+    return Prediction(took.steps / reached, took.wall_time / reached, told, reached)

@@ -1,0 +1,103 @@
+"""Motions of a mechanism in words: which body turns about which point, or travels where."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+
+Array = np.ndarray
+
+# Instantaneous centers farther away than so many lengths of the mechanism are those of a travel.
+_FAR = 100.0
+# What rounding leaves of zero in a motion of size one.
+_NONE = 1e-9
+_FRAMES = (("x", "y", "angle"), ("x0", "y0", "theta"))
+
+
+class Body(NamedTuple):
+    """Where a part has its rigid coordinates (x, y, perhaps an angle), and its elastic ones."""
+
+    name: str
+    place: tuple[int, int] | None
+    angle: int | None
+    others: tuple[int, ...]
+
+
+def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
+    """The parts that have coordinates."""
+    found = []
+    for part in e.parts:
+        own = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
+        x, y, angle = next((names for names in _FRAMES if names[0] in own), _FRAMES[0])
+        place = (own.pop(x), own.pop(y)) if x in own and y in own else None
+        turn = own.pop(angle) if place is not None and angle in own else None
+        found.append(Body(part.name, place, turn, tuple(own.values())))
+    return tuple(found)
+
+
+def rigid_columns(e: EquationsOfMotion) -> Array:
+    """Coordinates but for elastic ones; of a part without a frame all of them."""
+    columns: list[int] = []
+    for body in bodies(e):
+        if body.place is None or body.angle is None:
+            columns += [*(body.place or ()), *body.others]
+        else:
+            columns += [*body.place, body.angle]
+    return np.sort(np.array(columns, int))
+
+
+def _sizes(e: EquationsOfMotion, body: Body, motion: Array) -> tuple[float, float, float]:
+    """Travel, turn and deformation in lengths of the mechanism, or rad."""
+    scaled = motion / e.position_scales
+    travel = float(np.hypot(*scaled[list(body.place)])) if body.place else 0.0
+    turn = abs(float(scaled[body.angle])) if body.angle is not None else 0.0
+    return travel, turn, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
+
+
+def described(e: EquationsOfMotion, q: Array, motion: Array) -> str:
+    """What moves most in a motion, as a noun: "turn of the crank"."""
+    moving = [(max(_sizes(e, body, motion)), body) for body in bodies(e)]
+    most = max(size for size, _ in moving)
+    body = next(body for size, body in moving if size >= most * (1.0 - 1e-6))
+    travel, turn, bent = _sizes(e, body, motion)
+    if bent > max(travel, turn):
+        worst = max(body.others, key=lambda k: abs(motion[k]) / e.position_scales[k])
+        return f"deformation of the {body.name} ({e.q_names[worst]})"
+    if turn * _FAR > travel:
+        return f"turn of the {body.name}"
+    return f"travel of the {body.name} along {_direction(body, motion)}"
+
+
+def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
+    """A motion of all bodies that nothing holds, as a sentence: who turns about what."""
+    told = []
+    for body in bodies(e):
+        travel, turn, other = _sizes(e, body, motion)
+        if max(travel, turn, other) <= _NONE:
+            continue
+        if body.place is None:
+            how = "move"
+        elif body.angle is None or turn * _FAR <= travel:
+            how = f"travel along {_direction(body, motion)}"
+        else:
+            (x, y), rate = q[list(body.place)], motion[body.angle]
+            dx, dy = motion[list(body.place)]
+            size = _NONE * e.length
+            center = [c if abs(c) > size else 0.0 for c in (x - dy / rate, y + dx / rate)]
+            how = f"turn about ({center[0]:.4g}, {center[1]:.4g})"
+        told.append(f"{body.name} can {how}")
+    return ", ".join(told)
+
+
+def _direction(body: Body, motion: Array) -> str:
+    if body.place is None:
+        return "its coordinate"
+    along = motion[list(body.place)]
+    along = along / np.linalg.norm(along)
+    x, y = (value if abs(value) > _NONE else 0.0 for value in along)
+    # Of a line both ways.
+    x, y = (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
+    return f"({x:.3g}, {y:.3g})"

@@ -1,0 +1,277 @@
+"""What `check` says of mechanisms that are right and of five that are wrong."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from slider_crank import slider_crank
+
+import beamdae as bd
+
+
+def linkage(bars, lean=0.3, height=1.0, **settings):
+    """A coupler on parallel bars, of which two are enough."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), **settings)
+    middle = (0.5 * (bars - 1) + lean, height)
+    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=middle))
+    for k in range(bars):
+        center = (k + 0.5 * lean, 0.5 * height)
+        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=center))
+        mech.add(bd.Revolute(f"foot {k}", mech.ground.at(k, 0.0), bar.at(k, 0.0)))
+        head = (k + lean, height)
+        mech.add(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
+    mech.observe("coupler", coupler.at(*middle))
+    return mech
+
+
+def welded_twice():
+    mech = bd.Mechanism()
+    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0)))
+    mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.add(bd.Weld("right", mech.ground.at(1.0, 0.0), bar.at(1.0, 0.0)))
+    return mech
+
+
+def on_guides(**settings):
+    """A slider on two parallel guides, each of two points."""
+    mech = bd.Mechanism(gravity=(1.0, -9.81), **settings)
+    slider = mech.add(bd.RigidBody("slider", 1.0, 0.1, center=(0.5, 0.0)))
+    for name, y in (("guide A", 0.2), ("guide B", -0.2)):
+        for end, x in ((" left", 0.0), (" right", 1.0)):
+            mech.add(bd.PointOnLine(name + end, mech.ground.at(0.0, y), slider.at(x, y)))
+    return mech
+
+
+def driven_twice(first=3.0, second=3.0, **settings):
+    mech = bd.Mechanism(**settings)
+    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
+    mech.add(bd.Revolute("bearing", *hub))
+    mech.add(bd.Driver("motor", *hub, law=lambda t: first * t))
+    motor = mech.add(bd.Driver("second motor", *hub, law=lambda t: second * t + t**2 - t**2))
+    mech.observe("second motor", motor.reaction)
+    return mech
+
+
+def without_a_guide():
+    """The rod hangs on the crank, and a body on nothing."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
+    mech.add(bd.RigidBody("lost", 1.0, 0.1, center=(5.0, 5.0)))
+    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
+    mech.add(bd.Revolute("bearing", *hub))
+    mech.add(bd.Driver("motor", *hub, law=0.0))
+    mech.add(bd.Revolute("pin", crank.at(1.0, 0.0), rod.at(1.0, 0.0)))
+    return mech
+
+
+# Mistakes by name --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "mobility", "sentences"),
+    [
+        (
+            linkage(3),
+            1,
+            ["foot 0, head 0, foot 1, head 1, foot 2 and head 2 all block the turn of the coupler"],
+        ),
+        (
+            welded_twice(),
+            0,
+            [
+                "left and right both block the travel of the bar along (1, 0)",
+                "left and right both block the travel of the bar along (0, 1)",
+                "left and right both block the turn of the bar",
+            ],
+        ),
+        (
+            on_guides(),
+            1,
+            [
+                "guide A left and guide B left both block the turn of the slider",
+                "guide A right and guide B right both block the turn of the slider",
+            ],
+        ),
+        (driven_twice(), 0, ["motor and second motor both block the turn of the crank"]),
+    ],
+    ids=["parallel bar", "welded twice", "two guides", "driven twice"],
+)
+def test_redundant_constraints_are_sets_with_the_motion_they_block(mechanism, mobility, sentences):
+    found = mechanism.check()
+    assert [str(one) for one in found.dependent] == sentences
+    assert found.mobility == mobility
+    assert not found.ok
+    assert "depend on each other" in found.problem
+    assert all(part in str(found) for one in found.dependent for part in one.parts)
+
+
+def test_a_missing_joint_is_seen_by_what_can_move():
+    found = without_a_guide().check()
+    assert found.ok
+    assert found.mobility == found.rigid_mobility == 4
+    assert found.free_motions == (
+        "rod can turn about (1, 0)",
+        "lost can travel along (1, 0)",
+        "lost can travel along (0, 1)",
+        "lost can turn about (5, 5)",
+    )
+    assert found.loose == (("lost",),)
+
+
+def test_drivers_that_contradict_each_other_are_told():
+    (found,) = driven_twice(3.0, 2.0).check().dependent
+    assert found.parts == ("motor", "second motor")
+    assert_allclose(found.contradiction, (0.0, 1.0), atol=1e-12)
+    assert "contradict each other" in str(found)
+
+
+def test_a_singular_position_is_no_redundancy():
+    """A parallelogram that lies flat has rank again beside it."""
+    (found,) = linkage(2, lean=1.0, height=0.0).check().dependent
+    assert not found.everywhere
+    assert "a singular one" in str(found)
+    flat = linkage(2, lean=1.0, height=0.0, redundant="minimum norm")
+    with pytest.raises(bd.BeamdaeError, match=r"none of them can be spared.*singular"):
+        bd.simulate(flat, t_end=0.1)
+
+
+def test_free_motions_turn_about_instantaneous_centers():
+    (told,) = linkage(2).check().free_motions
+    assert "bar 0 can turn about (0, 0)" in told
+    assert "bar 1 can turn about (1, 0)" in told
+    assert "coupler can travel along (0.958, -0.287)" in told
+
+
+def test_a_mechanism_that_is_right():
+    found = slider_crank.check()
+    assert found.ok
+    assert not found.dependent
+    assert not found.free_motions
+    assert not found.loose
+    assert found.rigid_mobility == 0
+    assert found.spectrum.highest > 1e3 * found.spectrum.lowest > 0.0
+    assert [mesh.beam for mesh in found.meshes] == ["rod"]
+    # A whole run takes some thousands of steps.
+    assert 1e2 < found.prediction.steps < 1e6
+    for topic in ("mobility", "frequencies", "mesh of rod", "a run takes", "verdict"):
+        assert f"\n{topic}" in str(found)
+
+
+def test_frequencies_of_a_beam_on_a_pin_are_those_of_its_pendulum():
+    """The lowest is that of a rigid rod: stiffness comes from the reactions as the joint turns."""
+    steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
+    thick = bd.Section.rectangle(steel, width=0.05, height=0.05)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, -1.0)), thick, elements=2))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    lowest = mech.check().spectrum.lowest
+    # The rotary inertia of the section, h^2 / (4 L^2) = 6e-4 of it, and its bending less.
+    assert_allclose(lowest, np.sqrt(1.5 * 9.81) / (2.0 * np.pi), rtol=1e-3)
+
+
+# Minimum norm ------------------------------------------------------------------------------------
+
+
+@integrators(1e-6, 1e-3)
+def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
+    mech = linkage(3, redundant="minimum norm")
+    for k in range(3):
+        mech.observe(f"foot {k}", mech.part(f"foot {k}").reaction)
+    solution = bd.simulate(mech, integrator, 0.1)
+    assert solution.status.success
+    assert "head 1.y follows from the others" in solution.integrator["redundant"]
+    assert not solution.warnings
+    # Three bars that move alike: outer ones carry the same by symmetry.
+    assert_allclose(solution.columns["foot 0.Fy [N]"], solution.columns["foot 2.Fy [N]"], rtol=1e-6)
+    # A parallelogram with a third bar turns as one bar with the masses of all, by Lagrange.
+    length = np.hypot(0.3, 1.0)
+    inertia = 3.0 * (0.1 + 0.25 * length**2) + length**2
+    alpha = -9.81 * 0.3 * (3.0 * 0.5 + 1.0) / inertia
+    assert_allclose(solution.a[0, 5], alpha, rtol=1e-9)
+    assert solution.quality.max_residual < 1e-4
+    assert solution.drift.to_numpy().max() < 1e-3
+
+
+def test_two_drivers_share_their_torque():
+    mech = driven_twice(redundant="minimum norm")
+    mech.add(bd.Moment("brake", mech.part("crank").at(0.0, 0.0), -2.0))
+    solution = bd.simulate(mech, bd.Radau(), 0.1)
+    assert_allclose(solution.columns["second motor.M [N m]"], 1.0, rtol=1e-6)
+
+
+def test_what_contradicts_is_refused_all_the_same():
+    mech = driven_twice(3.0, 2.0, redundant="minimum norm")
+    with pytest.raises(bd.BeamdaeError, match="contradict each other"):
+        bd.simulate(mech, t_end=0.1)
+
+
+def test_starts_by_name_know_of_spared_constraints():
+    mech = linkage(3, redundant="minimum norm")
+    solution = bd.simulate(mech, bd.Radau(), 0.01, start={"bar 0.angle": 0.2})
+    q = dict(zip(solution.equations.q_names, solution.q[0], strict=True))
+    assert_allclose([q[f"bar {k}.angle"] for k in range(3)], 0.2, atol=1e-10)
+
+
+def test_a_redundant_joint_in_a_singular_position_is_told_apart():
+    """Two welds in one place are redundant wherever the straight chain they hold goes to."""
+    mech, last = bd.Mechanism(), None
+    for k in range(3):
+        link = mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k + 0.5, 0.0)))
+        before = mech.ground.at(0.0, 0.0) if last is None else last
+        mech.add(bd.Revolute(f"pin {k}", before, link.at(k, 0.0)))
+        last = link.at(k + 1.0, 0.0)
+    mech.add(bd.Weld("first weld", mech.ground.at(3.0, 0.0), last))
+    mech.add(bd.Weld("second weld", mech.ground.at(3.0, 0.0), last))
+    verdicts = {one.parts: one.everywhere for one in mech.check().dependent}
+    assert verdicts.pop(("first weld", "second weld"))
+    assert list(verdicts.values()) == [False]
+
+
+def test_a_mechanism_without_joints_and_a_system_without_parts_are_checked():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
+    found = bd.check(mech, t_end=1.0)
+    assert (found.ok, found.mobility, found.loose) == (True, 2, (("stone",),))
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    bob = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1, 1], force=[0, -9.81], q0=[1, 0], v0=[0, 0],
+        constraints=ca.dot(q, q) - 1.0,
+    )  # fmt: skip
+    found = bd.check(bob, predict=False)
+    assert (found.mobility, found.free_motions, found.loose) == (1, ("q1 can move",), ())
+    hanging = bd.simulate(bob, bd.Radau(), 0.1, start="equilibrium")
+    assert_allclose(hanging.q[-1], (0.0, -1.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_check_does_not_depend_on_the_place_of_the_drawing_or_the_order_of_parts(turn, backwards):
+    """Three parallel bars, turned and moved; joints stated in either order."""
+
+    def placed(x, y):
+        c, s = np.cos(turn), np.sin(turn)
+        return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
+
+    mech = bd.Mechanism()
+    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=placed(1.3, 1.0)))
+    joints = []
+    for k in range(3):
+        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=placed(k + 0.15, 0.5)))
+        foot, head = placed(k, 0.0), placed(k + 0.3, 1.0)
+        joints.append(bd.Revolute(f"foot {k}", mech.ground.at(*foot), bar.at(*foot)))
+        joints.append(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
+    for joint in reversed(joints) if backwards else joints:
+        mech.add(joint)
+    found = mech.check()
+    (told,) = found.dependent
+    assert set(told.parts) == {joint.name for joint in joints}
+    if not backwards:
+        # The motion is what the joint stated last holds once more.
+        assert told.blocks == "the turn of the coupler"
+    assert told.everywhere
+    assert (found.mobility, len(found.free_motions)) == (1, 1)
