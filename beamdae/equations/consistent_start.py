@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
@@ -140,6 +141,8 @@ class Starter:
         """
         e = self.equations
         gamma = -self._own.levels(time, q, v)[2]
+        if any(term.rows is not None for term in e.forces):
+            return acceleration_with_friction(self._own, time, q, v, gamma, stiff_time)
         solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
