@@ -141,9 +141,9 @@ class Starter:
         """
         e = self.equations
         gamma = -self._own.levels(time, q, v)[2]
+        solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
         if any(term.rows is not None for term in e.forces):
             return acceleration_with_friction(self._own, time, q, v, gamma, stiff_time)
-        solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
