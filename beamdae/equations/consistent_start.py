@@ -147,11 +147,14 @@ class Starter:
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
-    def normal_jerk(self, time: Array, state: State, delta: float) -> Array:
+    def normal_jerk(
+        self, time: Array, state: State, delta: float, of_positions: bool = False
+    ) -> Array:
         """P j, P = M^-1 G^T (G M^-1 G^T)^-1 G: what the joints prescribe of the jerk j.
 
         G j follows from g_ddot alone, differentiated along the motion at constant a over
-        +-`delta` [s]: stiff elastic forces do not enter.
+        +-`delta` [s]: stiff elastic forces do not enter. If `of_positions`, only what of g_ddot
+        comes from constraints on positions.
         """
         e = self.equations
         if e.m == 0:
@@ -162,6 +165,8 @@ class Starter:
             for d in (delta, -delta)
         ]
         rate = (levels[0] - levels[1]) / (2.0 * delta)
+        if of_positions:
+            rate[e.nonholonomic_rows] = 0.0
         solver, _ = self._factorized(time, q, v, _MASS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 

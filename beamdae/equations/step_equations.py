@@ -92,10 +92,8 @@ class StepEquations:
     @property
     def _velocity_rows(self) -> Array:
         """Rows that have g_dot in place of g."""
-        if self.stabilized:
-            return np.zeros(0, np.int64)
-        rows = [j.rows.indices for j in self.equations.joints if not j.kernel.holonomic]
-        return np.concatenate([np.zeros(0), *rows]).astype(np.int64) + self.equations.n
+        rows = self.equations.n + self.equations.nonholonomic_rows
+        return rows[:0] if self.stabilized else rows
 
 
 @dataclass(slots=True)

@@ -130,9 +130,9 @@ def motion_sum(structure: Structure, at: Places) -> SumBuilder:
 
 
 def acceleration_sum(structure: Structure, at: Places) -> SumBuilder:
-    """Rows: g_ddot."""
+    """Rows: g_ddot of what holds positions."""
     total = SumBuilder(_TIME)
-    for joint in structure.joints:
+    for joint in holonomic(structure):
         copies = _add_joint(total, joint, at, (2,), False)
         total.add_column(copies, 1, joint.rows, 0)
     return total

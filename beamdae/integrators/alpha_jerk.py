@@ -109,7 +109,7 @@ class AdaptiveRun(AlphaRun):
 
 
 def normal_jerk(jerk: NormalJerk, t: float, branch: float, at: Motion, delta: float) -> int:
-    """P j of a motion, see `Starter.normal_jerk`, into `jerk.found`."""
+    """P j of a motion, of positions, see `Starter.normal_jerk`, into `jerk.found`."""
     n = at.q.size
     _accelerations(jerk, t, branch, at, delta, jerk.ahead)
     _accelerations(jerk, t, branch, at, -delta, jerk.behind)
