@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from benchmarks.cases import AREVALO, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
-from published_cases import AREVALO, pendulum, pendulum_motion
 
 import beamdae as bd
 from beamdae.integrators import radau_method
