@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.cases import AREVALO, pendulum, pendulum_motion
+from benchmarks.cases import AREVALO, CYCLOID, ROTATING_ROD, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -15,6 +15,8 @@ SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
 CASES = {
     "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
     "pendulum": (SWING, lambda t: pendulum_motion(GRAVITY, ANGLE, SPEED, t), 2.0),
+    "brachistochrone": (CYCLOID.equations, CYCLOID.answer, 1.5),
+    "rotating rod": (ROTATING_ROD.equations, ROTATING_ROD.answer, 1.5),
 }
 
 
@@ -44,6 +46,9 @@ def observed_orders(case, steps, **settings):
     [
         ("Arevalo", "index3"),
         ("pendulum", "stabilized-index2"),
+        # A constraint that changes with time, and a coordinate without inertia.
+        ("rotating rod", "index3"),
+        ("brachistochrone", "stabilized-index2"),
         pytest.param("Arevalo", "stabilized-index2", marks=pytest.mark.slow),
         pytest.param("pendulum", "index3", marks=pytest.mark.slow),
     ],
@@ -90,7 +95,10 @@ def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
     assert_allclose(np.log2(drift[0] / drift[1]), 2.0, rtol=0.0, atol=0.1)
 
 
-@pytest.mark.parametrize(("case", "steps"), [("Arevalo", 40), ("pendulum", 80)])
+@pytest.mark.parametrize(
+    ("case", "steps"),
+    [("Arevalo", 40), ("pendulum", 80), ("brachistochrone", 40)],
+)
 def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers(
     case, steps, monkeypatch
 ):
