@@ -27,6 +27,7 @@ from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
+from .parts.friction import Friction as Friction
 from .parts.joints import Driver as Driver
 from .parts.joints import PointOnLine as PointOnLine
 from .parts.joints import Revolute as Revolute
@@ -39,6 +40,9 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
+from .parts.rolling import RollingOnCircle as RollingOnCircle
+from .parts.rolling import RollingOnLine as RollingOnLine
+from .parts.rolling import Skate as Skate
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

@@ -18,6 +18,7 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.equations.fit import (
     asked,
+    asked_multipliers,
     require_body_fits,
     require_columns_fit,
     require_pieces_fit,
@@ -172,17 +173,23 @@ def build(
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
+    held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
+    ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
+    places = [np.arange(first, last) for first, last in pairwise(ends)]
+    rows: dict[str, slice] = {}
+    for statement, (first, last) in zip(constraints, pairwise(ends.tolist()), strict=True):
+        # A part may state several constraints, one after the other.
+        rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     force_terms = [
         _force_term(
             alike,
             owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
             numbers,
+            asked_multipliers([forces[k] for k in alike.members], rows),
+            len(held),
         )
         for alike in by_kernel(forces)
     ]
-    held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
-    ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
-    places = [np.arange(first, last) for first, last in pairwise(ends)]
     constraint_terms = [
         ConstraintTerm(
             alike.kernel,
@@ -193,10 +200,6 @@ def build(
         )
         for alike in by_kernel(constraints)
     ]
-    rows: dict[str, slice] = {}
-    for statement, (first, last) in zip(constraints, pairwise(ends.tolist()), strict=True):
-        # A part may state several constraints, one after the other.
-        rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     observed = [
         _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
@@ -220,14 +223,17 @@ def build(
     )
 
 
-def _force_term(alike: Alike, operator: sp.csr_array, numbers: _Numbers) -> ForceTerm:
+def _force_term(
+    alike: Alike, operator: sp.csr_array, numbers: _Numbers, multipliers: Array | None, m: int
+) -> ForceTerm:
     """Elements and whatever else is of a kind turn within, by numbers of the model."""
     count = alike.data.shape[1]
     by = Turned(operator, None, np.zeros((0, count)))
-    if alike.kernel.reused:
+    if alike.kernel.reused and multipliers is None:
         by = turned_operator(operator, count)
     stored = numbers.store(np.concatenate([alike.data, by.data]))
-    return ForceTerm(alike.kernel, by.picked, by.turn, stored, count)
+    rows = None if multipliers is None else _rows(multipliers, m)
+    return ForceTerm(alike.kernel, by.picked, by.turn, stored, count, rows)
 
 
 def _require_headers(

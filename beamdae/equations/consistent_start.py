@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
@@ -141,14 +142,19 @@ class Starter:
         e = self.equations
         gamma = -self._own.levels(time, q, v)[2]
         solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
+        if any(term.rows is not None for term in e.forces):
+            return acceleration_with_friction(self._own, time, q, v, gamma, stiff_time)
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
-    def normal_jerk(self, time: Array, state: State, delta: float) -> Array:
+    def normal_jerk(
+        self, time: Array, state: State, delta: float, of_positions: bool = False
+    ) -> Array:
         """P j, P = M^-1 G^T (G M^-1 G^T)^-1 G: what the joints prescribe of the jerk j.
 
         G j follows from g_ddot alone, differentiated along the motion at constant a over
-        +-`delta` [s]: stiff elastic forces do not enter.
+        +-`delta` [s]: stiff elastic forces do not enter. If `of_positions`, only what of g_ddot
+        comes from constraints on positions.
         """
         e = self.equations
         if e.m == 0:
@@ -159,6 +165,8 @@ class Starter:
             for d in (delta, -delta)
         ]
         rate = (levels[0] - levels[1]) / (2.0 * delta)
+        if of_positions:
+            rate[e.nonholonomic_rows] = 0.0
         solver, _ = self._factorized(time, q, v, _MASS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 

@@ -144,6 +144,12 @@ class EquationsOfMotion:
         return self.structure.joints
 
     @cached_property
+    def nonholonomic_rows(self) -> Array:
+        """Which constraints hold velocities alone."""
+        rows = [term.rows.indices for term in self.joints if not term.kernel.holonomic]
+        return np.concatenate([np.zeros(0, np.int64), *rows])
+
+    @cached_property
     def q_names(self) -> tuple[str, ...]:
         """'part.coordinate' of each coordinate."""
         return tuple(coordinate.name for coordinate in self.coordinates)

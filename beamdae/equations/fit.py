@@ -132,6 +132,30 @@ def asked(part: str, what: str, question: Callable[..., Any], *given: Any) -> An
         raise BeamdaeError(f"{part}: its {what} failed, {told(problem)}.") from problem
 
 
+def asked_multipliers(
+    forces: Sequence[ForceStatement], rows: Mapping[str, slice]
+) -> np.ndarray | None:
+    """Which multipliers forces of one kernel depend on, `rows` being those of the parts, if any."""
+    found: list[int] = []
+    for force in forces:
+        count = force.kernel.local.n_multipliers
+        if (force.joint is None) != (count == 0):
+            raise BeamdaeError(
+                f"{force.part}: a force that depends on {count} multipliers must name the joint "
+                f"they are of, and no other force, got {shown(force.joint)}."
+            )
+        if force.joint is None:
+            continue
+        own = rows.get(force.joint, slice(0, 0))
+        if own.stop - own.start != count:
+            raise BeamdaeError(
+                f"{force.part}: it depends on {count} multipliers of {force.joint!r}, "
+                f"which has {own.stop - own.start}."
+            )
+        found += range(own.start, own.stop)
+    return np.array(found) if found else None
+
+
 def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     """Return `value` as a list if it is one of things of this kind."""
     listed = isinstance(value, (tuple, list))

@@ -80,8 +80,10 @@ def start_sums(structure: Structure) -> StartSums:
         jacobian.add_matrix(copies, 0, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = matrix_builder()
-    for on_q, copies in add_tangents(total, structure, at, ((0, 1, 2),)):
-        total.add_matrix(copies, 0, on_q, on_q, (0, 0))
+    for term, copies in add_tangents(total, structure, at, ((0, 1, 2),)):
+        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
+        if term.rows is not None:
+            total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
     for joint, copies in add_joint_matrices(total, structure, at, (), False):
         total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
         total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
@@ -132,27 +134,48 @@ class StartEquations:
         n, m = self.equations.n, self.equations.m
         return self._evaluated(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
 
-    def force(self, time: Array, q: Array, v: Array, a: Array | None = None) -> Array:
+    def force(
+        self,
+        time: Array,
+        q: Array,
+        v: Array,
+        a: Array | None = None,
+        lam: Array | None = None,
+    ) -> Array:
         """F."""
         n, m = self.equations.n, self.equations.m
-        return self._evaluated(self._motion, time, (q, v, a), n + 3 * m)[:n]
+        return self._evaluated(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
 
     def gradients(self, time: Array, q: Array) -> Array:
         """Non-zeros of G on its pattern."""
         size = self.sums.gradient_pattern.nnz
         return self._evaluated(self._gradients, time, (q, None, None), size)
 
-    def saddle(self, time: Array, q: Array, v: Array, a: Array | None, c: Sequence[float]) -> Array:
-        """Non-zeros of [[c0 K + c1 C + c2 M, G^T], [G, 0]] on its pattern."""
-        self._saddle.shared[2:] = *c, 1.0, 1.0
-        return self._evaluated(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz)
+    def saddle(
+        self,
+        time: Array,
+        q: Array,
+        v: Array,
+        a: Array | None,
+        c: Sequence[float],
+        lam: Array | None = None,
+    ) -> Array:
+        """Non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]] on its pattern."""
+        self._saddle.shared[2:] = *c, 1.0, 1.0, 1.0
+        return self._evaluated(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
 
     def _evaluated(
-        self, total: Sum, time: Array, state: tuple[Array | None, ...], size: int
+        self,
+        total: Sum,
+        time: Array,
+        state: tuple[Array | None, ...],
+        size: int,
+        lam: Array | None = None,
     ) -> Array:
         n, m = self.equations.n, self.equations.m
         given = [np.zeros(n) if x is None else x for x in state]
+        given.append(np.zeros(m) if lam is None else lam)
         total.shared[:2] = time
         result = np.zeros(size)
-        evaluate(total, np.concatenate([*given, np.zeros(m)]), result)
+        evaluate(total, np.concatenate(given), result)
         return result

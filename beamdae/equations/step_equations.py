@@ -14,6 +14,7 @@ from beamdae.equations.sums import (
     Places,
     add_joint_matrices,
     add_tangents,
+    holonomic,
     matrix_builder,
     reaction_sum,
     residual_sum,
@@ -32,7 +33,8 @@ class StepEquations:
     Unknowns x = (d, lam_bar[, eta_bar]): increments d of a prediction,
     q = q_p + d [+ r, r = -G(q_n)^T eta_bar], v = v_p + c_v d, a = a_p + c_a d, and scaled
     multipliers lam_bar = c_f lam. Equations: c_f F + G^T lam_bar = 0, g = 0 [, g_dot / c_v = 0]; in
-    brackets the stabilized index-2 form. With c_f ~ h^2 the condition of the iteration matrix does
+    brackets the stabilized index-2 form. What holds velocities alone has g_dot / c_v = 0 in place
+    of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition of the iteration matrix does
     not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
 
     Attributes
@@ -85,17 +87,36 @@ class StepEquations:
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
         sums = (total.sum(native, self.equations.p) for total in self.sums)
-        return StepSums(n, m, int(self.stabilized), motion, *sums)
+        return StepSums(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
+
+    @property
+    def _velocity_rows(self) -> Array:
+        """Rows that have g_dot in place of g."""
+        rows = self.equations.n + self.equations.nonholonomic_rows
+        return rows[:0] if self.stabilized else rows
 
 
 @dataclass(slots=True)
 class StepSums:
-    """Buffers of step equations; `motion` is (q, v, a, lam, q_n, eta_bar)."""
+    """Buffers of step equations.
+
+    Attributes
+    ----------
+    n, m, stabilized
+        See `StepEquations`.
+    motion
+        (q, v, a, lam, q_n, eta_bar).
+    velocity_rows
+        Those that have g_dot in place of g.
+    residual, anchor, matrix
+        See `StepEquations.sums`.
+    """
 
     n: int
     m: int
     stabilized: int
     motion: Array
+    velocity_rows: Array
     residual: Sum
     anchor: Sum
     matrix: Sum
@@ -155,6 +176,8 @@ def step_residual(
     _set_motion(form, at, x, 1.0 / c[2])
     evaluate(form.residual, form.motion, result)
     combine(result[:n], (c[2],), (result[:n],))
+    for row in form.velocity_rows:
+        result[row] /= c[0]
     if form.stabilized == 1:
         velocities = result[n + m : n + 2 * m]
         combine(velocities, (1.0 / c[0],), (velocities,))
@@ -168,9 +191,9 @@ def step_matrix(
     c, shared = at.coefficients, form.matrix.shared
     form.anchor.shared[0], form.anchor.shared[1] = t, branch
     shared[0], shared[1] = t, branch
-    # c_q, c_v, c_a, c_l, c_h as in MATRIX_SHARED.
+    # c_q, c_v, c_a, c_l, c_h, c_r as in MATRIX_SHARED.
     shared[2], shared[3], shared[4] = c[2], c[2] * c[0], c[2] * c[1]
-    shared[5], shared[6] = 1.0, 1.0 / c[0]
+    shared[5], shared[6], shared[7] = 1.0, 1.0 / c[0], 1.0 / c[2]
     _set_motion(form, at, x, 1.0)
     evaluate(form.matrix, form.motion, result)
 
@@ -187,14 +210,14 @@ def _step_sums(
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:
     """The pattern of the iteration matrix, and the sums of `StepEquations`."""
     n, m = structure.n, structure.m
-    at = Places(q=0, v=n, a=2 * n, lam=3 * n)
+    at = Places(q=0, v=n, a=2 * n, lam=3 * n, mu=4 * n + m)
     anchor = Places(q=3 * n + m, lam=4 * n + m)
     levels = (0, 1) if stabilized else (0,)
     residual = residual_sum(structure, at, levels, stabilized=False)
-    held = np.unique(np.concatenate([[], *(j.operator.indices for j in structure.joints)]))
+    held = np.unique(np.concatenate([[], *(j.operator.indices for j in holonomic(structure))]))
     corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
     pattern, matrix = _matrix_sum(structure, at, anchor, sp.csr_array(corrected), stabilized)
-    sums = (residual.vector(), reaction_sum(structure, anchor).vector(), matrix)
+    sums = (residual.vector(), reaction_sum(structure, anchor, of_positions=True).vector(), matrix)
     return pattern, sums
 
 
@@ -210,27 +233,39 @@ def _matrix_sum(
     eta, r = n + m, n + 2 * m
     # Stiffness alone answers to r, all else adds up at one place.
     sums: Tangents = ((0,), (1, 2)) if stabilized else ((0, 1, 2),)
-    for on_q, copies in add_tangents(total, equations, at, sums):
+    for term, copies in add_tangents(total, equations, at, sums):
+        on_q = term.operator
         for output in range(len(sums)):
             total.add_matrix(copies, output, on_q, on_q, (0, 0))
+        if term.rows is not None:
+            total.add_matrix(copies, len(sums), on_q, term.rows, (0, n))
         if stabilized:
             total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))
     levels = (0, 1) if stabilized else (0,)
     for joint, copies in add_joint_matrices(total, equations, at, levels, False):
         on_q, on_g = joint.operator, joint.rows
-        total.add_matrix(copies, 0, on_g, on_q, (n, 0))
+        free = not joint.kernel.holonomic
+        if not (free and stabilized):
+            total.add_matrix(copies, 0, on_g, on_q, (n, 0))
         total.add_matrix(copies, 0, on_g, on_q, (0, n), transposed=True)
         total.add_matrix(copies, 2, on_q, on_q, (0, 0))
+        if free and not stabilized:
+            total.add_matrix(copies, 3, on_g, on_q, (n, 0))
         if stabilized:
             on_r = sp.csr_array(on_q @ corrected)
             total.add_matrix(copies, 2, on_q, on_r, (0, r))
-            total.add_matrix(copies, 0, on_g, on_r, (n, r))
+            if free:
+                total.add_matrix(copies, 4, on_g, on_g, (n, eta))
+            else:
+                total.add_matrix(copies, 0, on_g, on_r, (n, r))
             total.add_matrix(copies, 0, on_g, on_q, (eta, 0))
             total.add_matrix(copies, 3, on_g, on_q, (eta, 0))
             total.add_matrix(copies, 3, on_g, on_r, (eta, r))
     if not stabilized:
         return total.matrix((n + m, n + m))
     for joint, copies in add_joint_matrices(total, equations, anchor, (), False):
+        if not joint.kernel.holonomic:
+            continue
         on_r = sp.csr_array(joint.operator @ corrected)
         total.add_matrix(copies, 0, joint.rows, on_r, (r, eta), transposed=True)
     size = r + corrected.shape[1]

@@ -42,6 +42,8 @@ class ForceTerm:
         The operator picks coordinates, which kernels turn to local ones, if at all.
     data
         Where in p the copies have their numbers, and behind these those of the turn.
+    rows
+        Picks the multipliers it depends on, if any.
     """
 
     kernel: ForceKernel
@@ -49,6 +51,7 @@ class ForceTerm:
     turn: Turn | None
     data: slice
     count: int
+    rows: sp.csr_array | None = None
 
 
 @dataclass(frozen=True, eq=False)

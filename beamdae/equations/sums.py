@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.symbolic.constraint_kernel import UNHELD
 from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import MATRIX_SHARED
@@ -59,7 +60,7 @@ def _joint_inputs(
 ) -> list[Gathered]:
     highest = max(levels, default=0)
     motion = (at.q, *((at.v,) if highest > 0 else ()), *((at.a,) if highest > 1 else ()))
-    held = (at.lam, *((at.mu,) if stabilized else ()))
+    held = (at.lam, *((at.mu,) if stabilized or UNHELD in levels else ()))
     return _motion(term.operator, *motion) + _motion(term.rows, *held)
 
 
@@ -75,6 +76,8 @@ def _add_force(
 ) -> Copies:
     """Add a kernel of a term, whose last outputs, so many, are not in its coordinates."""
     inputs = _motion(term.operator, at.q, at.v, at.a)
+    if term.rows is not None:
+        inputs += _motion(term.rows, at.lam)
     if term.turn is not None:
         kernel = turned(kernel, term.turn, len(inputs), scalars)
     return total.add(kernel, inputs, term.data, term.count)
@@ -94,54 +97,59 @@ def residual_sum(
     n, m, total = structure.n, structure.m, SumBuilder(_TIME)
     _add_forces(total, structure, at, dynamic)
     for joint in structure.joints:
-        kernel = joint.kernel.residual_kernel(levels, stabilized)
-        inputs = _joint_inputs(joint, at, levels, stabilized)
-        copies = total.add(kernel, inputs, joint.data, joint.count)
+        asked = joint.kernel.asked(levels, stabilized)
+        copies = _add_joint(total, joint, at, *asked)
+        corrects = asked[1]
         total.add_column(copies, 0, joint.operator, dynamic)
-        if stabilized:
+        if corrects:
             total.add_column(copies, 1, joint.operator, 0)
         for k in range(len(levels)):
-            total.add_column(copies, 1 + stabilized + k, joint.rows, dynamic + n + k * m)
+            total.add_column(copies, 1 + corrects + k, joint.rows, dynamic + n + k * m)
     return total
+
+
+def _add_joint(
+    total: SumBuilder, joint: ConstraintTerm, at: Places, levels: tuple[int, ...], stabilized: bool
+) -> Copies:
+    """Add the kernel of `ConstraintKernel.residual_kernel`."""
+    kernel = joint.kernel.residual_kernel(levels, stabilized)
+    inputs = _joint_inputs(joint, at, levels, stabilized)
+    return total.add(kernel, inputs, joint.data, joint.count)
 
 
 def motion_sum(structure: Structure, at: Places) -> SumBuilder:
     """Rows: F, g, g_dot and g_ddot; what is not finite in G leaves them as they are."""
-    levels, total = (0, 1, 2), SumBuilder(_TIME)
+    total = SumBuilder(_TIME)
     _add_forces(total, structure, at, 0)
     for joint in structure.joints:
-        kernel = joint.kernel.residual_kernel(levels, False)
-        inputs = _joint_inputs(joint, at, levels, False)
-        copies = total.add(kernel, inputs, joint.data, joint.count)
-        for k in levels:
-            total.add_column(copies, 1 + k, joint.rows, structure.n + k * structure.m)
+        levels = (0, 1, 2) if joint.kernel.holonomic else (1, 2)
+        copies = _add_joint(total, joint, at, levels, False)
+        for output, k in enumerate(levels, 1):
+            total.add_column(copies, output, joint.rows, structure.n + k * structure.m)
     return total
 
 
 def acceleration_sum(structure: Structure, at: Places) -> SumBuilder:
-    """Rows: g_ddot."""
-    levels, total = (2,), SumBuilder(_TIME)
-    for joint in structure.joints:
-        kernel, inputs = (
-            joint.kernel.residual_kernel(levels, False),
-            _joint_inputs(joint, at, levels, False),
-        )
-        copies = total.add(kernel, inputs, joint.data, joint.count)
+    """Rows: g_ddot of what holds positions."""
+    total = SumBuilder(_TIME)
+    for joint in holonomic(structure):
+        copies = _add_joint(total, joint, at, (2,), False)
         total.add_column(copies, 1, joint.rows, 0)
     return total
 
 
-def reaction_sum(structure: Structure, at: Places) -> SumBuilder:
-    """Rows: G^T lam."""
+def reaction_sum(structure: Structure, at: Places, of_positions: bool = False) -> SumBuilder:
+    """Rows: G^T lam, if `of_positions` without what holds velocities alone."""
     total = SumBuilder(_TIME)
-    for joint in structure.joints:
-        kernel, inputs = (
-            joint.kernel.residual_kernel((), False),
-            _joint_inputs(joint, at, (), False),
-        )
-        copies = total.add(kernel, inputs, joint.data, joint.count)
+    for joint in holonomic(structure) if of_positions else structure.joints:
+        copies = _add_joint(total, joint, at, (), False)
         total.add_column(copies, 0, joint.operator, 0)
     return total
+
+
+def holonomic(structure: Structure) -> tuple[ConstraintTerm, ...]:
+    """The constraints that hold positions."""
+    return tuple(joint for joint in structure.joints if joint.kernel.holonomic)
 
 
 def balance_sum(structure: Structure, at: Places) -> SumBuilder:
@@ -177,13 +185,10 @@ def _added_up(count: int, *rows: int) -> sp.csr_array:
 
 def add_tangents(
     total: SumBuilder, structure: Structure, at: Places, sums: Tangents
-) -> list[tuple[sp.csr_array, Copies]]:
-    """Add the kernels of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, an output each.
-
-    With each kernel goes the operator of its rows and columns.
-    """
+) -> list[tuple[ForceTerm, Copies]]:
+    """Add the kernels of `ForceKernel.tangent_kernel`."""
     return [
-        (term.operator, _add_force(total, at, term, term.kernel.tangent_kernel(sums)))
+        (term, _add_force(total, at, term, term.kernel.tangent_kernel(sums)))
         for term in structure.forces
     ]
 
@@ -195,19 +200,13 @@ def add_joint_matrices(
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> list[tuple[ConstraintTerm, Copies]]:
-    """Add the kernels of `ConstraintKernel.matrices_kernel`."""
-    return [
-        (
-            joint,
-            total.add(
-                joint.kernel.matrices_kernel(levels, stabilized),
-                _joint_inputs(joint, at, levels, stabilized),
-                joint.data,
-                joint.count,
-            ),
-        )
-        for joint in structure.joints
-    ]
+    """Add the kernels of `ConstraintKernel.matrices_kernel`, of the levels each of them has."""
+    found = []
+    for joint in structure.joints:
+        asked = joint.kernel.asked(levels, stabilized)
+        kernel, inputs = joint.kernel.matrices_kernel(*asked), _joint_inputs(joint, at, *asked)
+        found.append((joint, total.add(kernel, inputs, joint.data, joint.count)))
+    return found
 
 
 def matrix_builder() -> SumBuilder:

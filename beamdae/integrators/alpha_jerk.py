@@ -109,7 +109,7 @@ class AdaptiveRun(AlphaRun):
 
 
 def normal_jerk(jerk: NormalJerk, t: float, branch: float, at: Motion, delta: float) -> int:
-    """P j of a motion, see `Starter.normal_jerk`, into `jerk.found`."""
+    """P j of a motion, of positions, see `Starter.normal_jerk`, into `jerk.found`."""
     n = at.q.size
     _accelerations(jerk, t, branch, at, delta, jerk.ahead)
     _accelerations(jerk, t, branch, at, -delta, jerk.behind)
@@ -117,9 +117,10 @@ def normal_jerk(jerk: NormalJerk, t: float, branch: float, at: Motion, delta: fl
     combine(motion[:n], (1.0,), (at.q,))
     combine(motion[n : 2 * n], (1.0,), (at.v,))
     fill(motion[2 * n :], 0.0)
-    # c_q, c_v, c_a, c_l, c_h as in MATRIX_SHARED.
+    # c_q, c_v, c_a, c_l, c_h, c_r as in MATRIX_SHARED.
     shared[0], shared[1] = t, branch
-    shared[2], shared[3], shared[4], shared[5], shared[6] = 0.0, 0.0, 1.0, 1.0, 1.0
+    shared[2], shared[3], shared[4] = 0.0, 0.0, 1.0
+    shared[5], shared[6], shared[7] = 1.0, 1.0, 1.0
     evaluate(jerk.saddle, motion, jerk.nonzeros)
     code = factorize(jerk.linear, jerk.nonzeros)
     if code == DONE:

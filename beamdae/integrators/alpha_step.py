@@ -108,5 +108,9 @@ class Start:
         jerk = self.starter.normal_jerk(time, state, 1e-2 * h)
         ddq, _ = self.starter.acceleration(time, state.q, state.v, stiff_time=0.5 * h)
         if self.index3:
-            v += h**2 * self.member.defect * jerk
+            correcting = jerk
+            if self.starter.equations.nonholonomic_rows.size:
+                # What holds velocities leaves nothing of them to correct.
+                correcting = self.starter.normal_jerk(time, state, 1e-2 * h, of_positions=True)
+            v += h**2 * self.member.defect * correcting
         return Motion(q, v, ddq, ddq + self.member.shift * h * jerk, lam, h)

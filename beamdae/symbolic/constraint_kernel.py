@@ -13,6 +13,9 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local import SX, Local, column_misfit
 
+# In place of the level of a constraint that has none: mu = 0.
+UNHELD = -1
+
 
 @dataclass(frozen=True)
 class ConstraintKernel:
@@ -65,13 +68,31 @@ class ConstraintKernel:
         """Whether it follows a law of several pieces."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
+    @property
+    def holonomic(self) -> bool:
+        """Whether it holds positions, not velocities alone."""
+        return True
+
+    def asked(self, levels: tuple[int, ...], stabilized: bool) -> tuple[tuple[int, ...], bool]:
+        """The levels it has in place of these, and whether it has G^T mu; see `UNHELD`."""
+        return levels, stabilized
+
     @cached_property
     def _jacobian(self) -> SX:
         return ca.jacobian(self.constraint, self.local.q)
 
     @cached_property
+    def _g(self) -> SX:
+        return self.constraint
+
+    @cached_property
     def _g_dot(self) -> SX:
         return self.local.dot(self.constraint)
+
+    @cached_property
+    def _driven(self) -> SX:
+        """What of g_dot is there at rest."""
+        return ca.jtimes(self.constraint, self.local.time, SX([1, 0]))
 
     def _local(self, levels: tuple[int, ...], mu: SX) -> SX:
         """(q, v, a, lam, mu, data), of v and a what the levels ask for."""
@@ -90,23 +111,24 @@ class ConstraintKernel:
             self._kernels[key] = make(levels, stabilized)
         return self._kernels[key]
 
-    def _mu(self, stabilized: bool) -> SX:
-        return SX.sym("mu", self.local.n_multipliers if stabilized else 0)
+    def _mu(self, levels: tuple[int, ...], stabilized: bool) -> SX:
+        held = stabilized or UNHELD in levels
+        return SX.sym("mu", self.local.n_multipliers if held else 0)
 
     def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         """Shared (t, branch), local (q, v, a, lam, mu, data) -> G^T lam, G^T mu, levels.
 
         Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
-        or 2, a with level 2, mu and G^T mu if `stabilized`.
+        or 2, a with level 2, mu and G^T mu if `stabilized`. The level `UNHELD` is mu itself.
         """
         return self._kept(self._residual_kernel, levels, stabilized)
 
     def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        x, mu = self.local, self._mu(stabilized)
+        x, mu = self.local, self._mu(levels, stabilized)
         reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
-        stated = [self.constraint, self._g_dot]
+        stated = {UNHELD: mu, 0: self._g, 1: self._g_dot}
         if 2 in levels:
-            stated.append(x.ddot(self.constraint))
+            stated[2] = x.rate(self._g_dot)
         outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
         return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
 
@@ -114,12 +136,12 @@ class ConstraintKernel:
         """Shared `MATRIX_SHARED` -> matrices of `residual_kernel`, local as there.
 
         G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
-        level 2 d g_ddot/dq, d g_ddot/dv and c_a G.
+        level 2 d g_ddot/dq, d g_ddot/dv and c_a G, with `UNHELD` 1 and c_l on the diagonal.
         """
         return self._kept(self._matrices_kernel, levels, stabilized)
 
     def _matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        x, mu, c = self.local, self._mu(stabilized), SX.sym("c", 5)
+        x, mu, c = self.local, self._mu(levels, stabilized), self.local.factors()
         outputs = [self._jacobian, c[3] * self._jacobian]
         outputs += [
             ca.jacobian(self._jacobian.T @ held, x.q)
@@ -128,8 +150,10 @@ class ConstraintKernel:
         if 1 in levels:
             outputs.append(c[4] * ca.jacobian(self._g_dot, x.q))
         if 2 in levels:
-            g_ddot = x.ddot(self.constraint)
+            g_ddot = x.rate(self._g_dot)
             outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c[2] * self._jacobian]
+        if UNHELD in levels:
+            outputs += [SX.eye(x.n_multipliers), c[3] * SX.eye(x.n_multipliers)]
         return Kernel.of("joint", ca.vertcat(x.time, c), self._local(levels, mu), outputs)
 
     @property
@@ -141,13 +165,14 @@ class ConstraintKernel:
     def gradients(self) -> RowFunction:
         """Rows of (time, q, data) -> rows of the non-zeros of dg/dq."""
         nonzeros = ca.densify(ca.vec(self._jacobian.nz[:]))
-        return RowFunction(ca.Function("gradients", self.inputs, [nonzeros]))
+        x = self.local
+        return RowFunction(ca.Function("gradients", [x.time, x.q, x.data], [nonzeros]))
 
     @cached_property
     def balance_kernel(self) -> Kernel:
         """Shared (t, branch), local (q, v, lam, data) -> G^T lam, g, g_dot, power of a driver."""
         x = self.local
-        rate = ca.jtimes(self.constraint, x.time, SX([1, 0]))
-        outputs = [self._jacobian.T @ x.lam, self.constraint, self._g_dot, ca.dot(rate, x.lam)]
+        power = ca.dot(self._driven, x.lam)
+        outputs = [self._jacobian.T @ x.lam, self._g, self._g_dot, power]
         local = ca.vertcat(x.q, x.v, x.lam, x.data)
         return Kernel.of("balance", x.time, local, [ca.densify(o) for o in outputs])

@@ -23,8 +23,8 @@ class ForceKernel:
     local
         Symbols.
     force
-        F(time, q, v, a, data), shape (size,): inertial, elastic, damping and gravity forces and
-        loads on the left-hand side of F + G^T lam = 0.
+        F(time, q, v, a, lam, data), shape (size,): inertial, elastic, damping and gravity forces
+        and loads on the left-hand side of F + G^T lam = 0; lam those of a joint, as for friction.
     energies
         (kinetic, strain, gravity) [J].
     powers
@@ -42,9 +42,9 @@ class ForceKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """(time, q, v, a, data), what it may depend on."""
+        """(time, q, v, a, lam, data), what it may depend on."""
         x = self.local
-        return [x.time, x.q, x.v, x.a, x.data]
+        return [x.time, x.q, x.v, x.a, x.lam, x.data]
 
     @property
     def outputs(self) -> list[SX]:
@@ -61,7 +61,7 @@ class ForceKernel:
     def misfit(self) -> str:
         """What is wrong with its expressions, a phrase, or nothing."""
         x = self.local
-        motion = (x.time, x.q, x.v, x.data)
+        motion = (x.time, x.q, x.v, x.lam, x.data)
         return (
             column_misfit("force", self.force, x.size, *motion, x.a)
             or column_misfit("energies", self.energies, 3, *motion)
@@ -74,30 +74,38 @@ class ForceKernel:
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
-    def force_kernel(self) -> Kernel:
-        """Shared (t, branch), local (q, v, a, data) -> F."""
+    def _stacked(self) -> SX:
         x = self.local
-        local = ca.vertcat(x.q, x.v, x.a, x.data)
-        return Kernel.of("force", x.time, local, [ca.densify(self.force)])
+        return ca.vertcat(x.q, x.v, x.a, x.lam, x.data)
+
+    @cached_property
+    def force_kernel(self) -> Kernel:
+        """Shared (t, branch), local (q, v, a, lam, data) -> F."""
+        return Kernel.of("force", self.local.time, self._stacked, [ca.densify(self.force)])
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
-        """Shared `MATRIX_SHARED`, local as above -> sums of c_q dF/dq, c_v dF/dv and c_a dF/da."""
+        """Shared `MATRIX_SHARED`, local as above -> sums of c_q dF/dq, c_v dF/dv and c_a dF/da.
+
+        If it depends on multipliers, dF/dlam and c_l dF/dlam come last.
+        """
         if sums not in self._tangents:
             self._tangents[sums] = self._tangent_kernel(sums)
         return self._tangents[sums]
 
     def _tangent_kernel(self, sums: Tangents) -> Kernel:
-        x, c = self.local, SX.sym("c", 5)
+        x, c = self.local, self.local.factors()
         parts = [c[k] * ca.jacobian(self.force, held) for k, held in enumerate((x.q, x.v, x.a))]
         outputs = [sum((parts[k] for k in of), start=SX(x.size, x.size)) for of in sums]
-        local = ca.vertcat(x.q, x.v, x.a, x.data)
-        return Kernel.of("tangent", ca.vertcat(x.time, c), local, outputs)
+        if x.n_multipliers:
+            by_lam = ca.jacobian(self.force, x.lam)
+            outputs += [by_lam, c[3] * by_lam]
+            outputs = ca.substitute(outputs, [x.lam], [c[5] * x.lam])
+        return Kernel.of("tangent", ca.vertcat(x.time, c), self._stacked, outputs)
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Shared (t, branch), local (q, v, a, data) -> F, F at a = 0, (energies, powers)."""
+        """Shared (t, branch), local (q, v, a, lam, data) -> F, F at a = 0, (energies, powers)."""
         x = self.local
-        local = ca.vertcat(x.q, x.v, x.a, x.data)
         still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
-        return Kernel.of("balance", x.time, local, [ca.densify(o) for o in outputs])
+        return Kernel.of("balance", x.time, self._stacked, [ca.densify(o) for o in outputs])

@@ -10,8 +10,9 @@ import casadi as ca
 
 SX = ca.SX
 
-# What the kernels of all matrices share: the time, and what their parts are multiplied by.
-MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h")
+# What the kernels of all matrices share: the time, what their parts are multiplied by, and what
+# the multipliers that go in are to be multiplied by to be those of the equations.
+MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h", "c_r")
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,17 @@ class Local:
 
     def ddot(self, expression: SX) -> SX:
         """Second time derivative of an expression in t and q along the motion."""
-        dot = self.dot(expression)
+        return self.rate(self.dot(expression))
+
+    def rate(self, dot: SX) -> SX:
+        """Time derivative of an expression in t, q and v along the motion."""
         moved = ca.jtimes(dot, self.q, self.v) + ca.jtimes(dot, self.v, self.a) if self.size else 0
         return moved + ca.jtimes(dot, self.time, SX([1, 0]))
+
+    @staticmethod
+    def factors() -> SX:
+        """What `MATRIX_SHARED` has behind the time."""
+        return SX.sym("c", len(MATRIX_SHARED) - 2)
 
 
 def column_misfit(name: str, value: Any, rows: int, *symbols: SX) -> str:

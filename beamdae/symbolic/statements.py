@@ -20,6 +20,7 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.local import SX, Local, column_misfit
+from beamdae.symbolic.nonholonomic_kernel import NonholonomicKernel
 
 __all__ = [
     "SX",
@@ -29,6 +30,7 @@ __all__ = [
     "ForceStatement",
     "Local",
     "Named",
+    "NonholonomicKernel",
     "Piece",
     "Quantity",
     "QuantityKernel",
@@ -66,13 +68,15 @@ class ForceStatement:
     """`count` copies of one force kernel: `data` has one column a copy.
 
     Each piece's operator stacks the local rows of copy 0, copy 1, ... so that it has
-    count * rows rows; the pieces of one copy follow each other in the local coordinates.
+    count * rows rows; the pieces of one copy follow each other in the local coordinates. `joint`
+    names the part whose multipliers are local.lam, if any.
     """
 
     part: str
     kernel: ForceKernel
     pieces: tuple[Piece, ...]
     data: np.ndarray
+    joint: str | None = None
 
     @property
     def count(self) -> int:

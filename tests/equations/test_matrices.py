@@ -1,0 +1,103 @@
+"""Matrices of all forms for joints that hold velocities and forces that follow reactions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, assert_derivative
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import FIRST_ORDER, first_order, first_order_parts
+from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.step_equations import Predicted, step_equations
+
+TIME = np.array([0.3, 0.4])
+
+
+def _equations():
+    """A crank, a beam and a disk that rolls on the beam's end, all of them rubbing."""
+    mech = bd.Mechanism(gravity=(0.3, -2.0))
+    crank = mech.add(bd.RigidBody("crank", mass=1.1, inertia=0.4, center=(0.1, 0.0)))
+    beam = mech.add(VARIANTS[0].beam(ARC))
+    disk = mech.add(bd.RigidBody("disk", mass=0.7, inertia=0.1, center=(0.5, 0.4)))
+    far = mech.add(bd.RigidBody("far", mass=0.7, inertia=0.1, center=(0.5, -0.4)))
+    bearing = mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(bd.Revolute("pin", crank.at(*ARC.start), beam.start))
+    slot = mech.add(bd.PointOnLine("slot", crank.at(0.5, 0.4), disk.at(0.5, 0.4), (0.3, 1.0)))
+    mech.add(bd.Skate("skate", beam.at(0.7), direction=(1.0, 0.4)))
+    apart = float(np.hypot(*np.subtract((0.5, 0.4), beam.end.point)))
+    radii = (0.4 * apart, 0.6 * apart)
+    mech.add(bd.RollingOnCircle("gear", beam.end, disk.at(0.5, 0.4), radii))
+    mech.add(bd.RollingOnLine("road", mech.ground.at(0.0, -0.6), far.at(0.5, -0.4), 0.2))
+    # Wide enough for differences over 1e-3.
+    law = {"coefficient": 0.4, "regularization": 2.0, "smoothing": 0.5}
+    mech.add(bd.Friction("rub", bearing, **law, radius=0.3, static=0.6, stribeck=3.0))
+    mech.add(bd.Friction("slide", slot, **law))
+    return bd.equations_of_motion(mech)
+
+
+@pytest.fixture(scope="module")
+def equations():
+    return _equations()
+
+
+def _full(pattern, nonzeros):
+    matrix = pattern.copy()
+    matrix.data = np.array(nonzeros).ravel()
+    return matrix.toarray()
+
+
+@pytest.mark.parametrize("form", FIRST_ORDER)
+def test_jacobian_of_first_order_forms(equations, form):
+    system = first_order(equations, form)
+    rng = np.random.default_rng(9)
+    y, yp = 0.3 * rng.standard_normal((2, system.size))
+    y[: equations.n] += equations.q0
+    c = 1.7
+
+    def residual(z):
+        return system.residual(TIME, z, yp + c * (z - y))
+
+    jacobian = _full(system.pattern, system.jacobian(TIME, y, yp, c))
+    assert_derivative(jacobian, residual, y)
+    apart = first_order(equations, form, apart=True)
+    parts = np.zeros((2, apart.pattern.nnz))
+    first_order_parts(apart.buffers(), *TIME, y, yp, parts.ravel())
+    whole = system.jacobian(TIME, y, yp, c)
+    assert (system.pattern != apart.pattern).nnz == 0
+    assert_allclose(parts[0] + c * parts[1], whole, rtol=1e-12, atol=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
+def test_jacobian_of_step_equations(equations, stabilized):
+    step = step_equations(equations, stabilized)
+    rng = np.random.default_rng(10)
+    x = 0.2 * rng.standard_normal(step.size)
+    q_p, q_n = equations.q0 + 0.2 * rng.standard_normal((2, equations.n))
+    v_p, a_p = rng.standard_normal((2, equations.n))
+    at = Predicted(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
+    whole = _full(step.pattern, step.jacobian(TIME, at, x))
+    # Corrections of positions, r = -G^T eta, stand in the matrix as unknowns of their own.
+    own, r = slice(step.size), slice(step.size, None)
+    jacobian = whole[own, own] - whole[own, r] @ whole[r, own]
+    assert_derivative(jacobian, lambda z: step.residual(TIME, at, z), x)
+
+
+@pytest.mark.parametrize("form", FIRST_ORDER)
+def test_packed_states_solve_the_first_order_form(equations, form):
+    v = np.random.default_rng(11).standard_normal(equations.n)
+    state = Starter(equations).state(TIME, equations.q0, v)
+    system = first_order(equations, form)
+    # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
+    assert_allclose(system.residual(TIME, *system.pack(state)), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_start_closes_what_holds_positions_and_velocities(equations, level):
+    rng = np.random.default_rng(12)
+    q = equations.q0 + 1e-3 * rng.standard_normal(equations.n)
+    v = rng.standard_normal(equations.n)
+    state = Starter(equations).state(TIME, q, v)
+    assert_allclose(StartEquations(equations).levels(TIME, *state[:3])[level], 0.0, atol=1e-11)

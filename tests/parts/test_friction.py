@@ -1,0 +1,232 @@
+"""Friction in joints: closed forms, tangents, books, refusals."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from conformance import IDA_FORMS, integrators, tuned
+from numpy.testing import assert_allclose
+from support import Numeric, assert_derivative
+
+import beamdae as bd
+from beamdae.parts.part import Part
+from beamdae.symbolic.statements import ForceKernel, ForceStatement, Local
+
+GRAVITY, MASS, COEFFICIENT = 9.81, 2.0, 0.3
+
+
+class Spring(Part):
+    """Pulls the x of a body to where it is zero."""
+
+    def __init__(self, name, body, stiffness):
+        self.name, self.body, self.stiffness = name, body, stiffness
+
+    def forces(self, gravity):
+        point = self.body.at(*self.body.center)
+        local = Local(point.size)
+        x = point.position(local.q)[0]
+        energy = 0.5 * self.stiffness * x**2
+        force = ca.gradient(energy, local.q)
+        kernel = ForceKernel(local, force, ca.vertcat(0, energy, 0))
+        return [ForceStatement(self.name, kernel, (point.piece,), np.zeros((0, 1)))]
+
+
+def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction):
+    """A block on a guide that turns with the drawing, pressed onto it by its weight."""
+    c, s = np.cos(turn), np.sin(turn)
+    mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
+    center = (at[0] + c * start, at[1] + s * start)
+    body = mech.add(bd.RigidBody("block", MASS, 0.5, center, (c * speed, s * speed)))
+    guide = bd.PointOnLine("guide", mech.ground.at(*at), body.at(*center), (c, s))
+    mech.add(guide)
+    if spring is not None:
+        mech.add(Spring("spring", body, spring))
+    given = {"coefficient": COEFFICIENT, "regularization": 1e-3} | friction
+    rubbing = mech.add(bd.Friction("friction", guide, **given))
+    mech.observe("friction", rubbing.reaction)
+    mech.observe("block", body.at(*center))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [pytest.param(x, id=name) for name, x in tuned(1e-8, 1e-3, also=IDA_FORMS).items()],
+)
+@pytest.mark.parametrize("turn", [0.0, 2.5])
+def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
+    found = bd.simulate(block(turn=turn, at=(2.0, -1.0)), integrator, 0.5, 0.1)
+    travel = 2.0 * found.t - 0.5 * COEFFICIENT * GRAVITY * found.t**2
+    gone = np.hypot(found.q[:, 0] - 2.0, found.q[:, 1] + 1.0)
+    # Smoothing takes (1e-3 / N)^2 / 2 of the reaction N of 20 N, 1e-9; the rest is rtol.
+    assert_allclose(gone, travel, rtol=0.0, atol=2e-8)
+    held = COEFFICIENT * MASS * GRAVITY
+    assert_allclose(found.columns["friction.F [N]"], -held, rtol=1e-6)
+    assert_allclose(found.columns["friction.v [m/s]"], 2.0 - 0.3 * GRAVITY * found.t, atol=1e-6)
+    assert found.quality.energy_imbalance < 1e-7
+    assert_allclose(found.ledger["energy.dissipated [J]"], held * travel, atol=1e-6)
+
+
+@integrators(1e-7, 2.5e-4)
+def test_amplitudes_of_a_spring_fall_by_four_mu_n_over_k_in_each_cycle(integrator):
+    """Linear decay, for which friction is to be regularized over far less than the speeds."""
+    stiffness, start = 800.0, 0.2
+    mech = block(speed=0.0, start=start, spring=stiffness, regularization=1e-4)
+    period = 2.0 * np.pi * np.sqrt(MASS / stiffness)
+    found = bd.simulate(mech, integrator, 3.0 * period, 0.5 * period)
+    drop = 2.0 * COEFFICIENT * MASS * GRAVITY / stiffness
+    half = np.arange(len(found.t))
+    amplitudes = (-1.0) ** half * (start - half * drop)
+    # Over the times the speed is below 1e-4 m/s, of 1 to 4 m/s, and 1e-4 of each half a period.
+    assert_allclose(found.q[:, 0], amplitudes, rtol=0.0, atol=5e-4 * drop)
+    assert found.quality.energy_imbalance < 1e-4
+
+
+def test_more_than_it_can_be_pushed_by_holds_it():
+    """A spring that pulls by less than mu N: it creeps by v = regularization atanh(F / (mu N))."""
+    pull = 3.0
+    mech = block(speed=0.0, start=1.0, spring=pull)
+    found = bd.simulate(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
+    creep = 1e-3 * np.arctanh(pull / (COEFFICIENT * MASS * GRAVITY))
+    assert_allclose(found.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3)  # as the spring slackens
+
+
+@pytest.mark.parametrize("speed", [1e-4, 0.01, 0.05, 2.0])
+def test_stribeck(speed):
+    law = {"static": 0.5, "stribeck": 0.02, "regularization": 1e-3}
+    numeric = Numeric(block(speed=speed, **law))
+    expected = -MASS * GRAVITY * np.tanh(speed / 1e-3)
+    expected *= 0.3 + 0.2 * np.exp(-((speed / 0.02) ** 2))
+    found = numeric.observed("friction", v=[speed, 0.0, 0.0], lam=[-MASS * GRAVITY])
+    assert_allclose(found, [expected, speed], rtol=1e-8)  # by the smoothing
+
+
+def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
+    """A bar in a bearing that rubs."""
+    c, s = np.cos(turn), np.sin(turn)
+    mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
+    bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (at[0] + 0.5 * c, at[1] + 0.5 * s)))
+    ends = [mech.ground.at(*at), bar.at(*at)]
+    pin = mech.add(bd.Revolute("pin", *(ends[::-1] if swap else ends)))
+    given = {"coefficient": 0.3, "regularization": 0.01, "radius": 0.05} | friction
+    mech.observe("friction", mech.add(bd.Friction("friction", pin, **given)).reaction)
+    mech.observe("pin", pin.reaction)
+    return mech
+
+
+@integrators(1e-7, 1e-3)
+def test_a_bearing_takes_what_the_pendulum_loses(integrator):
+    peak = {"static": 0.4, "stribeck": 0.05}
+    found = bd.simulate(pendulum(**peak), integrator, 5.0, 0.01)
+    assert found.quality.energy_imbalance < 1e-4
+    reference = bd.simulate(pendulum(**peak), bd.Radau(rtol=1e-10), 5.0, 0.01)
+    # Generalized-alpha is off by 4e-5 at this step.
+    assert_allclose(found.q[:, 2], reference.q[:, 2], rtol=0.0, atol=2e-4)
+    held = np.hypot(reference.columns["pin.Fx [N]"], reference.columns["pin.Fy [N]"])
+    slip = 0.05 * reference.v[:, 2]
+    assert_allclose(reference.columns["friction.v [m/s]"], slip, rtol=1e-12)
+    size = 0.3 + 0.1 * np.exp(-((slip / 0.05) ** 2))
+    moment = -0.05 * held * size * np.tanh(slip / 0.01)
+    assert_allclose(reference.columns["friction.M [N m]"], moment, rtol=1e-6, atol=1e-9)
+
+
+def test_turned_moved_and_named_the_other_way_round():
+    integrator = bd.Radau(rtol=1e-10)
+    plain = bd.simulate(pendulum(), integrator, 2.0, 0.5)
+    moved = bd.simulate(pendulum(1.3, (4.0, -3.0)), integrator, 2.0, 0.5)
+    swapped = bd.simulate(pendulum(swap=True), integrator, 2.0, 0.5)
+    # Steps may differ where rounding does, so that runs agree to their tolerance.
+    assert_allclose(moved.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
+    assert_allclose(swapped.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
+    moments = [x.columns["friction.M [N m]"] for x in (plain, moved, swapped)]
+    assert_allclose(moments[1], moments[0], rtol=0.0, atol=1e-6)
+    assert_allclose(moments[2], -moments[0], rtol=0.0, atol=1e-6)
+
+
+def test_without_a_coefficient_nothing_changes():
+    frictionless = pendulum(coefficient=0.0)
+    bare = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    bar = bare.add(bd.RigidBody("bar", MASS, 0.2, (0.5, 0.0)))
+    bare.add(bd.Revolute("pin", bare.ground.at(0, 0), bar.at(0, 0)))
+    runs = [bd.simulate(mech, bd.Radau(rtol=1e-8), 2.0, 0.5) for mech in (frictionless, bare)]
+    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-9)
+
+
+def test_a_rod_that_no_acceleration_fits_is_told_of():
+    """Painleve's: pushed ahead of its contact it digs itself in, for I = m l^2 / 3 and 135 deg."""
+    half, turn = 1.0, 0.75 * np.pi
+
+    def rod(coefficient):
+        center = (half * np.cos(turn), half * np.sin(turn))
+        mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+        bar = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 3.0, center, velocity=(1.0, 0.0)))
+        tip = bd.PointOnLine("floor", mech.ground.at(0, 0), bar.at(0, 0))
+        mech.add(bd.Friction("rub", mech.add(tip), coefficient, regularization=1e-3))
+        return mech
+
+    # N (1 + 3 cos^2) + 3 mu |N| cos sin = m g: from mu = (1 + 1.5) / 1.5 on there is no N.
+    bd.simulate(rod(1.6), bd.Radau(), 1e-3)
+    with pytest.raises(bd.BeamdaeError, match=r"floor: no accelerations .* at t = 0 s, .*Painleve"):
+        bd.simulate(rod(1.8), bd.Radau(), 1e-3)
+
+
+def test_tangents_are_derivatives():
+    numeric = Numeric(pendulum(regularization=0.5, static=0.4, stribeck=0.3, smoothing=0.7))
+    start, q = numeric._start, np.array([0.3, 0.2, 0.4])
+    v, lam = np.array([0.2, -0.4, 1.1]), np.array([0.8, -0.5])
+
+    def tangent(*c):
+        nonzeros = start.saddle(numeric.time, q, v, None, c, lam)
+        pattern = start.sums.saddle_pattern.copy()
+        pattern.data = nonzeros
+        return pattern.toarray()[:3]
+
+    damping, still = tangent(0.0, 1.0, 0.0), tangent(0.0, 0.0, 0.0)
+    assert_derivative(damping[:, :3], lambda x: start.force(numeric.time, q, x, None, lam), v)
+    reactions = numeric.constraint_matrix(q).T
+    by_lam = still[:, 3:] - reactions
+    assert np.any(by_lam)
+    assert_derivative(by_lam, lambda x: start.force(numeric.time, q, v, None, x), lam)
+    powers = numeric.energies(q, v, None, lam)
+    # What it dissipates is its work.
+    free = numeric.force(q, v) @ v
+    assert_allclose(powers[4], start.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12)
+
+
+GROUND = bd.Mechanism().ground
+BODY = bd.RigidBody("body", 1.0, 0.1)
+ENDS = (GROUND.at(0, 0), BODY.at(0, 0))
+PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Friction("f", PIN, 0.1, 1e-3), "f: friction in pin needs radius=, of the bear"),
+        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius has no meaning for lin"),
+        (lambda: bd.Friction("f", LINE, -0.1, 1e-3), "f: coefficient must not be negative"),
+        (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: regularization must be positive, got 0"),
+        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, smoothing=0), "f: smoothing must be positive"),
+        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.2), "f: static and stribeck must be given bo"),
+        (
+            lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.05, 0.1),
+            "f: static must be at least the coefficient, .* got 0.05 and 0.1",
+        ),
+        (
+            lambda: bd.Friction("f", bd.Weld("w", *ENDS), 0.1, 1e-3),
+            "f: joint must be one that turns or slides, .* got Weld",
+        ),
+        (lambda: bd.Friction("f", BODY.at(0, 0), 0.1, 1e-3), "f: joint must be one that turns"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
+
+
+def test_its_joint_must_be_part_of_the_mechanism():
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1))
+    line = bd.PointOnLine("line", mech.ground.at(0, 0), body.at(0, 0))
+    with pytest.raises(bd.BeamdaeError, match="it refers to 'line', which must be added"):
+        mech.add(bd.Friction("f", line, 0.1, 1e-3))

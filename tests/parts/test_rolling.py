@@ -1,0 +1,278 @@
+"""Rolling and skating: closed forms, levels along motions, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import IDA_FORMS, integrators, tuned
+from numpy.testing import assert_allclose
+from published_cases import pendulum_motion
+from support import ARC, VARIANTS, Numeric, assert_derivative, slope
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+from beamdae.integrators.alpha_jerk import JerkEquations, normal_jerk
+from beamdae.integrators.alpha_run import Motion
+from beamdae.native.codes import DONE
+
+MASS, INERTIA = 1.3, 0.4
+# Of a mechanism with a disk centered at (0.5, 0.4) and a beam on ARC, each apart from the other.
+TIP = tuple(ARC.point(ARC.length))
+APART = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
+NONHOLONOMIC = {
+    "skate": lambda m, d, b: bd.Skate("j", d.at(0.1, 0.2), direction=(1.0, -0.3)),
+    "skate on a beam": lambda m, d, b: bd.Skate("j", b.at(0.7), direction=(0.0, 2.0)),
+    "outside a circle": lambda m, d, b: bd.RollingOnCircle(
+        "j", b.end, d.at(0.5, 0.4), (0.4 * APART, 0.6 * APART)
+    ),
+    "inside a ring": lambda m, d, b: bd.RollingOnCircle(
+        "j", m.ground.at(0.5, 0.1), d.at(0.5, 0.4), (0.8, 0.5)
+    ),
+    "ring around a circle": lambda m, d, b: bd.RollingOnCircle(
+        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + APART)
+    ),
+}
+every_constraint = pytest.mark.parametrize("make", NONHOLONOMIC.values(), ids=list(NONHOLONOMIC))
+
+
+def jointed(make):
+    mech = bd.Mechanism(gravity=(0.2, -1.5))
+    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
+    beam = mech.add(VARIANTS[0].beam(ARC))
+    joint = mech.add(make(mech, disk, beam))
+    mech.observe("reaction", joint.reaction)
+    return Numeric(mech)
+
+
+@every_constraint
+def test_levels_are_linear_in_velocities_and_derivatives_of_each_other(make):
+    numeric = jointed(make)
+    rng = np.random.default_rng(0)
+    q = numeric.equations.q0 + 0.1 * rng.standard_normal(numeric.n)
+    v, a = rng.standard_normal((2, numeric.n))
+    matrix = numeric.constraint_matrix(q)
+    # The drawing is closed and the constraints are at rest; rounding.
+    assert_allclose(numeric.levels[0](), 0.0, atol=1e-13)
+    assert_allclose(matrix @ v, numeric.levels[1](q, v), atol=1e-12)
+    rate = slope(
+        lambda t: numeric.levels[1](q + t * v + 0.5 * t**2 * a, v + t * a), 0.0, np.ones(1)
+    )
+    assert_allclose(numeric.levels[2](q, v, a), rate, atol=1e-9)  # as differences are off
+    lam = rng.standard_normal(numeric.m)
+    assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-12)
+    assert_allclose(numeric.observed("reaction", q=q, lam=lam), -lam, rtol=1e-15)
+    # Both of a circle hold the distance as well.
+    for k in np.flatnonzero(numeric.levels[0](q)):
+        assert_derivative(matrix[[k]], lambda x, k=k: numeric.levels[0](x)[[k]], q)
+
+
+# Chaplygin's sleigh: the blade is ARM behind the center of mass. With J = I + m ARM^2 the speed
+# along it is SPIN sqrt(J/m) tanh(k t), the angular velocity SPIN / cosh(k t), k = ARM SPIN
+# sqrt(m/J), and the side force m (v w)(I/J).
+ARM, SPIN = 0.3, 2.0
+ROOTED = INERTIA + MASS * ARM**2
+
+
+def sleigh(turn=0.0, at=(0.0, 0.0)):
+    c, s = np.cos(turn), np.sin(turn)
+    center = (at[0] + c * ARM, at[1] + s * ARM)
+    speed = (-s * ARM * SPIN, c * ARM * SPIN)
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("sleigh", MASS, INERTIA, center, speed, SPIN))
+    skate = mech.add(bd.Skate("skate", body.at(*at), direction=(c, s)))
+    mech.observe("blade", body.at(*at))
+    mech.observe("side", skate.reaction)
+    return mech
+
+
+def sleigh_motion(t):
+    """Angle, angular velocity and side force."""
+    k = ARM * SPIN * np.sqrt(MASS / ROOTED)
+    rate = SPIN / np.cosh(k * t)
+    speed = SPIN * np.sqrt(ROOTED / MASS) * np.tanh(k * t)
+    angle = 2.0 * SPIN / k * np.arctan(np.tanh(0.5 * k * t))
+    return angle, rate, MASS * INERTIA / ROOTED * speed * rate
+
+
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+@pytest.mark.parametrize("rho_inf", [0.9, 0.0])
+def test_generalized_alpha_is_of_second_order(formulation, rho_inf):
+    def errors(steps):
+        step = 2.0 / steps
+        integrator = bd.GeneralizedAlpha(
+            step=step, newton_tolerance=1e-10, formulation=formulation, rho_inf=rho_inf
+        )
+        found = bd.simulate(sleigh(), integrator, 2.0, step)
+        angle, rate, force = sleigh_motion(found.t)
+        off = found.q[:, 2] - angle, found.v[:, 2] - rate, -found.lam[:, 0] - force
+        return np.max(np.abs(off), axis=1)
+
+    # The next order still shows for rho_inf = 0.
+    assert_allclose(np.log2(errors(200) / errors(400)), 2.0, rtol=0.0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [pytest.param(x, id=name) for name, x in tuned(1e-7, 1e-3, also=IDA_FORMS).items()],
+)
+def test_chaplygin_sleigh(integrator):
+    found = bd.simulate(sleigh(), integrator, 4.0, 0.1)
+    angle, rate, force = sleigh_motion(found.t)
+    # Runs of Ida whose form is asked for keep positions alone to rtol, 100 of it in their worst;
+    # generalized-alpha is off by 4e-7 at this step.
+    assert_allclose(found.q[:, 2], angle, rtol=0.0, atol=2e-5)
+    assert_allclose(found.v[:, 2], rate, rtol=0.0, atol=1e-4)
+    assert_allclose(found.columns["side.F [N]"], force, rtol=0.0, atol=5e-3)
+    assert found.quality.max_position_drift == 0.0
+
+
+@pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
+def test_turned_and_moved_sleigh(name):
+    turn, at = 1.1, (3.0, -2.0)
+    integrator = tuned(1e-9, 1e-3)[name]
+    plain = bd.simulate(sleigh(), integrator, 3.0, 0.5).columns
+    moved = bd.simulate(sleigh(turn, at), integrator, 3.0, 0.5).columns
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = plain["blade.x [m]"], plain["blade.y [m]"]
+    # Steps may differ where rounding does, so that runs agree to their tolerance.
+    assert_allclose(moved["blade.x [m]"], at[0] + c * x - s * y, rtol=0.0, atol=1e-7)
+    assert_allclose(moved["blade.y [m]"], at[1] + s * x + c * y, rtol=0.0, atol=1e-7)
+
+
+@integrators(1e-7, 1e-3)
+def test_knife_edge_on_an_inclined_plane(integrator):
+    """It goes nowhere downhill: x = (g / 2 w^2) sin^2 w t, Arevalo & Loetstedt 1995."""
+    pull, spin = 3.0, 1.5
+    mech = bd.Mechanism(gravity=(pull, 0.0))
+    body = mech.add(bd.RigidBody("edge", MASS, INERTIA, angular_velocity=spin))
+    skate = mech.add(bd.Skate("skate", body.at(0.0, 0.0)))
+    mech.observe("side", skate.reaction)
+    found = bd.simulate(mech, integrator, 10.0, 0.1)
+    turn, reach = spin * found.t, 0.5 * pull / spin**2
+    place = reach * np.stack([np.sin(turn) ** 2, turn - 0.5 * np.sin(2.0 * turn)], axis=1)
+    # Generalized-alpha is off by 4e-6 at this step, and forces by rtol of the adaptive runs times
+    # the square of their rates.
+    assert_allclose(found.q[:, :2], place, rtol=0.0, atol=2e-5)
+    assert_allclose(
+        found.columns["side.F [N]"], 2.0 * MASS * pull * np.sin(turn), rtol=0.0, atol=2e-3
+    )
+    assert found.quality.max_velocity_drift < 1e-5
+    assert found.quality.energy_imbalance < 1e-4
+
+
+@integrators(1e-7, 1e-3)
+def test_disk_rolls_down_an_incline(integrator):
+    """a = g sin(slope) / (1 + I/(m r^2)), on either side of the line."""
+    radius, slope_angle, gravity = 0.3, 0.4, 9.81
+    direction = np.array([np.cos(slope_angle), -np.sin(slope_angle)])
+    normal = np.array([np.sin(slope_angle), np.cos(slope_angle)])
+    rate = gravity * np.sin(slope_angle) / (1.0 + INERTIA / (MASS * radius**2))
+    for along in (1.0, -1.0):
+        mech = bd.Mechanism(gravity=(0.0, -gravity))
+        center = tuple((radius * normal + 0.7 * direction).tolist())
+        disk = mech.add(bd.RigidBody("disk", MASS, INERTIA, center))
+        rolling = bd.RollingOnLine(
+            "r", mech.ground.at(0, 0), disk.at(*center), radius, tuple(along * direction)
+        )
+        mech.observe("r", mech.add(rolling).reaction)
+        found = bd.simulate(mech, integrator, 1.0, 0.25)
+        travel = 0.5 * rate * found.t**2
+        # A parabola, which steps of all orders follow but for rtol.
+        assert_allclose((found.q[:, :2] - center) @ direction, travel, rtol=0.0, atol=1e-7)
+        assert_allclose(found.q[:, 2], -travel / radius, rtol=0.0, atol=1e-6)
+        held = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
+        forces = [found.columns["r.Fn [N]"], found.columns["r.Ft [N]"]]
+        assert_allclose(along * np.array(forces).T, np.tile(held, (5, 1)), rtol=1e-5)
+
+
+@integrators(1e-7, 1e-3)
+def test_disk_swings_in_a_ring_like_a_pendulum(integrator):
+    """(R - r) phi'' = -g sin(phi) / (1 + I/(m r^2)); with R - r = 1 a pendulum of length 1."""
+    ring, radius, gravity, angle, speed = 1.25, 0.25, 9.81, 0.8, 0.5
+    reduced = gravity / (1.0 + INERTIA / (MASS * radius**2))
+    e = np.array([np.sin(angle), -np.cos(angle)])
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    across = np.array([np.cos(angle), np.sin(angle)])
+    disk = mech.add(
+        bd.RigidBody("disk", MASS, INERTIA, tuple(e), tuple(speed * across), -speed / radius)
+    )
+    mech.add(bd.RollingOnCircle("r", mech.ground.at(0, 0), disk.at(*e), (ring, radius)))
+    found = bd.simulate(mech, integrator, 5.0, 0.25)
+    known = pendulum_motion(reduced, angle, speed, found.t)
+    # Generalized-alpha is off by 1e-6 at this step, the others by some rtol.
+    assert_allclose(found.q[:, :2], known["q"], rtol=0.0, atol=1e-5)
+    swung = np.arctan2(found.q[:, 0], -found.q[:, 1]) - angle
+    assert_allclose(found.q[:, 2], -swung / radius, rtol=0.0, atol=1e-5)
+    assert found.quality.energy_imbalance < 1e-5
+
+
+def test_jerk_of_positions_is_the_same_in_loops():
+    numeric = jointed(NONHOLONOMIC["inside a ring"])
+    equations = numeric.equations
+    rng = np.random.default_rng(1)
+    starter = Starter(equations)
+    state = starter.state(numeric.time, equations.q0, rng.normal(size=numeric.n))
+    expected = starter.normal_jerk(numeric.time, state, 1e-4, of_positions=True)
+    jerk = JerkEquations.of(equations).buffers(False)
+    at = Motion(state.q, state.v, state.a, state.a, state.lam)
+    assert normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE
+    # Differences over 1e-4 of accelerations of order one are rounded to 1e-12 of their sizes.
+    assert_allclose(jerk.found[: numeric.n], expected, rtol=1e-6, atol=1e-6)
+
+
+GROUND = bd.Mechanism().ground
+DISK = bd.RigidBody("disk", 1.0, 0.1, center=(0.0, 1.0))
+CENTER = DISK.at(0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER, 0.9),
+            r"r: the disk must touch the line .* disk at \(0, 1\) is 1 m off .* radius is 0.9 m",
+        ),
+        (lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER), "r: radius must be positive"),
+        (
+            lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER, 1.0, (0.0, 0.0)),
+            "r: direction must not be zero",
+        ),
+        (
+            lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, (0.5, 0.4)),
+            r"r: the disk must touch the circle .* are 1 m apart, which is neither the sum nor the "
+            "difference of the radii 0.5 m and 0.4 m",
+        ),
+        (
+            lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, 0.5),
+            r"r: radii must be a pair \(of the circle, of the disk\), got 0.5",
+        ),
+        (
+            lambda: bd.RollingOnCircle("r", GROUND.at(0, 1), CENTER, (0.5, 0.5)),
+            "r: the disk must touch the circle",
+        ),
+        (
+            lambda: bd.Skate("s", bd.PointMass("p", 1.0, at=(0, 0)).point),
+            r"s: p at \(0, 0\) is a particle and has no angle",
+        ),
+        (lambda: bd.Skate("s", GROUND.at(0, 0)), r"s: ground at \(0, 0\) does not move"),
+        (lambda: bd.Skate("s", CENTER, (0, 0)), "s: direction must not be zero"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
+
+
+def test_two_skates_across_each_other_hold_a_point():
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1, velocity=(1.0, 1.0), angular_velocity=0.5))
+    for name, direction in (("first", (1.0, 0.0)), ("second", (0.0, 1.0))):
+        mech.add(bd.Skate(name, body.at(0.2, 0.0), direction))
+    mech.observe("held", body.at(0.2, 0.0))
+    found = bd.simulate(mech, bd.Radau(), 1.0, 0.5).columns
+    # The velocities of the point are equations of the form, its place their integral.
+    assert_allclose(found["held.x [m]"], 0.2, rtol=0.0, atol=1e-6)
+    assert_allclose(found["held.y_dot [m/s]"], 0.0, rtol=0.0, atol=1e-8)
+    mech.add(bd.Skate("third", body.at(0.2, 0.0), (1.0, 1.0)))
+    with pytest.raises(bd.BeamdaeError, match="depend"):
+        bd.simulate(mech, bd.Radau(), 0.1, 0.1)
