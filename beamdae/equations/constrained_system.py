@@ -15,13 +15,13 @@ import scipy.sparse as sp
 from beamdae.equations.assemble import build
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.expressions import KIND, Expressions, column, numbers, texts
-from beamdae.equations.fit import require_unique, require_unit
+from beamdae.equations.fit import require_unit
 from beamdae.equations.owners import Owners
 from beamdae.equations.poles import varying_laws
+from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
 from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
-    ConstraintKernel,
     ConstraintStatement,
     ForceKernel,
     ForceStatement,
@@ -29,8 +29,6 @@ from beamdae.symbolic.statements import (
     Piece,
     Quantity,
 )
-
-_CONSTRAINT = "constraint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +46,9 @@ class ConstrainedSystem:
     constraints
         g, shape (m,), or by name of the multiplier with its unit, {"rod [N]": g_rod, ...}; may be
         left out.
+    velocity_constraints
+        A(t, q) v + b(t, q), shape (k,) or by name as `constraints`: nonholonomic constraints, which
+        hold velocities alone. Their multipliers come after the others.
     q0, v0
         Start; made consistent with the constraints.
     names
@@ -110,6 +111,7 @@ class ConstrainedSystem:
     strain_energy: Any = 0.0
     gravity_energy: Any = 0.0
     dissipated_power: Any = 0.0
+    velocity_constraints: Any = None
 
     def __post_init__(self) -> None:
         given = self._expressions
@@ -143,8 +145,9 @@ class ConstrainedSystem:
         coordinates = tuple(Named(name, unit) for name, unit in named)
         length = _length(self.q0, coordinates)
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
-        held = self._constraint_statements(piece)
-        laws = self._expressions.laws
+        given = self._expressions
+        held = constraint_statements(given, piece, self.constraints, self.velocity_constraints)
+        laws = given.laws
         scales = [self.time_scale, *(law.time_scale for _, law in laws)]
         return build(
             coordinates=coordinates,
@@ -217,39 +220,6 @@ class ConstrainedSystem:
         )
         return ForceStatement("system", kernel, (piece,), given.numbers[:, None])
 
-    def _constraint_statements(self, piece: Piece) -> list[ConstraintStatement]:
-        given, by_name = self._expressions, self.constraints
-        if by_name is None:
-            return []
-        local = given.local()
-        if isinstance(by_name, dict):
-            named = {column(header): expression for header, expression in by_name.items()}
-            found = [
-                (x, given.stated(local, expression, f"the constraint {x.name}"))
-                for x, expression in named.items()
-            ]
-        else:
-            found = [(Named("g", "-"), given.stated(local, by_name, "constraints"))]
-        rows = [ca.reshape(expression, expression.numel(), 1) for _, expression in found]
-        g = ca.vertcat(ca.SX(0, 1), *rows)
-        if ca.depends_on(g, local.v):
-            raise BeamdaeError(f"{KIND}: constraints must not depend on v.")
-        if not g.numel():
-            return []
-        held = [
-            Named(x.name if isinstance(by_name, dict) and m == 1 else f"{x.name}{i}", x.unit)
-            for (x, _), m in zip(found, map(ca.SX.numel, rows), strict=True)
-            for i in range(m)
-        ]
-        require_unique(KIND, "constraints", [x.name for x in held])
-        stated = given.local(len(held))
-        g = ca.substitute(
-            [g], [local.time, local.q, local.data], [stated.time, stated.q, stated.data]
-        )[0]
-        kernel = ConstraintKernel(stated, g)
-        data = given.numbers[:, None]
-        return [ConstraintStatement(_CONSTRAINT, kernel, (piece,), tuple(held), data)]
-
     def _observables(
         self, coordinates: tuple[Named, ...], piece: Piece, held: list[ConstraintStatement]
     ) -> dict[str, Quantity]:
@@ -263,7 +233,7 @@ class ConstrainedSystem:
                     f"{KIND}: lam must have an entry for each of {m} constraints, "
                     f"got {self.lam.numel()}."
                 )
-            on, joint = (*on, "lam"), _CONSTRAINT
+            on, joint = (*on, "lam"), CONSTRAINT
 
         def quantity(name: str, unit: str, expression: Any) -> Quantity:
             return Quantity(

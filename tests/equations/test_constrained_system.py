@@ -452,3 +452,32 @@ def test_parameters_serve_in_constraints_and_columns():
     assert_allclose(solution.observed["far [-]"], 1.0, rtol=1e-6)
     # The drive does the work: twice the mass at 6 m/s, halved.
     assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], 18.0, rtol=1e-5)
+
+
+def test_constraints_of_velocities_come_after_those_of_positions():
+    lam = ca.SX.sym("lam")
+    wheel = system(
+        mass=[2.0, 3.0],
+        force=lambda t, q, v: ca.vertcat(10.0 + t, 0.0),
+        # It rolls without slip, q1 the angle of a wheel of 0.5 m, on a belt that moves.
+        constraints=None,
+        velocity_constraints=lambda t, q, v: {"grip [N]": v[0] - 0.5 * v[1] - t},
+        lam=lam,
+        observe={"grip [N]": lam},
+        q0=[0.0, 0.0],
+    )
+    solution = run(wheel, t_end=1.0)
+    t = solution.t
+    # 2 x'' + lam = 10 + t, 3 a'' - lam / 2 = 0, x'' - a'' / 2 = 1.
+    turn = (10.0 + t - 2.0) / 7.0
+    assert_allclose(solution.lam[:, 0], 6.0 * turn, rtol=1e-6)
+    assert_allclose(solution.observed["grip [N]"], 6.0 * turn, rtol=1e-6)
+    assert solution.equations.lam_names == ("constraint.grip",)
+    both = system(velocity_constraints=lambda t, q, v: v[0] - t * v[1])
+    assert both.equations.lam_names == ("constraint.g0", "constraint.h0")
+
+
+@pytest.mark.parametrize("row", [lambda v, q: v[0] ** 2, lambda v, q: q[0]])
+def test_constraints_of_velocities_are_linear_in_them(row):
+    with pytest.raises(bd.BeamdaeError, match=r"velocity_constraints must be linear in v\.$"):
+        _ = system(velocity_constraints=lambda t, q, v: row(v, q)).equations

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.cases import AREVALO, CYCLOID, ROTATING_ROD, pendulum, pendulum_motion
+from benchmarks.cases import AREVALO, CYCLOID, KNIFE_EDGE, ROTATING_ROD, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -16,6 +16,7 @@ CASES = {
     "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
     "pendulum": (SWING, lambda t: pendulum_motion(GRAVITY, ANGLE, SPEED, t), 2.0),
     "brachistochrone": (CYCLOID.equations, CYCLOID.answer, 1.5),
+    "knife edge": (KNIFE_EDGE.equations, KNIFE_EDGE.answer, 1.5),
     "rotating rod": (ROTATING_ROD.equations, ROTATING_ROD.answer, 1.5),
 }
 
@@ -98,7 +99,13 @@ def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
 @pytest.mark.parametrize(
     ("case", "steps", "order"),
     # The direction of a constraint that depends on time alone has no error.
-    [("Arevalo", 40, 3), ("pendulum", 80, 3), ("brachistochrone", 40, 3), ("rotating rod", 80, 4)],
+    [
+        ("Arevalo", 40, 3),
+        ("pendulum", 80, 3),
+        ("brachistochrone", 40, 3),
+        ("rotating rod", 80, 4),
+        ("knife edge", 40, 3),
+    ],
 )
 def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers(
     case, steps, order, monkeypatch

@@ -88,7 +88,9 @@ def test_more_than_it_can_be_pushed_by_holds_it():
     mech = block(speed=0.0, start=1.0, spring=pull)
     found = bd.simulate(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
     creep = 1e-3 * np.arctanh(pull / (COEFFICIENT * MASS * GRAVITY))
-    assert_allclose(found.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3)  # as the spring slackens
+    assert_allclose(
+        found.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3
+    )  # as the spring slackens
 
 
 @pytest.mark.parametrize("speed", [1e-4, 0.01, 0.05, 2.0])

@@ -5,7 +5,13 @@ import pandas as pd
 import pytest
 from benchmarks.cases import PARALLELOGRAM
 from benchmarks.run import CASES, INTEGRATORS, SUMMARY, rows
-from benchmarks.systems import car_axis, cycloid_slide, rotating_rod, spring_slider_crank
+from benchmarks.systems import (
+    car_axis,
+    cycloid_slide,
+    knife_edge,
+    rotating_rod,
+    spring_slider_crank,
+)
 from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 from scipy.optimize import brentq
@@ -50,7 +56,12 @@ def test_stored_errors_keep_the_promise(method):
 def test_stored_errors_of_fixed_steps_are_of_second_order(quantity):
     lines = STORED[STORED["setting"].str.contains("step") & (STORED["quantity"] == quantity)]
     # The springs of the car axis turn by 0.18 rad in the longest step: not yet the limit.
-    lines = lines[~lines["case"].isin(["car axis"])]
+    lines = lines[lines["case"] != "car axis"]
+    if quantity == "lam":
+        # Of its force no error of the steps is left, down to what Newton's iteration leaves.
+        knife = lines["case"] == "knife edge"
+        assert lines[knife]["relative"].max() < 1e-8
+        lines = lines[~knife]
     errors = lines.pivot_table(index="case", columns="setting", values="relative")
     for case, (longest, half, quarter) in errors[
         [f"GeneralizedAlpha step {h:g}" for h in (4e-3, 2e-3, 1e-3)]
@@ -108,7 +119,9 @@ def test_the_energies_of_the_slider_crank_are_those_sundials_has():
     )
 
 
-@pytest.mark.parametrize("model", [car_axis, spring_slider_crank, cycloid_slide, rotating_rod])
+@pytest.mark.parametrize(
+    "model", [car_axis, spring_slider_crank, cycloid_slide, rotating_rod, knife_edge]
+)
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda x: x.method)
 def test_the_books_close(model, integrator):
     solution = bd.simulate(model, integrator)

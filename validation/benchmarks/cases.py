@@ -16,6 +16,7 @@ from benchmarks.systems import (
     arevalo,
     car_axis,
     cycloid_slide,
+    knife_edge,
     parallelogram,
     particle_pendulum,
     rotating_rod,
@@ -263,6 +264,29 @@ ROTATING_ROD = PublishedCase(
 )
 
 
+def _knife_edge_answer(t: Array) -> dict[str, Array]:
+    pull, spin = 5.0, 2.0
+    turn, size = spin * t, pull / (2.0 * spin**2)
+    along = pull / spin * np.sin(turn)
+    x, y = size * np.sin(turn) ** 2, size * (turn - 0.5 * np.sin(2.0 * turn))
+    return {
+        "q": np.stack([x, y, turn], axis=-1),
+        "v": np.stack([along * np.cos(turn), along * np.sin(turn), 0.0 * t + spin], axis=-1),
+        "lam": 2.0 * pull * np.sin(turn)[:, None],
+    }
+
+
+KNIFE_EDGE = PublishedCase(
+    "knife edge",
+    "closed form (Bloch 2003): it slides down and up again on a cycloid across the slope",
+    knife_edge,
+    tuple(0.25 * k for k in range(1, 17)),
+    # Along the slope it goes twice as fast as it spins.
+    4.0,
+    _knife_edge_answer,
+)
+
+
 def _parallelogram_answer(t: Array) -> dict[str, Array]:
     crank, coupler, rate, start = 0.5, 1.0, 2.0, 0.3
     angle = start + rate * t
@@ -293,4 +317,5 @@ PUBLISHED_CASES = (
     SLIDER_CRANK,
     CYCLOID,
     ROTATING_ROD,
+    KNIFE_EDGE,
 )

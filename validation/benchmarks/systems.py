@@ -254,6 +254,32 @@ def rotating_rod(radius=0.1, rate=2.0):
     )
 
 
+@bd.model(t_end=4.0)
+def knife_edge(pull=5.0, spin=2.0):
+    """Knife edge (skate) on an inclined plane, spinning, released at rest: index 2, nonholonomic.
+
+    A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.6; JonasBreuling/scipy_dae,
+    examples/daes/knife_edge.py. `pull` is gravity along the plane [m/s^2]. It moves on a cycloid,
+    across the slope.
+    """
+    t, q, v = symbols(3)
+    g, phi = ca.SX.sym("g"), q[2]
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0, 1.0],
+        force=ca.vertcat(g, 0.0, 0.0),
+        velocity_constraints={"edge [N]": v[0] * ca.sin(phi) - v[1] * ca.cos(phi)},
+        q0=[0.0, 0.0, 0.0],
+        v0=[0.0, 0.0, spin],
+        names=("x", "y", "angle"),
+        units=("m", "m", "rad"),
+        parameters={g: pull},
+        gravity_energy=-g * q[0],
+    )
+
+
 @bd.model(t_end=3.0)
 def parallelogram(crank=0.5, coupler=1.0, rate=2.0, angle=0.3):
     """Parallelogram linkage of rigid bars without gravity, through its change points.
