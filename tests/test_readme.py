@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 
@@ -16,3 +17,19 @@ def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     table = pd.read_csv("results/pendulum.csv")
     assert table["t [s]"].iloc[-1] == 1.0
     assert {"tip.x [m]", "tip.angle [rad]", "gauge [-]"} <= set(table.columns)
+
+
+def test_the_system_of_equations_runs_as_printed():
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    section = readme.split("## Equations of one's own")[1].split("\n## ")[0]
+    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    given = {}
+    exec(compile(example, "README.md", "exec"), given)
+    solution = given["solution"]
+    assert list(solution.observed) == ["x [m]", "y [m]", "r [m]", "push [N]"]
+    assert solution.coordinates().columns[-1] == "lam.constraint.rod [N]"
+    # The rod begins level: it carries the weight.
+    np.testing.assert_allclose(solution.observed["push [N]"].iloc[0], 0.2 * 9.81, rtol=1e-6)
+    # A gravitational potential leaves nothing to be a load.
+    np.testing.assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-12)
+    assert solution.quality.energy_imbalance < 100e-6

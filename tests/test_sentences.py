@@ -21,6 +21,7 @@ DISK = bd.RigidBody("disk", mass=1.0, inertia=0.1)
 GROUND = bd.Mechanism().ground
 POINTS = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.1), (3.0, 0.2)]
 T, Q, V = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+LAM = ca.SX.sym("lam")
 
 
 def mechanism():
@@ -282,7 +283,7 @@ def test_names_that_spoil_a_table_are_refused(name):
         lambda: bd.RigidBody(name, 1.0, 1.0),
         lambda: mechanism().observe(name, DISK.at(0.0, 0.0)),
         lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], names=("x", name)),
-        lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], observe={name: T}),
+        lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], observe={f"{name} [m]": T}),
     ):
         with pytest.raises(bd.BeamdaeError, match="a name must"):
             make()
@@ -418,6 +419,30 @@ def test_a_mistyped_public_name_is_still_an_attribute_error():
         ({"scales": "x"}, "scales must have 2 entries, finite numbers"),
         ({"breakpoints": 1.0}, "breakpoints must be a list of times, got 1.0"),
         ({"observe": {3: T}}, "the name must be a non-empty text, got 3"),
+        ({"observe": {"x []": T}}, "units must be texts such as 'm' and 'rad', got ''"),
+        ({"observe": {"x [deg]": T}}, "angles must be in 'rad', got 'deg'"),
+        ({"observe": {"x [m]": T, "x [s]": T}}, "names must differ, got q0, q1, x, x"),
+        ({"observe": {"lam": LAM}}, "lam must depend on t, q and v alone, not on lam"),
+        ({"lam": LAM}, "lam must have an entry for each of 0 constraints, got 1"),
+        ({"lam": ca.MX.sym("lam")}, "t, q, v and lam must be all SX or all MX symbols"),
+        ({"lam": 3}, "lam must be a CasADi symbol"),
+        ({"lam": LAM, "force": [LAM, 0]}, "force must depend on t, q and v alone, not on lam"),
+        ({"constraints": {"rod [N]": V[0]}}, "constraints must not depend on v"),
+        ({"constraints": {"a": Q, "a0": Q[0]}}, "its constraints must differ, a0 comes twice"),
+        ({"constraints": {"rod [deg]": Q}}, "angles must be in 'rad', got 'deg'"),
+        ({"constraints": {"rod": "x"}}, "the constraint rod must be made of numbers"),
+        ({"parameters": {"m": 1.0}}, r"parameters must give a number or a law .* got {'m': 1.0}"),
+        ({"parameters": [1.0]}, "parameters must give a number or a law of time by symbol"),
+        ({"parameters": {2 * LAM: 1.0}}, "parameters must give a number or a law"),
+        ({"parameters": {ca.SX.sym("m"): "x"}}, "the parameter m must be a number, got 'x'"),
+        ({"parameters": {T: 1.0}}, "t, q, v and parameters must be symbols of their own each"),
+        (
+            {"parameters": {ca.SX.sym("m"): 1.0}, "force": [ca.SX.sym("k"), 0]},
+            "force must depend on t, q, v and parameters alone, not on k",
+        ),
+        ({"strain_energy": Q}, r"strain_energy must have shape \(1, 1\), got \(2, 1\)"),
+        ({"gravity_energy": V[0]}, "gravity_energy must depend on t and q alone, not on v_0"),
+        ({"dissipated_power": "x"}, "dissipated_power must be made of numbers"),
     ],
 )
 def test_a_wrong_system_is_told_in_our_words(change, told):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -13,24 +14,21 @@ import scipy.sparse as sp
 
 from beamdae.equations.assemble import build
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
+from beamdae.equations.expressions import KIND, Expressions, column, numbers, texts
 from beamdae.equations.fit import require_unit
 from beamdae.equations.owners import Owners
-from beamdae.errors import BeamdaeError, entries, finite, keep, number, positive, shown
+from beamdae.equations.poles import varying_laws
+from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
+from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
-    SX,
-    ConstraintKernel,
     ConstraintStatement,
     ForceKernel,
     ForceStatement,
-    Local,
     Named,
     Piece,
     Quantity,
 )
-
-MX = ca.MX
-_KIND = "ConstrainedSystem"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,11 @@ class ConstrainedSystem:
     force
         f, shape (n,).
     constraints
-        g, shape (m,); may be left out.
+        g, shape (m,), or by name of the multiplier with its unit, {"rod [N]": g_rod, ...}; may be
+        left out.
+    velocity_constraints
+        A(t, q) v + b(t, q), shape (k,) or by name as `constraints`: nonholonomic constraints, which
+        hold velocities alone. Their multipliers come after the others.
     q0, v0
         Start; made consistent with the constraints.
     names
@@ -55,9 +57,21 @@ class ConstrainedSystem:
         Their units, such as "m" and "rad"; default "-". Angles ("rad") are of size 1, all others
         of the size of the largest of them at the start: scales follow from units, never from names.
     observe
-        Further columns by name: expressions in t, q and v.
+        Further columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam; without
+        a unit it is "-".
+    lam
+        Symbol of the multipliers (m,), for columns that show reactions.
+    parameters
+        What further symbols stand for, {m: 2.0, u: bd.run_up(...)}: numbers, which systems of one
+        statement may differ in and share their machine code, or laws of time.
+    strain_energy, gravity_energy
+        Potentials [J] in t and q that f comes from in part, for the energy ledger.
+    dissipated_power
+        What f dissipates [W]. What of its power is neither that nor taken from a potential counts
+        as work of loads.
     breakpoints
         Times [s] at which an expression jumps or kinks in t; integrators stop and restart there.
+        Those of laws are known.
     time_scale
         Shortest time [s] over which an expression changes with t, if it is much shorter than the
         run: no step is longer.
@@ -69,9 +83,12 @@ class ConstrainedSystem:
     --------
     >>> import beamdae as bd, casadi as ca
     >>> t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    >>> m = ca.SX.sym("m")
     >>> pendulum = bd.ConstrainedSystem(
-    ...     t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, -9.81),
-    ...     constraints=ca.dot(q, q) - 1.0, q0=[1.0, 0.0], v0=[0.0, 0.0],
+    ...     t=t, q=q, v=v, mass=[m, m], force=ca.vertcat(0.0, -9.81 * m),
+    ...     constraints={"rod [N]": ca.norm_2(q) - 1.0}, q0=[1.0, 0.0], v0=[0.0, 0.0],
+    ...     names=("x", "y"), units=("m", "m"), parameters={m: 2.0},
+    ...     gravity_energy=9.81 * m * q[1], observe={"speed [m/s]": ca.norm_2(v)},
     ... )
     """
 
@@ -89,32 +106,36 @@ class ConstrainedSystem:
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
     scales: Any = None
+    lam: Any = None
+    parameters: Mapping[Any, Any] = field(default_factory=dict)
+    strain_energy: Any = 0.0
+    gravity_energy: Any = 0.0
+    dissipated_power: Any = 0.0
+    velocity_constraints: Any = None
 
     def __post_init__(self) -> None:
-        self._check_symbols()
+        given = self._expressions
         n = self.q.numel()
         keep(
             self,
-            q0=self._numbers("q0", self.q0, n),
-            v0=self._numbers("v0", self.v0, n),
-            names=self._texts("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
-            units=self._texts("units", self.units, n) or ("-",) * n,
+            parameters=given.parameters,
+            q0=numbers("q0", self.q0, n),
+            v0=numbers("v0", self.v0, n),
+            names=texts("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
+            units=texts("units", self.units, n) or ("-",) * n,
             breakpoints=self._checked_breakpoints(),
         )
         for unit in self.units:
-            require_unit(_KIND, unit)
-        if not isinstance(self.observe, dict):
-            raise BeamdaeError(
-                f"{_KIND}: observe must give expressions by name, got {shown(self.observe)}."
-            )
-        columns = [require_name(_KIND, name) for name in (*self.names, *self.observe)]
+            require_unit(KIND, unit)
+        columns = [require_name(KIND, name) for name in self.names]
+        columns += [x.name for x in self._observed]
         if len(set(columns)) < len(columns):
-            raise BeamdaeError(f"{_KIND}: names must differ, got {', '.join(columns)}.")
+            raise BeamdaeError(f"{KIND}: names must differ, got {', '.join(columns)}.")
         if self.time_scale is not None:
-            keep(self, time_scale=positive(_KIND, "time_scale", self.time_scale))
+            keep(self, time_scale=positive(KIND, "time_scale", self.time_scale))
         if self.scales is not None:
-            scales = self._numbers("scales", self.scales, n)
-            keep(self, scales=np.array([positive(_KIND, "scales", x) for x in scales]))
+            scales = numbers("scales", self.scales, n)
+            keep(self, scales=np.array([positive(KIND, "scales", x) for x in scales]))
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
@@ -124,9 +145,10 @@ class ConstrainedSystem:
         coordinates = tuple(Named(name, unit) for name, unit in named)
         length = _length(self.q0, coordinates)
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
-        observables = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
-        for name, expression in self.observe.items():
-            observables[name] = self._quantity(name, expression, piece)
+        given = self._expressions
+        held = constraint_statements(given, piece, self.constraints, self.velocity_constraints)
+        laws = given.laws
+        scales = [self.time_scale, *(law.time_scale for _, law in laws)]
         return build(
             coordinates=coordinates,
             q0=self.q0,
@@ -135,148 +157,95 @@ class ConstrainedSystem:
             parts=tuple(
                 PartCoordinates(name, slice(k, k + 1), length) for k, name in enumerate(self.names)
             ),
-            breakpoints=self.breakpoints,
-            time_scale=self.time_scale,
+            breakpoints=tuple(
+                sorted({*self.breakpoints, *(b for _, law in laws for b in law.breakpoints)})
+            ),
+            time_scale=min((x for x in scales if x is not None), default=None),
             scales=self.scales,
             forces=[self._force_statement(piece)],
-            constraints=self._constraint_statements(piece),
-            observables=observables,
+            constraints=held,
+            observables=self._observables(coordinates, piece, held),
             owners=Owners({id(self): n}),
+            laws=varying_laws(laws),
         )
 
-    def _check_symbols(self) -> None:
-        for name in ("t", "q", "v"):
-            symbol = getattr(self, name)
-            if (
-                not isinstance(symbol, (SX, MX))
-                or not (symbol.is_column() and symbol.is_dense() and symbol.numel())
-                or not symbol.is_valid_input()
-            ):
-                raise BeamdaeError(
-                    f"{_KIND}: {name} must be a CasADi symbol, a column such as "
-                    f'SX.sym("{name}", 2), got {shown(symbol)}.'
-                )
-        if self.t.numel() != 1 or self.q.numel() != self.v.numel():
-            raise BeamdaeError(
-                f"{_KIND}: t must be a scalar and q and v of one size, got sizes "
-                f"{self.t.numel()}, {self.q.numel()} and {self.v.numel()}."
-            )
-        if not isinstance(self.q, type(self.t)) or not isinstance(self.v, type(self.t)):
-            raise BeamdaeError(f"{_KIND}: t, q and v must be all SX or all MX symbols.")
-        own = self._symbols
-        if len(own) > len(set(own)):
-            raise BeamdaeError(f"{_KIND}: t, q and v must be symbols of their own each.")
+    @cached_property
+    def _expressions(self) -> Expressions:
+        return Expressions.of(self.t, self.q, self.v, self.lam, self.parameters)
 
-    @property
-    def _symbols(self) -> list[int]:
-        return [_key(x) for symbol in (self.t, self.q, self.v) for x in ca.symvar(symbol)]
-
-    @staticmethod
-    def _numbers(name: str, values: Any, n: int) -> np.ndarray:
-        try:
-            given = np.asarray(values, object).ravel().tolist()
-        except Exception:
-            # Symbols, or rows of different lengths.
-            given = []
-        if len(given) != n or any(number(x) is None for x in given):
+    @cached_property
+    def _observed(self) -> dict[Named, Any]:
+        """Further columns, an expression each."""
+        if not isinstance(self.observe, dict):
             raise BeamdaeError(
-                f"{_KIND}: {name} must have {n} entries, finite numbers, got {shown(values)}."
+                f"{KIND}: observe must give expressions by name, got {shown(self.observe)}."
             )
-        return np.array([finite(_KIND, name, x) for x in given])
-
-    @staticmethod
-    def _texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
-        found = tuple(entries(_KIND, name, values, f"a list of {n} entries, texts"))
-        if found and len(found) != n:
-            raise BeamdaeError(
-                f"{_KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}."
-            )
-        return found
+        return {column(header): expression for header, expression in self.observe.items()}
 
     def _checked_breakpoints(self) -> tuple[float, ...]:
-        given = entries(_KIND, "breakpoints", self.breakpoints, "a list of times")
-        times = tuple(finite(_KIND, "breakpoints", b) for b in given)
+        given = entries(KIND, "breakpoints", self.breakpoints, "a list of times")
+        times = tuple(finite(KIND, "breakpoints", b) for b in given)
         if any(b <= a for a, b in pairwise(times)):
-            raise BeamdaeError(f"{_KIND}: breakpoints must ascend, got {shown(times)}.")
+            raise BeamdaeError(f"{KIND}: breakpoints must ascend, got {shown(times)}.")
         return times
 
-    def _in(self, local: Local, expression: Any, name: str) -> SX:
-        """An expression of the user's, in the symbols of `local`."""
-        kind = type(self.t)
-        try:
-            stated = kind(_stacked(expression))
-        except Exception:
-            raise BeamdaeError(
-                f"{_KIND}: {name} must be made of numbers and {kind.__name__} expressions in t, q "
-                f"and v, in rows of one length, got {shown(expression)}."
-            ) from None
-        others = [x.name() for x in ca.symvar(stated) if _key(x) not in self._symbols]
-        if others:
-            raise BeamdaeError(
-                f"{_KIND}: {name} must depend on t, q and v alone, not on {', '.join(others[:3])}."
-            )
-        try:
-            return ca.Function("stated", [self.t, self.q, self.v], [stated])(
-                local.time[0], local.q, local.v
-            )
-        except Exception:
-            raise BeamdaeError(
-                f"{_KIND}: {name} uses a function without a formula, such as a "
-                "solver of equations, it must be an expression that SX can hold."
-            ) from None
-
     def _force_statement(self, piece: Piece) -> ForceStatement:
-        n = self.q.numel()
-        local = Local(n)
-        mass = self._in(local, self.mass, "mass")
+        n, given = self.q.numel(), self._expressions
+        local = given.local()
+        mass = given.stated(local, self.mass, "mass")
         if mass.shape != (n, n) and min(mass.shape) == 1:
             mass = ca.diag(mass)
-        force = self._in(local, self.force, "force")
-        for what, shape, wanted in (("mass", mass.shape, (n, n)), ("force", force.shape, (n, 1))):
-            if shape != wanted:
-                raise BeamdaeError(f"{_KIND}: {what} must have shape {wanted}, got {shape}.")
+        force = given.stated(local, self.force, "force")
+        strain = given.stated(local, self.strain_energy, "strain_energy", ("t", "q"))
+        gravity = given.stated(local, self.gravity_energy, "gravity_energy", ("t", "q"))
+        dissipated = given.stated(local, self.dissipated_power, "dissipated_power")
+        for what, found, wanted in (
+            ("mass", mass, (n, n)),
+            ("force", force, (n, 1)),
+            ("strain_energy", strain, (1, 1)),
+            ("gravity_energy", gravity, (1, 1)),
+            ("dissipated_power", dissipated, (1, 1)),
+        ):
+            if found.shape != wanted:
+                raise BeamdaeError(f"{KIND}: {what} must have shape {wanted}, got {found.shape}.")
         kinetic = 0.5 * ca.dot(local.v, mass @ local.v)
-        # Without a potential the whole force counts as a load: its work closes the energy balance.
-        # What of it is inertia, where the mass depends on q or t, changes no energy: the kinetic
-        # one changes by v . M a + v . M' v / 2.
-        power = ca.dot(force, local.v) + local.dot(kinetic)
+        # What of the force is inertia, where the mass depends on q or t, changes no energy: the
+        # kinetic one changes by v . M a + v . M' v / 2.
+        power = ca.dot(force, local.v) + local.dot(kinetic + strain + gravity) + dissipated
         kernel = ForceKernel(
-            local, mass @ local.a - force, ca.vertcat(kinetic, 0, 0), ca.vertcat(power, 0)
+            local,
+            mass @ local.a - force,
+            ca.densify(ca.vertcat(kinetic, strain, gravity)),
+            ca.densify(ca.vertcat(power, dissipated)),
         )
-        return ForceStatement("system", kernel, (piece,), np.zeros((0, 1)))
+        return ForceStatement("system", kernel, (piece,), given.numbers[:, None])
 
-    def _constraint_statements(self, piece: Piece) -> list[ConstraintStatement]:
-        if self.constraints is None:
-            return []
-        g = self._in(Local(self.q.numel()), self.constraints, "constraints")
-        m = g.numel()
-        if not m:
-            return []
-        local = Local(self.q.numel(), 0, m)
-        g = ca.reshape(self._in(local, self.constraints, "constraints"), m, 1)
-        if ca.depends_on(g, local.v):
-            raise BeamdaeError(f"{_KIND}: constraints must not depend on v.")
-        held = tuple(Named(f"g{i}", "-") for i in range(m))
-        return [ConstraintStatement("constraint", ConstraintKernel(local, g), (piece,), held)]
+    def _observables(
+        self, coordinates: tuple[Named, ...], piece: Piece, held: list[ConstraintStatement]
+    ) -> dict[str, Quantity]:
+        """The coordinates, and what else is to be observed."""
+        given, m = self._expressions, sum(len(x.multipliers) for x in held)
+        on: tuple[str, ...] = ("t", "q", "v")
+        joint = None
+        if self.lam is not None:
+            if self.lam.numel() != m:
+                raise BeamdaeError(
+                    f"{KIND}: lam must have an entry for each of {m} constraints, "
+                    f"got {self.lam.numel()}."
+                )
+            on, joint = (*on, "lam"), CONSTRAINT
 
-    def _quantity(self, name: str, expression: Any, piece: Piece) -> Quantity:
-        own = (Named("", "-"),)
-        return Quantity(own, (piece,), lambda local: self._in(local, expression, name))
+        def quantity(name: str, unit: str, expression: Any) -> Quantity:
+            return Quantity(
+                (Named("", unit),),
+                (piece,),
+                lambda local: given.stated(local, expression, name, on),
+                given.numbers,
+                joint,
+            )
 
-
-def _stacked(expression: Any) -> Any:
-    """An expression from a list of entries, or of rows."""
-    if not isinstance(expression, (list, tuple)):
-        if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
-            raise TypeError
-        return expression
-    rows = [ca.horzcat(*row) if isinstance(row, (list, tuple)) else row for row in expression]
-    return ca.vertcat(*rows)
-
-
-def _key(symbol: Any) -> int:
-    """What a symbol is known by; names are not unique."""
-    return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
+        found = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
+        return found | {x.name: quantity(*x, e) for x, e in self._observed.items()}
 
 
 def _length(q0: np.ndarray, coordinates: tuple[Named, ...]) -> float:

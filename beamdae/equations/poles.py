@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formulas import MOST_KINDS, Formula
@@ -40,19 +41,23 @@ class LawOfPart(NamedTuple):
 
 def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
     """The laws of the parts that change with time, each once."""
+    return varying_laws((part.name, law) for part in parts for law in part.laws)
+
+
+def varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[LawOfPart, ...]:
+    """Those of laws, each with the name of what follows it, that change with time, each once."""
     found: dict[int, LawOfPart] = {}
-    for part in parts:
-        for law in part.laws:
-            if id(law) in found:
-                continue
-            formula, numbers = law.formula, np.zeros(0)
-            if isinstance(formula, Formula):
-                numbers = np.array(formula.numbers, float)
-                function = _varying_kind(formula.kind, len(numbers))
-            else:
-                function = _varying(formula, ca.SX(0, 1))
-            if function is not None:
-                found[id(law)] = LawOfPart(part.name, function, numbers)
+    for part, law in laws:
+        if id(law) in found:
+            continue
+        formula, numbers = law.formula, np.zeros(0)
+        if isinstance(formula, Formula):
+            numbers = np.array(formula.numbers, float)
+            function = _varying_kind(formula.kind, len(numbers))
+        else:
+            function = _varying(formula, ca.SX(0, 1))
+        if function is not None:
+            found[id(law)] = LawOfPart(part, function, numbers)
     return tuple(found.values())
 
 
@@ -94,13 +99,16 @@ def _pole(law: LawOfPart, intervals: Array) -> float | None:
     """A time at which a law is infinite, if one is found: one that stands out among the looks."""
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _LOOKS, axis=1), 0.5 * (start + end))
-    most = size.max(axis=1)
     beside, before = np.zeros_like(size), np.zeros_like(size)
     beside[:, :-1], before[:, 1:] = size[:, 1:], size[:, :-1]
     peak = (size >= before) & (size >= beside) & ((size > before) | (size > beside))
     interval, look = np.nonzero(peak)
     if not len(look):
         return None
+    # A look may be right on the pole, as near to it as rounding is.
+    others = size[interval]
+    others[np.arange(len(look)), look] = 0.0
+    most = others.max(axis=1)
     start, end = start[interval], end[interval]
     width = (end - start) / (_LOOKS - 1)
     at = start + look * width
@@ -116,6 +124,6 @@ def _pole(law: LawOfPart, intervals: Array) -> float | None:
     ends = np.array([-1.0, 1.0])
     far, near = (around(distance * ends)[1].max(axis=1) for distance in (_FAR, _NEAR))
     # Rounding grows by any factor from next to nothing, but not beyond what the law is elsewhere.
-    grows = (near > _GROWTH * far) & (near >= most[interval])
+    grows = (near > _GROWTH * far) & (near >= most)
     (found,) = np.nonzero(np.isinf(sizes).any(axis=1) | grows)
     return float(at[found[0]]) if len(found) else None

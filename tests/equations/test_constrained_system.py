@@ -311,3 +311,173 @@ def test_given_scales_are_what_rtol_is_relative_to(integrator):
 def test_scales_that_are_none_are_refused(scales, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         _ = system(scales=scales).equations
+
+
+def test_columns_have_the_unit_of_their_header():
+    solution = run(system(observe=lambda t, q, v: {"tip.speed [m/s]": ca.norm_2(v)}), t_end=0.01)
+    assert list(solution.observed.columns) == ["q0 [-]", "q1 [-]", "tip.speed [m/s]"]
+
+
+def test_constraints_may_be_named_and_their_reactions_observed():
+    lam = ca.SX.sym("lam")
+
+    hanging = system(
+        q0=[0.0, -1.0],
+        constraints=lambda t, q, v: {"rod [N]": ca.norm_2(q) - 1.0},
+        lam=lam,
+        observe=lambda t, q, v: {"pull.y [N]": -lam * q[1] / ca.norm_2(q)},
+    )
+    solution = run(hanging, t_end=0.1)
+    assert solution.coordinates().columns[-1] == "lam.constraint.rod [N]"
+    # The weight of 2 kg; Newton's iteration ends at 1e-9 of the motion.
+    assert_allclose(solution.observed["pull.y [N]"], 2.0 * 9.81, rtol=1e-9)
+
+
+def oscillator(m, c, k):
+    """A mass on a spring and damper under gravity, its numbers beside its statement."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("v")
+    mass, damper, spring = (ca.SX.sym(name) for name in ("m", "c", "k"))
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=mass,
+        force=-spring * q - damper * v - 9.81 * mass,
+        q0=[0.1],
+        v0=[0.0],
+        units=("m",),
+        parameters={mass: m, damper: c, spring: k},
+        strain_energy=0.5 * spring * q**2,
+        gravity_energy=9.81 * mass * q,
+        dissipated_power=damper * v**2,
+    )
+
+
+def test_systems_that_differ_in_parameters_share_their_structure():
+    first = oscillator(2.0, 3.0, 100.0).equations
+    # Numbers that would fold away, were they constants of the expressions.
+    assert oscillator(1.0, 0.0, 50.0).equations.structure is first.structure
+
+
+@pytest.mark.parametrize("integrator", [bd.Ida(1e-7), bd.Radau(1e-7), bd.GeneralizedAlpha(1e-3)])
+def test_energies_are_those_that_were_stated(integrator):
+    m, c, k = 2.0, 3.0, 100.0
+    solution = bd.simulate(oscillator(m, c, k), integrator, 2.0)
+    books, x, v = solution.ledger, solution.q[:, 0], solution.v[:, 0]
+    # Between steps energies lie on polynomials of their own, 1e-7 of the 4 J there are.
+    assert_allclose(books["energy.kinetic [J]"], 0.5 * m * v**2, rtol=0.0, atol=1e-6)
+    assert_allclose(books["energy.strain [J]"], 0.5 * k * x**2, rtol=0.0, atol=1e-6)
+    assert_allclose(books["energy.gravity [J]"], 9.81 * m * x, rtol=0.0, atol=1e-6)
+    turned_over = np.ptp(books["energy.gravity [J]"])
+    # No force is left that would be a load; all that is lost has been dissipated.
+    assert_allclose(books["energy.work_of_loads [J]"], 0.0, atol=1e-12 * turned_over)
+    total = 0.5 * m * v**2 + 0.5 * k * x**2 + 9.81 * m * x
+    lost = books["energy.dissipated [J]"]
+    # Steps of generalized-alpha of 1 ms: (omega h)^2 / 12 = 4e-6.
+    assert_allclose(total[0] - total, lost, rtol=0.0, atol=1e-5 * turned_over)
+    assert solution.quality.energy_imbalance < 1e-5
+
+
+def test_a_potential_that_changes_with_time_takes_its_power_from_a_load():
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    foot = ca.sin(3.0 * t)
+    model = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0],
+        force=-20.0 * (q - foot),
+        q0=[0.0],
+        v0=[0.0],
+        strain_energy=10.0 * (q - foot) ** 2,
+    )
+    solution = bd.simulate(model, bd.Radau(1e-8), 3.0)
+    times, x = solution.t, solution.q[:, 0]
+    # The hand at the foot of the spring.
+    power = -20.0 * (x - np.sin(3.0 * times)) * 3.0 * np.cos(3.0 * times)
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(times))])
+    # The trapezoidal rule on a thousand rows: (3 omega h)^2 / 12 of 40 J.
+    assert_allclose(solution.ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-3)
+    assert solution.quality.energy_imbalance < 1e-7
+
+
+def driven(value, **settings):
+    """A free mass under the force u(t)."""
+    t, q, v, u = (ca.SX.sym(name) for name in ("t", "q", "v", "u"))
+    start = {"q0": [0.0], "v0": [0.0], "parameters": {u: value}}
+    return bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=u, **start, **settings)
+
+
+@pytest.mark.parametrize("integrator", [bd.Ida(1e-6), bd.Radau(1e-6), bd.GeneralizedAlpha(1e-3)])
+def test_a_parameter_may_be_a_law_with_breakpoints(integrator):
+    pushed = driven(bd.piecewise((0.5, 1.0), 0.0))
+    assert pushed.equations.breakpoints == (0.5,)
+    solution = bd.simulate(pushed, integrator, 1.0)
+    x = np.where(solution.t < 0.5, 0.5 * solution.t**2, 0.125 + 0.5 * (solution.t - 0.5))
+    # The jump is met exactly: what is left is the tolerance, a constant acceleration is exact.
+    assert_allclose(solution.q[:, 0], x, rtol=0.0, atol=1e-6)
+
+
+def test_laws_tell_their_time_scale_and_their_breakpoints():
+    assert driven(bd.sine(1.0, 5.0)).equations.time_scale == 0.2
+    assert driven(bd.sine(1.0, 5.0), time_scale=0.1).equations.time_scale == 0.1
+    both = driven(bd.piecewise((0.5, 1.0), 0.0), breakpoints=(0.25, 0.5))
+    assert both.equations.breakpoints == (0.25, 0.5)
+
+
+@pytest.mark.parametrize("pole", [0.7, 0.7123])
+def test_a_pole_of_a_law_is_found_also_where_it_is_looked_at(pole):
+    with pytest.raises(bd.BeamdaeError, match=f"^u: its law becomes infinite near t = {pole}"):
+        bd.simulate(driven(lambda t: 1.0 / (t - pole)), bd.Ida(), 1.0)
+
+
+def test_parameters_serve_in_constraints_and_columns():
+    t, q, v = ca.MX.sym("t"), ca.MX.sym("q", 2), ca.MX.sym("v", 2)
+    length, turn = ca.MX.sym("length"), ca.MX.sym("turn")
+    arm = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=[0.0, 0.0],
+        constraints={"arm [N]": q - length * ca.vertcat(ca.cos(turn), ca.sin(turn))},
+        q0=[2.0, 0.0],
+        v0=[0.0, 0.0],
+        parameters={length: 2.0, turn: bd.run_up(3.0, 0.5)},
+        observe={"turn [rad]": turn, "far [-]": ca.norm_2(q) / length},
+    )
+    assert arm.equations.lam_names == ("constraint.arm0", "constraint.arm1")
+    solution = bd.simulate(arm, bd.Radau(1e-6), 1.0)
+    assert_allclose(solution.observed["turn [rad]"].iloc[-1], 3.0 * (1.0 - 0.25), rtol=1e-12)
+    assert_allclose(solution.observed["far [-]"], 1.0, rtol=1e-6)
+    # The drive does the work: twice the mass at 6 m/s, halved.
+    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], 18.0, rtol=1e-5)
+
+
+def test_constraints_of_velocities_come_after_those_of_positions():
+    lam = ca.SX.sym("lam")
+    wheel = system(
+        mass=[2.0, 3.0],
+        force=lambda t, q, v: ca.vertcat(10.0 + t, 0.0),
+        # It rolls without slip, q1 the angle of a wheel of 0.5 m, on a belt that moves.
+        constraints=None,
+        velocity_constraints=lambda t, q, v: {"grip [N]": v[0] - 0.5 * v[1] - t},
+        lam=lam,
+        observe={"grip [N]": lam},
+        q0=[0.0, 0.0],
+    )
+    solution = run(wheel, t_end=1.0)
+    t = solution.t
+    # 2 x'' + lam = 10 + t, 3 a'' - lam / 2 = 0, x'' - a'' / 2 = 1.
+    turn = (10.0 + t - 2.0) / 7.0
+    assert_allclose(solution.lam[:, 0], 6.0 * turn, rtol=1e-6)
+    assert_allclose(solution.observed["grip [N]"], 6.0 * turn, rtol=1e-6)
+    assert solution.equations.lam_names == ("constraint.grip",)
+    both = system(velocity_constraints=lambda t, q, v: v[0] - t * v[1])
+    assert both.equations.lam_names == ("constraint.g0", "constraint.h0")
+
+
+@pytest.mark.parametrize("row", [lambda v, q: v[0] ** 2, lambda v, q: q[0]])
+def test_constraints_of_velocities_are_linear_in_them(row):
+    with pytest.raises(bd.BeamdaeError, match=r"velocity_constraints must be linear in v\.$"):
+        _ = system(velocity_constraints=lambda t, q, v: row(v, q)).equations

@@ -1,9 +1,9 @@
 """Rows between steps: as good as the steps, whatever the method."""
 
 import numpy as np
+from benchmarks.cases import pendulum, pendulum_motion
 from conformance import integrators
 from numpy.testing import assert_allclose
-from published_cases import pendulum, pendulum_motion
 
 import beamdae as bd
 from beamdae.equations import measures

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 import pytest
 import threadpoolctl
+from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
-from published_cases import PENDULUM
 
 import beamdae as bd
 from beamdae.equations.formulations import State

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
-from published_cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
 from tolerance_cases import every_case, every_case_in_its_time
 
 import beamdae as bd

@@ -10,9 +10,9 @@ import weakref
 
 import numpy as np
 import pytest
+from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
-from published_cases import PENDULUM
 from sksundae.ida import IDA
 from support import by_class
 

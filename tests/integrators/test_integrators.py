@@ -5,9 +5,9 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.cases import PENDULUM, SLIDER_CRANK
 from conformance import IDA_FORMS, integrators
 from numpy.testing import assert_allclose
-from published_cases import PENDULUM, SLIDER_CRANK
 
 import beamdae as bd
 

@@ -4,8 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-from published_cases import (
+from benchmarks.cases import (
     CAR_AXIS,
     IFTOMM_PENDULUM,
     PENDULUM,
@@ -13,6 +12,7 @@ from published_cases import (
     PUBLISHED_CASES,
     pendulum_motion,
 )
+from numpy.testing import assert_allclose
 
 import beamdae as bd
 

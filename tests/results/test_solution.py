@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from benchmarks.cases import pendulum
 from conformance import integrators
 from numpy.testing import assert_allclose
-from published_cases import pendulum
 
 import beamdae as bd
 from beamdae.results.files import versions

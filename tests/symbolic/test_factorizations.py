@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from benchmarks.cases import CAR_AXIS, PENDULUM, SLIDER_CRANK
 from conformance import integrators
 from numpy.testing import assert_allclose
-from published_cases import CAR_AXIS, PENDULUM, SLIDER_CRANK
 from sksundae.ida import IDA
 from support import by_class
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from benchmarks.systems import lagrange, symbols
 
 import beamdae as bd
-from tolerances.constrained_systems import lagrange, symbols
 
 # Eight digits, as the test set has it and its end values need it.
 PI = 3.1415927

@@ -1,4 +1,4 @@
-"""Constrained mechanics with published or closed-form answers, none of them by this project."""
+"""Mechanics with published or closed-form answers, none of them by this project."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.special import ellipk
-from tolerances.constrained_systems import arevalo, car_axis
 
 import beamdae as bd
+from benchmarks.systems import (
+    PERIOD_TWO_GRAVITY,
+    arevalo,
+    car_axis,
+    cycloid_slide,
+    knife_edge,
+    parallelogram,
+    particle_pendulum,
+    rotating_rod,
+    spring_slider_crank,
+)
 
 Array = np.ndarray
 
@@ -29,22 +37,29 @@ class PublishedCase:
 
     name: str
     source: str
-    build: Callable[[], bd.ConstrainedSystem]
+    build: Callable[[], Any]
     times: tuple[float, ...]
     rate: float
     answer: Callable[[Array], dict[str, Array]]
 
     @cached_property
     def equations(self) -> bd.EquationsOfMotion:
-        return self.build().equations
+        """Equations of motion of the system."""
+        model = self.build()
+        return bd.equations_of_motion(model) if isinstance(model, bd.Mechanism) else model.equations
 
     @property
     def t_end(self) -> float:
+        """End of the run [s]."""
         return self.times[-1]
 
+    def tried(self, integrator: Any) -> bd.Solution:
+        """Solution with output at the first of `times` and its multiples, as far as it goes."""
+        return bd.simulate(self.equations, integrator, self.t_end, output_step=self.times[0])
+
     def run(self, integrator: Any) -> bd.Solution:
-        """Solution with output at the first of `times` and its multiples."""
-        solution = bd.simulate(self.equations, integrator, self.t_end, output_step=self.times[0])
+        """The same of a run that reaches its end."""
+        solution = self.tried(integrator)
         assert solution.status.success, solution.status.sentence
         return solution
 
@@ -54,10 +69,6 @@ class PublishedCase:
         rows = np.searchsorted(solution.t, np.array(self.times) - 1e-9)
         found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
         return {name: float(np.max(np.abs(found[name][rows] - known[name]))) for name in known}
-
-
-def _symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
-    return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
 
 
 def _car_axis_answer(t: Array) -> dict[str, Array]:
@@ -121,18 +132,7 @@ AREVALO = PublishedCase(
 
 def pendulum(gravity: float, angle: float, speed: float = 0.0) -> bd.ConstrainedSystem:
     """Point of unit mass on a circle of unit radius; `angle` from the downward vertical."""
-    t, q, v = _symbols(2)
-    return bd.ConstrainedSystem(
-        t=t,
-        q=q,
-        v=v,
-        mass=[1.0, 1.0],
-        force=ca.vertcat(0.0, -gravity),
-        constraints=0.5 * (ca.sumsqr(q) - 1.0),
-        q0=[np.sin(angle), -np.cos(angle)],
-        v0=[speed * np.cos(angle), speed * np.sin(angle)],
-        names=("x", "y"),
-    )
+    return particle_pendulum(gravity=gravity, angle=angle, speed=speed)
 
 
 def pendulum_motion(gravity: float, angle: float, speed: float, t: Array) -> dict[str, Array]:
@@ -150,10 +150,6 @@ def pendulum_motion(gravity: float, angle: float, speed: float, t: Array) -> dic
     q = np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
     v = omega[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
     return {"q": q, "v": v, "lam": (omega**2 + gravity * np.cos(theta))[:, None]}
-
-
-# From the horizontal a quarter of the period is sqrt(l/g) K(1/sqrt 2): this makes the period 2 s.
-PERIOD_TWO_GRAVITY = 4.0 * float(ellipk(0.5)) ** 2
 
 
 def _period_two_answer(t: Array) -> dict[str, Array]:
@@ -190,30 +186,6 @@ IFTOMM_PENDULUM = PublishedCase(
 )
 
 
-def _slider_crank() -> bd.ConstrainedSystem:
-    t, u, v = _symbols(3)
-    q, x, p = u[0], u[1], u[2]
-    a, j_1, j_2, m_2 = 0.5, 1.0, 2.0, 1.0
-    stiffness, damping, rest, pull = 1.0, 1.0, 1.0, 1.0
-
-    crank = 0.5 * a * ca.vertcat(ca.cos(q), ca.sin(q))
-    rod = ca.vertcat(x - 0.5 * ca.cos(p), -0.5 * ca.sin(p))
-    length = ca.norm_2(rod - crank)
-    tension = stiffness * (length - rest) + damping * ca.jtimes(length, u, v)
-    push = pull * ca.jacobian(x + ca.cos(p), u).T
-    return bd.ConstrainedSystem(
-        t=t,
-        q=u,
-        v=v,
-        mass=[j_1, m_2, j_2],
-        force=push - tension * ca.jacobian(length, u).T,
-        constraints=ca.vertcat(x - ca.cos(p) - a * ca.cos(q), -ca.sin(p) - a * ca.sin(q)),
-        q0=[np.pi / 2.0, np.cos(np.arcsin(-a)), np.arcsin(-a)],
-        v0=[0.0, 0.0, 0.0],
-        names=("q", "x", "p"),
-    )
-
-
 def _slider_crank_answer(t: Array) -> dict[str, Array]:
     return {
         "q": np.array(
@@ -231,10 +203,119 @@ SLIDER_CRANK = PublishedCase(
     "SUNDIALS slider crank",
     "LLNL/sundials examples/ida/serial/idaSlCrank_dns.c and .out (five digits, e.g. at t = 10: "
     "1.2757, 1.0236, -0.49881); twelve digits by Runge-Kutta in the crank angle alone",
-    _slider_crank,
+    spring_slider_crank,
     (2.5, 5.0, 7.5, 10.0),
     1.2,
     _slider_crank_answer,
 )
 
-PUBLISHED_CASES = (CAR_AXIS, AREVALO, PENDULUM, IFTOMM_PENDULUM, SLIDER_CRANK)
+
+def _cycloid_answer(t: Array) -> dict[str, Array]:
+    radius, gravity, start = 0.5, 9.81, -0.95
+    # Of the slope's sine, s / 4r, and its rates.
+    omega = np.sqrt(gravity / (4.0 * radius))
+    sine = start * np.cos(omega * t)
+    rate = -omega * start * np.sin(omega * t)
+    bend = -(omega**2) * sine
+    cosine = np.sqrt(1.0 - sine**2)
+    x = 2.0 * radius * (np.arcsin(sine) + sine * cosine)
+    rates = 4.0 * radius * np.stack([cosine * rate, sine * rate, rate], axis=-1)
+    pull_x = 4.0 * radius * (cosine * bend - sine / cosine * rate**2)
+    pull_y = 4.0 * radius * (sine * bend + rate**2)
+    return {
+        "q": np.stack([x, 2.0 * radius * sine**2, 4.0 * radius * sine], axis=-1),
+        "v": rates,
+        "lam": -np.stack([pull_x, pull_y + gravity], axis=-1),
+    }
+
+
+CYCLOID = PublishedCase(
+    "brachistochrone",
+    "closed form (Huygens 1673): the arc length from the lowest point of a cycloid of radius r "
+    "swings at sqrt(g / 4r); the descent takes pi sqrt(r / g) from wherever it begins",
+    cycloid_slide,
+    tuple(0.25 * np.pi * np.sqrt(0.5 / 9.81) * k for k in range(1, 17)),
+    # Where it turns the curve is ten times as steep as at its lowest point.
+    4.0 * np.sqrt(9.81 / 2.0),
+    _cycloid_answer,
+)
+
+
+def _rotating_rod_answer(t: Array) -> dict[str, Array]:
+    radius, omega = 0.1, 2.0
+    r, rate = radius * np.cosh(omega * t), omega * radius * np.sinh(omega * t)
+    along = np.stack([np.cos(omega * t), np.sin(omega * t)], axis=-1)
+    across = np.stack([-np.sin(omega * t), np.cos(omega * t)], axis=-1)
+    return {
+        "q": r[:, None] * along,
+        "v": rate[:, None] * along + (omega * r)[:, None] * across,
+        "lam": -2.0 * omega * rate[:, None],
+    }
+
+
+ROTATING_ROD = PublishedCase(
+    "mass on a rotating rod",
+    "closed form: r = r0 cosh(w t), held by 2 m w r'",
+    rotating_rod,
+    tuple(0.25 * k for k in range(1, 9)),
+    # It moves as exp(w t (1 +- i)).
+    2.0 * np.sqrt(2.0),
+    _rotating_rod_answer,
+)
+
+
+def _knife_edge_answer(t: Array) -> dict[str, Array]:
+    pull, spin = 5.0, 2.0
+    turn, size = spin * t, pull / (2.0 * spin**2)
+    along = pull / spin * np.sin(turn)
+    x, y = size * np.sin(turn) ** 2, size * (turn - 0.5 * np.sin(2.0 * turn))
+    return {
+        "q": np.stack([x, y, turn], axis=-1),
+        "v": np.stack([along * np.cos(turn), along * np.sin(turn), 0.0 * t + spin], axis=-1),
+        "lam": 2.0 * pull * np.sin(turn)[:, None],
+    }
+
+
+KNIFE_EDGE = PublishedCase(
+    "knife edge",
+    "closed form (Bloch 2003): it slides down and up again on a cycloid across the slope",
+    knife_edge,
+    tuple(0.25 * k for k in range(1, 17)),
+    # Along the slope it goes twice as fast as it spins.
+    4.0,
+    _knife_edge_answer,
+)
+
+
+def _parallelogram_answer(t: Array) -> dict[str, Array]:
+    crank, coupler, rate, start = 0.5, 1.0, 2.0, 0.3
+    angle = start + rate * t
+    pin = crank * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    fast = crank * rate * np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+    turned, turning = (angle - start)[:, None], np.full((len(t), 1), rate)
+    span = np.array([coupler, 0.0])
+    middle, right, still = pin + 0.5 * span, 0.5 * pin + span, np.zeros((len(t), 1))
+    bars = (middle, still, 0.5 * pin, turned, right, turned)
+    rates = (fast, still, 0.5 * fast, turning, 0.5 * fast, turning)
+    return {"q": np.hstack(bars), "v": np.hstack(rates)}
+
+
+PARALLELOGRAM = PublishedCase(
+    "parallelogram linkage",
+    "closed form: without gravity its cranks turn at a constant rate, through its change points",
+    parallelogram,
+    tuple(0.25 * k for k in range(1, 13)),
+    2.0,
+    _parallelogram_answer,
+)
+
+PUBLISHED_CASES = (
+    CAR_AXIS,
+    AREVALO,
+    PENDULUM,
+    IFTOMM_PENDULUM,
+    SLIDER_CRANK,
+    CYCLOID,
+    ROTATING_ROD,
+    KNIFE_EDGE,
+)

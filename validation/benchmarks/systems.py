@@ -1,4 +1,4 @@
-"""Constrained systems of the wide set with published or closed-form answers, stated in CasADi."""
+"""Systems with published or closed-form answers, each stated once, as models of a file."""
 
 from __future__ import annotations
 
@@ -40,6 +40,9 @@ def car_axis(epsilon=1e-2):
         now = ca.norm_2(stretched)
         return (0.5 - now) / now * stretched
 
+    def stored(stretched: ca.SX) -> ca.SX:
+        return 0.5 * (ca.norm_2(stretched) - 0.5) ** 2
+
     return bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -51,6 +54,8 @@ def car_axis(epsilon=1e-2):
         v0=[-0.5, 0.0, -0.5, 0.0],
         names=("xl", "yl", "xr", "yr"),
         units=("m",) * 4,
+        strain_energy=stored(left) + stored(right - wheel),
+        gravity_energy=mass * (left[1] + right[1]),
     )
 
 
@@ -90,24 +95,27 @@ def arevalo_motion(t: np.ndarray) -> np.ndarray:
 
 
 @bd.model(t_end=4.0)
-def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, side=1.0):
-    """Particle on a rod of 1 m released from the horizontal, on the right (`side` = 1) or left.
+def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, angle=0.5 * np.pi, speed=0.0):
+    """Particle on a rod of 1 m; angle [rad] and speed [m/s] at the start, from straight down.
 
-    With gravity 9.81 and side -1: IFToMM multibody benchmark A01, M. Gonzalez, D. Dopico,
+    With gravity 9.81 and angle -pi/2: IFToMM multibody benchmark A01, M. Gonzalez, D. Dopico,
     U. Lugris, J. Cuadrado, Multibody Syst. Dyn. 16 (2006) 179, doi:10.1007/s11044-006-9020-8.
     """
     t, q, v = symbols(2)
+    g = ca.SX.sym("g")
     return bd.ConstrainedSystem(
         t=t,
         q=q,
         v=v,
         mass=[1.0, 1.0],
-        force=ca.vertcat(0.0, -gravity),
+        force=ca.vertcat(0.0, -g),
         constraints=0.5 * (ca.sumsqr(q) - 1.0),
-        q0=[side, 0.0],
-        v0=[0.0, 0.0],
+        q0=[np.sin(angle), -np.cos(angle)],
+        v0=[speed * np.cos(angle), speed * np.sin(angle)],
         names=("x", "y"),
         units=("m", "m"),
+        parameters={g: gravity},
+        gravity_energy=g * q[1],
     )
 
 
@@ -140,7 +148,8 @@ def spring_slider_crank():
     crank = 0.5 * a * ca.vertcat(ca.cos(q), ca.sin(q))
     rod = ca.vertcat(x - 0.5 * ca.cos(p), -0.5 * ca.sin(p))
     length = ca.norm_2(rod - crank)
-    tension = (length - 1.0) + ca.jtimes(length, u, v)
+    stretching = ca.jtimes(length, u, v)
+    tension = (length - 1.0) + stretching
     push = ca.jacobian(x + ca.cos(p), u).T
     return bd.ConstrainedSystem(
         t=t,
@@ -153,6 +162,8 @@ def spring_slider_crank():
         v0=[0.0, 0.0, 0.0],
         names=("crank", "slider", "rod"),
         units=("rad", "m", "rad"),
+        strain_energy=0.5 * (length - 1.0) ** 2,
+        dissipated_power=stretching**2,
     )
 
 
@@ -181,3 +192,108 @@ def free_particle(offset=0.5):
 def free_particle_motion(t: np.ndarray, offset: float = 0.5) -> np.ndarray:
     """(r, phi) of `free_particle`: at speed 1 from 2 m before the nearest point to 2 m after it."""
     return np.stack([np.hypot(t - 2.0, offset), np.arctan2(t - 2.0, offset)], axis=-1)
+
+
+@bd.model(t_end=4.0)
+def cycloid_slide(radius=0.5, gravity=9.81, start=-0.95):
+    """Particle that slides without friction down the brachistochrone, a cycloid.
+
+    Its arc length s from the lowest point is a third coordinate, without inertia; it starts at
+    `start` of its largest value. C. Huygens, Horologium oscillatorium (1673): s swings as a
+    harmonic oscillator, however far.
+    """
+    t, q, v = symbols(3)
+    r, g = ca.SX.sym("r"), ca.SX.sym("g")
+    x, y, s = ca.vertsplit(q)
+
+    def along(slope, r):
+        return 2.0 * r * (ca.asin(slope) + slope * ca.sqrt(1.0 - slope**2))
+
+    slope = s / (4.0 * r)
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0, 0.0],
+        force=ca.vertcat(0.0, -g, 0.0),
+        constraints={
+            "push.x [N]": x - along(slope, r),
+            "push.y [N]": y - 2.0 * r * slope**2,
+        },
+        q0=[float(along(start, radius)), 2.0 * radius * start**2, 4.0 * radius * start],
+        v0=[0.0, 0.0, 0.0],
+        names=("x", "y", "s"),
+        units=("m", "m", "m"),
+        parameters={r: radius, g: gravity},
+        gravity_energy=g * y,
+    )
+
+
+@bd.model(t_end=2.0)
+def rotating_rod(radius=0.1, rate=2.0):
+    """Particle free to slide along a rod that is turned at a constant rate, released at rest on it.
+
+    Closed form: r = r0 cosh(w t).
+    """
+    t, q, v = symbols(2)
+    w = ca.SX.sym("w")
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=[0.0, 0.0],
+        constraints={"rod [N]": -q[0] * ca.sin(w * t) + q[1] * ca.cos(w * t)},
+        q0=[radius, 0.0],
+        v0=[0.0, radius * rate],
+        names=("x", "y"),
+        units=("m", "m"),
+        parameters={w: rate},
+        time_scale=2.0 * np.pi / rate,
+        observe={"r [m]": ca.norm_2(q)},
+    )
+
+
+@bd.model(t_end=4.0)
+def knife_edge(pull=5.0, spin=2.0):
+    """Knife edge (skate) on an inclined plane, spinning, released at rest: index 2, nonholonomic.
+
+    A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.6; JonasBreuling/scipy_dae,
+    examples/daes/knife_edge.py. `pull` is gravity along the plane [m/s^2]. It moves on a cycloid,
+    across the slope.
+    """
+    t, q, v = symbols(3)
+    g, phi = ca.SX.sym("g"), q[2]
+    return bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0, 1.0],
+        force=ca.vertcat(g, 0.0, 0.0),
+        velocity_constraints={"edge [N]": v[0] * ca.sin(phi) - v[1] * ca.cos(phi)},
+        q0=[0.0, 0.0, 0.0],
+        v0=[0.0, 0.0, spin],
+        names=("x", "y", "angle"),
+        units=("m", "m", "rad"),
+        parameters={g: pull},
+        gravity_energy=-g * q[0],
+    )
+
+
+@bd.model(t_end=3.0)
+def parallelogram(crank=0.5, coupler=1.0, rate=2.0, angle=0.3):
+    """Parallelogram linkage of rigid bars without gravity, through its change points.
+
+    Closed form: both cranks turn at the rate they begin with, the coupler does not turn.
+    """
+    mech = bd.Mechanism(gravity=(0.0, 0.0))
+    span = np.array([coupler, 0.0])
+    pin = crank * np.array([np.cos(angle), np.sin(angle)])
+    velocity = rate * np.array([-pin[1], pin[0]])
+    bridge = mech.add(bd.RigidBody("coupler", 1.0, 0.1, tuple(pin + 0.5 * span), tuple(velocity)))
+    for name, pivot in (("left", 0.0 * span), ("right", span)):
+        center, moving = tuple(pivot + 0.5 * pin), tuple(0.5 * velocity)
+        bar = mech.add(bd.RigidBody(name, 1.0, 0.1, center, moving, rate))
+        mech.add(bd.Revolute(f"{name} pivot", mech.ground.at(*pivot), bar.at(*pivot)))
+        mech.add(bd.Revolute(f"{name} pin", bar.at(*(pivot + pin)), bridge.at(*(pivot + pin))))
+    return mech

@@ -1,0 +1,220 @@
+"""Expressions of the user's own in CasADi symbols, and what these may be made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.equations.fit import require_unit
+from beamdae.errors import BeamdaeError, entries, finite, number, shown
+from beamdae.parts.laws import Law, as_law
+from beamdae.parts.part import require_name
+from beamdae.symbolic.statements import SX, Local, Named
+
+Array = np.ndarray
+MX = ca.MX
+KIND = "ConstrainedSystem"
+
+
+@dataclass(frozen=True, eq=False)
+class Expressions:
+    """What the symbols of a system stand for.
+
+    Attributes
+    ----------
+    t, q, v, lam
+        Symbols of time, coordinates, velocities and multipliers, columns; `lam` or None.
+    parameters
+        Numbers and laws of time by symbol.
+    """
+
+    t: Any
+    q: Any
+    v: Any
+    lam: Any
+    parameters: Mapping[Any, float | Law]
+
+    @classmethod
+    def of(cls, t: Any, q: Any, v: Any, lam: Any, parameters: Any) -> Expressions:
+        """With everything checked.
+
+        Raises
+        ------
+        BeamdaeError
+            On what is no symbol, sizes that do not fit, or parameters without a value.
+        """
+        symbols = {"t": t, "q": q, "v": v} | ({} if lam is None else {"lam": lam})
+        for name, symbol in symbols.items():
+            _require_symbol(name, symbol)
+        if t.numel() != 1 or q.numel() != v.numel():
+            raise BeamdaeError(
+                f"{KIND}: t must be a scalar and q and v of one size, got sizes "
+                f"{t.numel()}, {q.numel()} and {v.numel()}."
+            )
+        if any(not isinstance(symbol, type(t)) for symbol in symbols.values()):
+            raise BeamdaeError(f"{KIND}: {_listed(symbols)} must be all SX or all MX symbols.")
+        found = cls(t, q, v, lam, _parameters(type(t), parameters))
+        own = [_key(x) for symbol in found.symbols for x in ca.symvar(symbol)]
+        if len(own) > len(set(own)):
+            told = _listed([*symbols, *(["parameters"] if found.parameters else [])])
+            raise BeamdaeError(f"{KIND}: {told} must be symbols of their own each.")
+        return found
+
+    @property
+    def symbols(self) -> list[Any]:
+        """All of them."""
+        held = [] if self.lam is None else [self.lam]
+        return [self.t, self.q, self.v, *self.parameters, *held]
+
+    @cached_property
+    def laws(self) -> tuple[tuple[str, Law], ...]:
+        """The laws among the parameters, by name."""
+        return tuple((s.name(), x) for s, x in self.parameters.items() if isinstance(x, Law))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The numbers among the parameters."""
+        return np.array([x for x in self.parameters.values() if not isinstance(x, Law)], float)
+
+    def local(self, n_multipliers: int = 0) -> Local:
+        """Symbols of a statement about the whole system."""
+        return Local(self.q.numel(), len(self.numbers), n_multipliers)
+
+    def stated(
+        self, local: Local, expression: Any, name: str, on: tuple[str, ...] = ("t", "q", "v")
+    ) -> SX:
+        """An expression in the symbols of `local`, if it depends on those named alone.
+
+        Raises
+        ------
+        BeamdaeError
+            Naming what it depends on, or cannot be.
+        """
+        kind = type(self.t)
+        told = _listed([*on, *(["parameters"] if self.parameters else [])])
+        try:
+            found = kind(_stacked(expression))
+        except Exception:
+            raise BeamdaeError(
+                f"{KIND}: {name} must be made of numbers and {kind.__name__} expressions in "
+                f"{told}, in rows of one length, got {shown(expression)}."
+            ) from None
+        given = [*(getattr(self, symbol) for symbol in on), *self.parameters]
+        allowed = {_key(x) for symbol in given for x in ca.symvar(symbol)}
+        others = [x.name() for x in ca.symvar(found) if _key(x) not in allowed]
+        if others:
+            raise BeamdaeError(
+                f"{KIND}: {name} must depend on {told} alone, not on {', '.join(others[:3])}."
+            )
+        values = {"t": local.time[0], "q": local.q, "v": local.v, "lam": local.lam}
+        inputs = [*(values[symbol] for symbol in on), *self._values(local)]
+        try:
+            return ca.Function("stated", given, [found])(*inputs)
+        except Exception:
+            raise BeamdaeError(
+                f"{KIND}: {name} uses a function without a formula, such as a "
+                "solver of equations, it must be an expression that SX can hold."
+            ) from None
+
+    def _values(self, local: Local) -> list[SX]:
+        """What stands for each parameter."""
+        places = iter(range(len(self.numbers)))
+        return [
+            value(local.time) if isinstance(value, Law) else local.data[next(places)]
+            for value in self.parameters.values()
+        ]
+
+
+def _require_symbol(name: str, symbol: Any) -> None:
+    if (
+        not isinstance(symbol, (SX, MX))
+        or not (symbol.is_column() and symbol.is_dense() and symbol.numel())
+        or not symbol.is_valid_input()
+    ):
+        raise BeamdaeError(
+            f"{KIND}: {name} must be a CasADi symbol, a column such as "
+            f'SX.sym("{name}", 2), got {shown(symbol)}.'
+        )
+
+
+def _parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
+    """Numbers and laws by symbol."""
+    if not isinstance(given, Mapping) or not all(
+        isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
+        for symbol in given
+    ):
+        raise BeamdaeError(
+            f"{KIND}: parameters must give a number or a law of time by symbol, each such as "
+            f'{kind.__name__}.sym("m"), got {shown(given)}.'
+        )
+    return {symbol: _value(symbol.name(), value) for symbol, value in given.items()}
+
+
+def _value(name: str, value: Any) -> float | Law:
+    if isinstance(value, Law) or callable(value):
+        return as_law(name, value)
+    return finite(KIND, f"the parameter {name}", value)
+
+
+def _stacked(expression: Any) -> Any:
+    """An expression from a list of entries, or of rows."""
+    if not isinstance(expression, (list, tuple)):
+        if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
+            raise TypeError
+        return expression
+    rows = [ca.horzcat(*row) if isinstance(row, (list, tuple)) else row for row in expression]
+    return ca.vertcat(*rows)
+
+
+def _key(symbol: Any) -> int:
+    """What a symbol is known by; names are not unique."""
+    return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
+
+
+def _listed(names: Any) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}"
+
+
+def column(header: Any) -> Named:
+    """The name and unit that a header such as 'tip.x [m]' tells; without a unit it is '-'.
+
+    Raises
+    ------
+    BeamdaeError
+        If it is no such text.
+    """
+    name, unit = header, "-"
+    if isinstance(header, str) and header.endswith("]") and " [" in header:
+        name, _, unit = header[:-1].rpartition(" [")
+    require_unit(KIND, unit)
+    return Named(require_name(KIND, name), unit)
+
+
+def numbers(name: str, values: Any, n: int) -> Array:
+    """`values` as n finite numbers."""
+    try:
+        given = np.asarray(values, object).ravel().tolist()
+    except Exception:
+        # Symbols, or rows of different lengths.
+        given = []
+    if len(given) != n or any(number(x) is None for x in given):
+        raise BeamdaeError(
+            f"{KIND}: {name} must have {n} entries, finite numbers, got {shown(values)}."
+        )
+    return np.array([finite(KIND, name, x) for x in given])
+
+
+def texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
+    """`values` as n entries, or none."""
+    found = tuple(entries(KIND, name, values, f"a list of {n} entries, texts"))
+    if found and len(found) != n:
+        raise BeamdaeError(
+            f"{KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}."
+        )
+    return found

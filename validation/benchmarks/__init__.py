@@ -1,0 +1,1 @@
+"""Published and closed-form cases, met by every integrator."""
