@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.cases import pendulum_motion
 from conformance import IDA_FORMS, integrators, tuned
 from numpy.testing import assert_allclose
-from published_cases import pendulum_motion
 from support import ARC, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
