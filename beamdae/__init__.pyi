@@ -3,6 +3,7 @@ from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
 from .beams.sections import Material as Material
 from .beams.sections import Section as Section
+from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.welded import welded_beams as welded_beams
 from .checks import Check as Check
 from .checks import check as check
@@ -27,11 +28,16 @@ from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
+from .parts.distance import Distance as Distance
+from .parts.drivers import Driver as Driver
+from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
 from .parts.friction import Friction as Friction
-from .parts.joints import Driver as Driver
-from .parts.joints import PointOnLine as PointOnLine
+from .parts.gears import Gear as Gear
+from .parts.gears import RackAndPinion as RackAndPinion
+from .parts.guides import PointOnLine as PointOnLine
+from .parts.guides import Prismatic as Prismatic
 from .parts.joints import Revolute as Revolute
 from .parts.joints import Weld as Weld
 from .parts.laws import Law as Law

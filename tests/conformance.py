@@ -55,6 +55,10 @@ def integrators(rtol, step, also=None, slow=(), **settings):
 TIP = tuple(ARC.point(ARC.length))
 
 
+# Of the end of the beam from (3, 0).
+DRAWN_LINK = float(np.hypot(TIP[0] - 3.0, TIP[1]))
+
+
 def swing(t):
     return 0.4 * np.sin(2.0 * t) + t**2
 
@@ -74,6 +78,24 @@ JOINTS = {
     "fixed line": lambda m, d, b: bd.PointOnLine("j", m.ground.at(*TIP), b.end, (1.0, -0.5)),
     "turning line": lambda m, d, b: bd.PointOnLine("j", d.at(0.0, TIP[1]), b.end, (-2.0, 0.0)),
     "line on a beam": lambda m, d, b: bd.PointOnLine("j", b.end, d.at(TIP[0], 0.0), (0.0, 3.0)),
+    "slider on a body": lambda m, d, b: bd.Prismatic("j", d.at(0.1, 0.3), b.end, (1.0, -0.5)),
+    "slider on a beam": lambda m, d, b: bd.Prismatic("j", b.at(0.7), d.at(1.0, 1.0), (0.2, 0.0)),
+    "link": lambda m, d, b: bd.Distance("j", d.at(0.0, 0.0), b.at(0.7)),
+    "growing link": lambda m, d, b: bd.Distance(
+        "j", m.ground.at(3.0, 0.0), b.end, lambda t: DRAWN_LINK + 0.1 * swing(t)
+    ),
+    "gear": lambda m, d, b: bd.Gear("j", b.start, d.at(0.0, 0.0), -1.7),
+    "planetary gear": lambda m, d, b: bd.Gear(
+        "j", m.ground.at(0.0, 0.0), d.at(0.0, 0.0), 0.4, carrier=b.end
+    ),
+    "rack and pinion": lambda m, d, b: bd.RackAndPinion(
+        "j", d.at(0.5, 0.4), b.start, 0.3, (1.0, 0.2)
+    ),
+    "sliding from the start": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.start), b),
+    "sliding in the span": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.point(1.0)), b),
+    "travel": lambda m, d, b: bd.TranslationalDriver(
+        "j", d.at(0.0, 0.0), b.end, swing, (0.3, -1.0)
+    ),
 }
 
 # Of the same mechanism; the name has to be "load".

@@ -35,6 +35,7 @@ def welded(**given):
 
 
 JOINED = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
+APART = {"name": "j", "a": GROUND.at(1.0, 0.0), "b": DISK.at(0.0, 0.0)}
 RIGID = {"name": "b", "mass": 1.0, "inertia": 0.1}
 # A working call of each: every argument is replaced by everything below, one at a time.
 CALLS = {
@@ -61,6 +62,7 @@ CALLS = {
     ),
     "Curve": (bd.Curve, {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)}),
     "Curve of points": (bd.Curve, {"points": POINTS}),
+    "Distance": (bd.Distance, APART | {"length": 1.0}),
     "Driver": (bd.Driver, JOINED | {"law": 0.0}),
     "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
     "Friction": (
@@ -75,6 +77,7 @@ CALLS = {
             "radius": 0.05,
         },
     ),
+    "Gear": (bd.Gear, JOINED | {"ratio": -0.5, "carrier": BEAM.start}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
     "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),
     "Line": (bd.Line, {"start": (0, 0), "end": (1, 0)}),
@@ -91,6 +94,12 @@ CALLS = {
     "PointMass": (bd.PointMass, {"name": "p", "mass": 1.0, "at": (0, 0), "velocity": (0, 0)}),
     "PointMass on": (bd.PointMass, {"name": "p", "mass": 1.0, "on": DISK.at(0.0, 0.0)}),
     "PointOnLine": (bd.PointOnLine, JOINED | {"direction": (1.0, 0.0)}),
+    "Prismatic": (bd.Prismatic, JOINED | {"direction": (1.0, 0.0)}),
+    "RackAndPinion": (
+        bd.RackAndPinion,
+        {"name": "j", "a": DISK.at(0.0, 0.0), "b": GROUND.at(1.0, 0.0)}
+        | {"radius": 1.0, "direction": (1.0, 0.0)},
+    ),
     "RayleighDamping": (
         bd.RayleighDamping,
         {"name": "r", "beam": BEAM, "mass": 0.1, "stiffness": 0.0},
@@ -115,6 +124,11 @@ CALLS = {
     ),
     "Segment": (bd.Segment, {"curve": ARC, "start": 0.1, "end": 0.9}),
     "Skate": (bd.Skate, {"name": "s", "on": DISK.at(0.0, 0.0), "direction": (1.0, 0.0)}),
+    "SlidingOnBeam": (bd.SlidingOnBeam, {"name": "j", "a": DISK.at(0.0, 0.0), "beam": BEAM}),
+    "TranslationalDriver": (
+        bd.TranslationalDriver,
+        JOINED | {"law": 0.0, "direction": (1.0, 0.0)},
+    ),
     "Weld": (bd.Weld, JOINED),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),

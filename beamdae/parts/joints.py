@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, point
+from beamdae.errors import BeamdaeError, keep, one_of
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, combined_kernel, plain
+from beamdae.symbolic.formulas import Combined, combined_kernel
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
     ConstraintStatement,
     Local,
     Named,
+    Piece,
     Quantity,
 )
 
@@ -28,16 +28,17 @@ from beamdae.symbolic.statements import (
 _MEETING_TOLERANCE = 1e-6
 
 
-def _size(a: Attachment, b: Attachment) -> float:
-    """Extent of the two bodies and their points in the drawing [m]."""
+def allowed_gap(a: Attachment, b: Attachment) -> float:
+    """How far apart two points that meet may be drawn [m]: rounding, by their bodies' size."""
     points = np.concatenate([[a.point, b.point], a.body.outline, b.body.outline])
     extent = float(np.max(np.ptp(points, axis=0)))
-    return extent or max(1.0, float(np.max(np.abs(points))))
+    return _MEETING_TOLERANCE * (extent or max(1.0, float(np.max(np.abs(points)))))
 
 
-def _require_meeting(part: str, a: Attachment, b: Attachment) -> None:
+def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
+    """Refuse two points that do not meet in the drawing."""
     gap = float(np.hypot(*np.subtract(b.point, a.point)))
-    if gap > _MEETING_TOLERANCE * _size(a, b):
+    if gap > allowed_gap(a, b):
         raise BeamdaeError(
             f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
             f"are {gap:.6g} m apart."
@@ -107,23 +108,71 @@ class Joint(Part):
 
 
 @dataclass(frozen=True)
-class _Held:
-    """The kernel of a `gap` between two points, the first of so many local coordinates.
+class _Gap:
+    """What a joint holds, as a formula of where its points are.
 
-    gap: (time, the first moved, the second moved, *further formulas) -> g, a point moved being its
-    position and turn.
+    Attributes
+    ----------
+    sizes
+        Numbers of local coordinates of the points.
+    gap
+        (time, *points moved, *further formulas) -> g, a point moved being its position and turn.
     """
 
-    size: int
+    sizes: tuple[int, ...]
     gap: Callable[..., SX]
 
-    def __call__(self, local: Local, a: Any, b: Any, *own: Any) -> ConstraintKernel:
-        moved_a, moved_b = a(local.q[: self.size]), b(local.q[self.size :])
-        return ConstraintKernel(local, self.gap(local.time, moved_a, moved_b, *own))
+    def points(self, local: Local, functions: Sequence[Any]) -> list[Any]:
+        """All points, moved by the first of the functions."""
+        ends = np.cumsum([0, *self.sizes]).tolist()
+        return [
+            on(local.q[first:last])
+            for on, (first, last) in zip(functions, pairwise(ends), strict=False)
+        ]
+
+    def own(self, functions: Sequence[Any]) -> Sequence[Any]:
+        """The further formulas."""
+        return functions[len(self.sizes) :]
 
 
-class _ByFormula(Joint):
-    """A joint whose constraint is one formula of where its points are: see `_Held.gap`."""
+class _Held(_Gap):
+    """The kernel of a gap."""
+
+    def __call__(self, local: Local, *functions: Any) -> ConstraintKernel:
+        points = self.points(local, functions)
+        return ConstraintKernel(local, self.gap(local.time, *points, *self.own(functions)))
+
+
+@dataclass(frozen=True)
+class _ReactionOn(_Gap):
+    """Force and moment at one of the points: what does the work of the multipliers there."""
+
+    which: int
+    axes: str
+    has_angle: bool
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        found = self.points(local, functions)
+        free = SX.sym("point", 3)
+        place, turn = found[self.which]
+        moved = [*found[: self.which], (free[:2], free[2]), *found[self.which + 1 :]]
+        g = self.gap(local.time, *moved, *self.own(functions))
+        load = -ca.jtimes(g, free, local.lam, True)
+        load = ca.densify(ca.substitute(load, free, ca.vertcat(place, turn)))
+        force = rotate(-turn, load[:2]) if self.axes == "body" else load[:2]
+        return ca.vertcat(force, load[2]) if self.has_angle else force
+
+
+class _Drive(_Gap):
+    """What a law of time takes to be followed, and its power."""
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        g = self.gap(local.time, *self.points(local, functions), *self.own(functions))
+        return ca.vertcat(-local.lam, local.lam * ca.jtimes(g, local.time, SX([1, 0])))
+
+
+class JointByFormula(Joint):
+    """A joint whose constraint is one formula of where its points are: see `_Gap.gap`."""
 
     _gap: ClassVar[Callable[..., SX]]
 
@@ -132,22 +181,64 @@ class _ByFormula(Joint):
         """Further formulas."""
         return ()
 
+    @property
+    def _points(self) -> dict[str, Attachment]:
+        """What it holds, by the names of the fields."""
+        return {"a": self.a, "b": self.b}
+
+    @property
+    def _pieces(self) -> tuple[Piece, ...]:
+        return tuple(place.piece for place in self._points.values())
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return tuple(place.size for place in self._points.values())
+
+    @property
+    def _functions(self) -> tuple[Callable[..., Any], ...]:
+        return (*(place.moved for place in self._points.values()), *self._own)
+
     def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
         """The constraint from the local coordinates of both attachments."""
-        return type(self)._gap(local.time, self.a.moved(q_a), self.b.moved(q_b), *self._own)
+        return self._gap(local.time, self.a.moved(q_a), self.b.moved(q_b), *self._own)
 
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
-        if type(self).constraint is not _ByFormula.constraint:
+        if type(self).constraint is not JointByFormula.constraint:
             return super().constraints()
-        kernel, data = combined_kernel(
-            _Held(self.a.size, type(self)._gap),
-            (self.a.moved, self.b.moved, *self._own),
-            self.a.size + self.b.size,
-            len(self.multipliers),
-        )
-        pieces = (self.a.piece, self.b.piece)
-        return [ConstraintStatement(self.name, kernel, pieces, self.multipliers, data)]
+        sizes = self._sizes
+        held = _Held(sizes, self._gap)
+        count = len(self.multipliers)
+        kernel, data = combined_kernel(held, self._functions, sum(sizes), count)
+        return [ConstraintStatement(self.name, kernel, self._pieces, self.multipliers, data)]
+
+    def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
+        """Force Fx, Fy [N] and moment M [N m] of the joint on one of its bodies, at its point.
+
+        Parameters
+        ----------
+        place
+            Which of its points: "a" or "b", or as the joint has them.
+        axes
+            "inertial", or "body": those of the drawing as the body (or the section of a beam) turns
+            them.
+        """
+        points = self._points
+        one_of(self.name, "place", place, tuple(points))
+        one_of(self.name, "axes", axes, ("inertial", "body"))
+        at = points[place]
+        build = _ReactionOn(self._sizes, self._gap, list(points).index(place), axes, at.has_angle)
+        columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[
+            : 3 if at.has_angle else 2
+        ]
+        values, data = Combined.of(build, self._functions)
+        return Quantity(columns, self._pieces, values, data, joint=self.name)
+
+    def _drive(self) -> Quantity:
+        """What its one law takes, named as the reaction is, and the power it brings in."""
+        values, data = Combined.of(_Drive(self._sizes, self._gap), self._functions)
+        columns = (*self.reaction.columns, Named("power", "W"))
+        return Quantity(columns, self._pieces, values, data, joint=self.name)
 
 
 def _meeting(time: SX, a: Any, b: Any) -> SX:
@@ -158,23 +249,15 @@ def _welded(time: SX, a: Any, b: Any) -> SX:
     return ca.vertcat(b[0] - a[0], b[1] - a[1])
 
 
-def _driven(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
-    return b[1] - a[1] - law(time)
-
-
-def _on_line(time: SX, a: Any, b: Any, normal: Callable[[], Any]) -> SX:
-    return ca.dot(rotate(a[1], normal()), b[0] - a[0])
-
-
 @dataclass(frozen=True, eq=False)
-class Revolute(_ByFormula):
+class Revolute(JointByFormula):
     """Common point of two bodies, free to turn: g = r_b - r_a."""
 
     _gap = staticmethod(_meeting)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_meeting(self.name, self.a, self.b)
+        require_meeting(self.name, self.a, self.b)
 
     @property
     def multipliers(self) -> tuple[Named, ...]:
@@ -188,7 +271,7 @@ class Revolute(_ByFormula):
 
 
 @dataclass(frozen=True, eq=False)
-class Weld(_ByFormula):
+class Weld(JointByFormula):
     """Common point and common turn: g = (r_b - r_a, turn_b - turn_a)."""
 
     _gap = staticmethod(_welded)
@@ -197,7 +280,7 @@ class Weld(_ByFormula):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        _require_meeting(self.name, self.a, self.b)
+        require_meeting(self.name, self.a, self.b)
 
     @property
     def multipliers(self) -> tuple[Named, ...]:
@@ -208,91 +291,3 @@ class Weld(_ByFormula):
     def reactions(self) -> tuple[str, ...]:
         """What each multiplier is called as a reaction."""
         return ("Fx", "Fy", "M")
-
-
-@dataclass(frozen=True, eq=False)
-class Driver(_ByFormula):
-    """Prescribed relative angle: g = turn_b - turn_a - law(t), turns since the drawing [rad].
-
-    A law that is not zero at the start turns the bodies out of the drawing before the run, with
-    whatever is joined to them; `beamdae check` tells by how much.
-    """
-
-    law: Any = None
-    _gap = staticmethod(_driven)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
-        if self.law is None:
-            raise BeamdaeError(f"{self.name}: a driver needs law=, the angle [rad] over time.")
-        _ = self.laws
-
-    @cached_property
-    def laws(self) -> tuple[Law, ...]:
-        """The angle over time."""
-        return (as_law(self.name, self.law),)
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """By how much it turns the bodies out of the drawing."""
-        (law,) = self.laws
-        return {"angle at the start, from the drawing [rad]": float(ca.evalf(law(SX.zeros(2))))}
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("angle", "N m"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("M",)
-
-    @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (self.laws[0].formula,)
-
-
-@dataclass(frozen=True, eq=False)
-class PointOnLine(_ByFormula):
-    """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
-
-    The line is fixed to the body of `a` and turns with it; n is its left normal. The reaction is
-    the force on the body of `b` along n.
-    """
-
-    direction: tuple[float, float] = (1.0, 0.0)
-    _gap = staticmethod(_on_line)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        keep(self, direction=point(self.name, "direction", self.direction))
-        if np.hypot(*self.direction) == 0.0:
-            raise BeamdaeError(f"{self.name}: direction must not be zero.")
-        gap = abs(float(np.dot(self._normal, np.subtract(self.b.point, self.a.point))))
-        if gap > _MEETING_TOLERANCE * _size(self.a, self.b):
-            raise BeamdaeError(
-                f"{self.name}: the point must lie on the line in the reference drawing, but "
-                f"{self.b} is {gap:.6g} m off the line through {self.a}."
-            )
-
-    @property
-    def _normal(self) -> np.ndarray:
-        dx, dy = self.direction
-        return np.array([-dy, dx]) / np.hypot(dx, dy)
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("normal", "N"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("F",)
-
-    @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*self._normal.tolist()),)

@@ -144,7 +144,7 @@ class ConstraintKernel:
         x, mu, c = self.local, self._mu(levels, stabilized), self.local.factors()
         outputs = [self._jacobian, c[3] * self._jacobian]
         outputs += [
-            ca.jacobian(self._jacobian.T @ held, x.q)
+            ca.hessian(ca.dot(held, self.constraint), x.q)[0]
             for held in ([x.lam, mu] if stabilized else [x.lam])
         ]
         if 1 in levels:

@@ -23,6 +23,10 @@ def parts(variant=TANGENT):
 
 
 every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
+# Those of points of bodies alone: of a slider on a beam see test_sliding.
+every_joint_of_points = pytest.mark.parametrize(
+    "make", [JOINTS[name] for name in JOINTS if not name.startswith("sliding")]
+)
 every_frame = pytest.mark.parametrize("variant", [TANGENT, CHORD], ids=["tangent", "chord"])
 
 
@@ -78,35 +82,43 @@ def test_reactions_do_virtual_work_on_the_constraints_alone(make, variant):
     assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-13)
 
 
-@every_joint
+@every_joint_of_points
 @every_frame
-def test_reported_reaction_is_the_load_on_b_and_against_a(make, variant):
-    """G^T lam is what a force and a moment of that size do on the two bodies."""
-    numeric, mech = jointed(make, variant)
+def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, variant):
+    """G^T lam is what forces and moments of the size reported do, in either axes."""
+    _, mech = jointed(make, variant)
     joint = mech.part("j")
+    places = {"a": joint.a, "b": joint.b}
+    if getattr(joint, "carrier", None):
+        places["carrier"] = joint.carrier
+    both = [(place, axes) for place in places for axes in ("inertial", "body")]
+    for place, axes in both:
+        mech.observe(f"{place} {axes}", joint.reaction_on(place, axes))
+    numeric = Numeric(mech)
     rng = np.random.default_rng(2)
     q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
     lam = rng.standard_normal(numeric.m)
-    columns = [column.name for column in joint.reaction.columns]
-    found = dict(zip(columns, numeric.observed("reaction", q=q, lam=lam), strict=True))
-    if not set(columns) <= {"Fx", "Fy", "M"}:
-        # Along a direction of the joint's own: minus its multiplier, see the turning line below.
-        assert_allclose(list(found.values()), -lam, rtol=1e-15)
-        return
-    loaded = bd.Mechanism(gravity=tuple(mech.gravity))
-    loaded.ground = mech.ground
-    for body in ("disk", "beam"):
-        loaded.add(mech.part(body))
-    for sign, on in ((1.0, joint.b), (-1.0, joint.a)):
-        if on.body is mech.ground:
-            continue
-        if "Fx" in found:
-            force = (sign * found["Fx"], sign * found["Fy"])
-            loaded.add(bd.Force(f"force {sign}", on, force))
-        if "M" in found:
-            loaded.add(bd.Moment(f"moment {sign}", on, sign * found["M"]))
-    by_loads = Numeric(loaded).force(q) - numeric.force(q)
-    assert_allclose(by_loads, numeric.reaction(q, lam=lam), atol=1e-12)  # rounding
+    found = {both: numeric.observed(" ".join(both), q=q, lam=lam) for both in both}
+    for axes in ("inertial", "body"):
+        loaded = bd.Mechanism(gravity=tuple(mech.gravity))
+        loaded.ground = mech.ground
+        for body in ("disk", "beam"):
+            loaded.add(mech.part(body))
+        for name, place in places.items():
+            if place.body is mech.ground:
+                continue
+            *force, moment = found[name, axes].tolist()
+            loaded.add(bd.Force(f"force {name}", place, tuple(force), axes))
+            loaded.add(bd.Moment(f"moment {name}", place, moment))
+        by_loads = Numeric(loaded).force(q) - numeric.force(q)
+        assert_allclose(by_loads, numeric.reaction(q, lam=lam), atol=1e-12)  # rounding
+    reported = numeric.observed("reaction", q=q, lam=lam)
+    names = [column.name for column in joint.reaction.columns]
+    assert_allclose(reported, -lam, rtol=1e-15)
+    on_b = dict(zip(("Fx", "Fy", "M"), found["b", "inertial"], strict=True))
+    for name, value in zip(names, reported, strict=True):
+        if name in on_b:
+            assert_allclose(on_b[name], value, atol=1e-14)  # rounding
 
 
 def test_reaction_of_a_turning_line():

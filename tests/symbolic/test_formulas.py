@@ -39,6 +39,12 @@ def machine():
     mech.observe("friction", rubbing.reaction)
     turning = bd.piecewise((0.5, 0.0), (1.0, bd.sine(0.2, 1.5, 0.4)), 0.1)
     mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), beam.start, law=turning))
+    mech.add(bd.Prismatic("slider", beam.start, line, direction=(0.2, 0.9)))
+    mech.add(bd.Distance("link", free.point, beam.at(0.3), length=bd.sine(0.9, 0.5, 0.4)))
+    mech.add(bd.Gear("gear", beam.start, line, 0.3, carrier=mech.ground.at(0.0, 0.0)))
+    mech.add(bd.RackAndPinion("rack", line, beam.end, 0.2, direction=(0.3, 0.1)))
+    travel = bd.TranslationalDriver("travel", line, beam.end, turning, direction=(0.3, 0.1))
+    mech.add(travel)
     mech.add(bd.Moment("moment", on=body.at(1.0, 0.3), law=bd.run_up(2.0, 0.5)))
     loads = (bd.sine(3.0, 2.0), 1.5)
     mech.add(bd.Force("dead", on=beam.at(0.3), law=loads))
@@ -52,6 +58,8 @@ def machine():
     mech.observe("gauge", beam.strain(0.3, 0.0))
     mech.observe("forces", beam.section_forces(0.1))
     mech.observe("weld", weld.reaction)
+    mech.observe("weld on it", weld.reaction_on("a", axes="body"))
+    mech.observe("travel", travel.drive)
     return mech
 
 

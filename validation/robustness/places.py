@@ -83,6 +83,15 @@ def _pair(world: World, name: str) -> dict[str, Any]:
     return {"name": name, "a": world.bar.at(*KNEE), "b": post.at(*KNEE)}
 
 
+def _apart(world: World, name: str) -> dict[str, Any]:
+    post = world.mech.add(bd.RigidBody("post", 1.0, 0.1, KNEE))
+    return {"name": name, "a": world.bar.at(*KNEE), "b": post.at(KNEE[0] + 1.0, KNEE[1])}
+
+
+def _bead(world: World) -> bd.Attachment:
+    return world.mech.add(bd.PointMass("bead", 0.1, at=world.beam.at(0.5).point)).point
+
+
 def _section(world: World) -> dict[str, Any]:
     return {
         "material": world.material,
@@ -115,6 +124,7 @@ PARTS: dict[str, Base] = {
     "AirDrag": Base(lambda w: {"name": "drag", "beam": w.beam, "coefficient": 0.1}, added),
     "Attachment": Base(_attachment, held),
     "Beam": Base(_beam, added),
+    "Distance": Base(lambda w: {**_apart(w, "link"), "length": 1.0}, added),
     "Driver": Base(lambda w: {**_pair(w, "motor"), "law": 0.0}, added),
     "Force": Base(
         lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": (1.0, 0.0), "axes": "body"}, added
@@ -130,7 +140,14 @@ PARTS: dict[str, Base] = {
         added,
         lambda w, **given: bd.PointMass(**given),
     ),
+    "Gear": Base(
+        lambda w: {**_pair(w, "gear"), "ratio": -0.5, "carrier": w.mech.ground.at(0.0, 0.0)}, added
+    ),
     "PointOnLine": Base(lambda w: {**_pair(w, "guide"), "direction": (1.0, 0.0)}, added),
+    "Prismatic": Base(lambda w: {**_pair(w, "rail"), "direction": (1.0, 0.0)}, added),
+    "RackAndPinion": Base(
+        lambda w: {**_pair(w, "rack"), "radius": 0.2, "direction": (1.0, 0.0)}, added
+    ),
     "RayleighDamping": Base(
         lambda w: {"name": "oil", "beam": w.beam, "mass": 0.1, "stiffness": 1e-5}, added
     ),
@@ -145,6 +162,13 @@ PARTS: dict[str, Base] = {
             "angular_velocity": 0.0,
         },
         added,
+    ),
+    "SlidingOnBeam": Base(
+        lambda w: {"name": "slide", "a": _bead(w), "beam": w.beam},
+        added,
+    ),
+    "TranslationalDriver": Base(
+        lambda w: {**_pair(w, "motor"), "law": 0.0, "direction": (1.0, 0.0)}, added
     ),
     "Weld": Base(lambda w: _pair(w, "weld"), added),
     "welded_beams": Base(

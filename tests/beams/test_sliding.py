@@ -1,0 +1,200 @@
+"""Points that slide along deformed beams: the curve they follow, closed forms, balances."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric
+
+import beamdae as bd
+from beamdae.beams.track import nearest_arc_length, track_point
+
+CHORD = VARIANTS[2]
+
+
+def track(points):
+    """The curve through points, its slope and curvature, as a function of where."""
+    along = ca.SX.sym("along")
+    at = track_point(ca.SX(points), along)
+    slope = ca.jacobian(at, along)
+    function = ca.Function("track", [along], [at, slope, ca.jacobian(slope, along)])
+    return lambda where: [x.full().ravel() for x in function(where)]
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 25])
+def test_curve_is_exact_for_polynomials(count):
+    """Up to degree four, or less where there are fewer points: values and two derivatives."""
+    degree = min(count - 1, 4)
+    shape = np.polynomial.Polynomial([0.3, -0.2, 0.5, -0.1, 0.02][: degree + 1])
+    k = np.arange(count, dtype=float)
+    curve = track(np.stack([k, shape(k)]))
+    for at in np.linspace(0.0, count - 1.0, 41):
+        values = curve(at)
+        expected = [[at, shape(at)], [1.0, shape.deriv(1)(at)], [0.0, shape.deriv(2)(at)]]
+        # Rounding of a degree of four at 24.
+        assert_allclose(values, expected, rtol=1e-12, atol=1e-10)
+
+
+def test_curve_is_smooth_at_its_points_and_straight_beyond_its_ends():
+    points = np.random.default_rng(0).standard_normal((2, 9))
+    curve = track(points)
+    for k in range(9):
+        assert_allclose(curve(k)[0], points[:, k], atol=1e-14)
+        below, above = (curve(k + side * 1e-9) for side in (-1, 1))
+        # Differences of 1e-9 of derivatives of order 100; curvature ends at the ends.
+        for derivative in range(2 if k in (0, 8) else 3):
+            assert_allclose(below[derivative], above[derivative], atol=1e-6)
+    start, slope, _ = curve(0.0)
+    assert_allclose(curve(-0.7)[0], start - 0.7 * slope, atol=1e-13)
+    end, slope, _ = curve(8.0)
+    assert_allclose(curve(8.7)[0], end + 0.7 * slope, atol=1e-13)
+
+
+def test_nearest_point_is_found_anywhere():
+    for s in (0.0, 1e-3, 0.731, ARC.length):
+        assert_allclose(nearest_arc_length(ARC, tuple(ARC.point(s))), s, atol=1e-14)
+
+
+def rotating(E, elements=4):
+    """A bead on a rod that is turned at a constant rate."""
+    omega, distance = 2.0, 0.3
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material(E=E, nu=0.3, rho=7800.0), width=0.02, height=0.02)
+    line = bd.Line((0.0, 0.0), (2.0, 0.0))
+    rod = mech.add(bd.Beam("rod", line, section, elements=elements, angular_velocity=omega))
+    velocity = (0.0, omega * distance)
+    bead = mech.add(bd.PointMass("bead", 0.1, at=(distance, 0.0), velocity=velocity))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("pin", root, rod.start))
+    motor = mech.add(bd.Driver("motor", root, rod.start, law=lambda t: omega * t))
+    slide = mech.add(bd.SlidingOnBeam("slide", bead.point, rod))
+    mech.observe("s", slide.s)
+    mech.observe("slide", slide.reaction)
+    mech.observe("motor", motor.drive)
+    return mech, distance, omega
+
+
+@integrators(rtol=1e-6, step=1e-3)
+def test_a_bead_slides_out_on_a_stiff_rotating_rod(integrator):
+    """s = r0 cosh(omega t); the rod stretches and lags by a thousandth of what steel does."""
+    mech, distance, omega = rotating(2.1e14)
+    solution = bd.simulate(mech, integrator, t_end=0.9)
+    found, t = solution.observed, np.asarray(solution.t)
+    # 100 rtol of a range of 1 m.
+    assert_allclose(found["s [m]"], distance * np.cosh(omega * t), atol=5e-5)
+    assert solution.quality.energy_imbalance < 1e-4
+
+
+def test_the_bead_differs_by_the_compliance_of_the_rod():
+    """Ten times the stiffness, a tenth of the difference from the rigid rod."""
+    off = []
+    for E in (2.1e12, 2.1e13):
+        mech, distance, omega = rotating(E)
+        solution = bd.simulate(mech, bd.Radau(rtol=1e-7), t_end=0.9)
+        exact = distance * np.cosh(omega * np.asarray(solution.t))
+        off.append(np.abs(solution.observed["s [m]"] - exact).max())
+    # Stretched by the centrifugal force and lagging: 2.6e-6 m and 2.6e-7 m.
+    assert_allclose(off[0] / off[1], 10.0, rtol=0.02)
+
+
+def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
+    """A bead on a flexible arc that hangs between two pins, the drawing turned and moved."""
+
+    def moved(x, y):
+        c, s = np.cos(turn), np.sin(turn)
+        return (float(c * x - s * y + place[0]), float(s * x + c * y + place[1]))
+
+    gravity = np.subtract(moved(0.0, -9.81), place)
+    mech = bd.Mechanism(gravity=tuple(gravity.tolist()))
+    start = moved(-np.sin(1.2), -np.cos(1.2))
+    arc = bd.Arc(radius=1.0, length=2.4, start=start, angle=-1.2 + turn)
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
+    section = bd.Section.rectangle(steel, width=0.03, height=0.004, damping=damping)
+    beam = mech.add(bd.Beam("arc", arc, section, elements=elements))
+    bead = mech.add(bd.PointMass("bead", 0.5, at=tuple(arc.point(0.4).tolist())))
+    for name, end in (("left", beam.start), ("right", beam.end)):
+        mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+    slide = mech.add(bd.SlidingOnBeam("slide", bead.point, beam))
+    mech.observe("s", slide.s)
+    mech.observe("slide", slide.reaction)
+    return mech
+
+
+@integrators(rtol=1e-5, step=5e-4)
+def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
+    """Across all boundaries of elements, there and back."""
+    solution = bd.simulate(hanging(4), integrator, t_end=1.0)
+    assert solution.status.kind == "ok"
+    assert solution.observed["s [m]"].max() > 1.9
+    # Measured: 6e-7 at most.
+    assert solution.quality.energy_imbalance < 1e-5
+    assert solution.quality.max_position_drift < 1e-7
+
+
+def test_boundaries_of_elements_cost_no_steps():
+    """Eight elements have four times the boundaries of two, on the same motion."""
+    few, many = (
+        bd.simulate(hanging(elements), bd.Radau(rtol=1e-5), t_end=1.0) for elements in (2, 8)
+    )
+    # Measured: 487 and 518 steps.
+    assert many.statistics.steps < 1.2 * few.statistics.steps
+    # The mesh of two elements is off by 2e-4 m.
+    assert_allclose(few.observed["s [m]"], many.observed["s [m]"], atol=1e-3)
+
+
+def test_turning_and_moving_the_drawing_changes_nothing():
+    here, there = (
+        bd.simulate(hanging(2, *how), bd.Radau(rtol=1e-7), t_end=0.3)
+        for how in ((), (0.7, (3.0, -2.0)))
+    )
+    assert_allclose(here.observed["s [m]"], there.observed["s [m]"], atol=1e-8)
+    forces = [
+        np.hypot(*x.observed[["slide.Fx [N]", "slide.Fy [N]"]].to_numpy().T) for x in (here, there)
+    ]
+    assert_allclose(*forces, atol=1e-4 * np.max(forces))
+
+
+def test_the_reaction_is_on_the_point_and_along_the_axis_works_on_s():
+    mech = bd.Mechanism()
+    section = bd.Section(bd.Material(E=60.0, nu=0.3, rho=1.3), area=0.9, second_moment=0.05)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
+    bead = mech.add(bd.PointMass("bead", 0.5, at=(0.4, 0.0)))
+    slide = mech.add(bd.SlidingOnBeam("slide", bead.point, beam))
+    mech.observe("slide", slide.reaction)
+    numeric = Numeric(mech)
+    q, lam = numeric.equations.q0, np.array([0.3, -0.7])
+    assert_allclose(numeric.observed("slide", q=q, lam=lam), -lam, rtol=1e-15)
+    on_bead = numeric.reaction(q, lam=lam)[numeric.index("bead.x") :][:2]
+    assert_allclose(on_bead, lam, rtol=1e-14)
+    # In equilibrium that of s is zero: without friction nothing is held along the axis.
+    on_s = numeric.reaction(q, lam=lam)[numeric.index("slide.s")]
+    assert_allclose(on_s, -lam[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda d, b: bd.SlidingOnBeam("slide", d.at(0.0, 0.0), b),
+            r"slide: the point must lie on the beam .* disk at \(0, 0\) is 0.36\d* m off the axis "
+            "of beam",
+        ),
+        (
+            lambda d, b: bd.SlidingOnBeam("slide", b.end, b),
+            "slide: the point must be one of another body than the beam, got beam at",
+        ),
+        (
+            lambda d, b: bd.SlidingOnBeam("slide", d.at(*ARC.start), b.end),
+            "slide: beam must be a Beam, got",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
+    beam = mech.add(CHORD.beam(ARC))
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make(disk, beam)

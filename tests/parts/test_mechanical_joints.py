@@ -1,0 +1,301 @@
+"""Sliders, links, gears, racks and drivers against closed forms, with reactions in balance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from support import Numeric
+
+import beamdae as bd
+from beamdae.equations.consistent_start import Starter
+
+
+def started(mech):
+    """Its equations and a consistent start."""
+    numeric = Numeric(mech)
+    e = numeric.equations
+    return numeric, Starter(e).state(np.zeros(2), e.q0, e.v0)
+
+
+def rotating_slider(omega, distance, offset=0.0):
+    """A slider on a rod that turns at a constant rate."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0))
+    velocity = (-omega * offset, omega * distance)
+    slider = mech.add(bd.RigidBody("slider", 0.4, 0.01, (distance, offset), velocity, omega))
+    center = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
+    mech.add(bd.Revolute("pivot", *center))
+    motor = mech.add(bd.Driver("motor", *center, law=lambda t: omega * t))
+    guide = mech.add(bd.Prismatic("guide", center[1], slider.at(distance, offset)))
+    mech.observe("slider", slider.at(distance, offset))
+    mech.observe("guide", guide.reaction)
+    mech.observe("motor", motor.drive)
+    return mech
+
+
+@integrators(rtol=1e-6, step=1e-3)
+def test_a_mass_slides_out_on_a_rotating_rod(integrator):
+    """r = r0 cosh(omega t); F = 2 m omega r'; the motor does the work the slider gains."""
+    omega, distance, mass = 2.0, 0.3, 0.4
+    solution = bd.simulate(rotating_slider(omega, distance), integrator, t_end=0.9)
+    r = distance * np.cosh(omega * solution.t)
+    rate = omega * distance * np.sinh(omega * solution.t)
+    found = solution.observed
+    # The promise of README is 100 rtol of the range, 1 m; fixed steps of 1 ms have 1e-6.
+    assert_allclose(np.hypot(found["slider.x [m]"], found["slider.y [m]"]), r, atol=2e-5)
+    force = 2.0 * mass * omega * rate
+    assert_allclose(found["guide.F [N]"], force, atol=1e-3 * force.max())
+    assert_allclose(found["motor.M [N m]"], force * r, atol=1e-3 * (force * r).max())
+    assert_allclose(found["motor.power [W]"], omega * found["motor.M [N m]"], rtol=1e-12)
+    assert solution.quality.energy_imbalance < 1e-4
+
+
+def test_a_slider_keeps_its_offset_and_its_angle():
+    """x'' = omega^2 x along the axis; across it F = -m omega^2 d + 2 m omega x'."""
+    omega, distance, offset, mass = 2.0, 0.3, 0.2, 0.4
+    numeric, state = started(rotating_slider(omega, distance, offset))
+    # x' = 0 at the start: the guide pulls the slider in.
+    expected = [-mass * omega**2 * offset, 0.0]
+    assert_allclose(numeric.observed("guide", q=state.q, lam=state.lam), expected, atol=1e-12)
+
+
+def test_planetary_gear_train_has_the_inertia_of_its_wheels():
+    """A sun, a planet on an arm and a fixed ring: all turns follow that of the arm.
+
+    The ring of radius R = r_s + 2 r_p is fixed, so for each turn of the arm the planet turns by
+    -(R / r_p - 1) and the sun by 1 + R / r_s.
+    """
+    sun_radius, planet_radius = 0.2, 0.1
+    ring_radius, arm_length = sun_radius + 2.0 * planet_radius, sun_radius + planet_radius
+    inertias, mass, moment = {"arm": 0.05, "sun": 0.02, "planet": 0.003}, 0.7, 1.3
+    mech = bd.Mechanism()
+    arm = mech.add(bd.RigidBody("arm", 1.0, inertias["arm"]))
+    sun = mech.add(bd.RigidBody("sun", 1.0, inertias["sun"]))
+    planet = mech.add(bd.RigidBody("planet", mass, inertias["planet"], (arm_length, 0.0)))
+    hub, pin = mech.ground.at(0.0, 0.0), (arm_length, 0.0)
+    mech.add(bd.Revolute("arm bearing", hub, arm.at(0.0, 0.0)))
+    mech.add(bd.Revolute("sun bearing", hub, sun.at(0.0, 0.0)))
+    mech.add(bd.Revolute("planet bearing", arm.at(*pin), planet.at(*pin)))
+    on_arm = {"carrier": arm.at(0.0, 0.0)}
+    inner = bd.Gear(
+        "sun mesh", sun.at(0, 0), planet.at(*pin), -sun_radius / planet_radius, **on_arm
+    )
+    outer = bd.Gear("ring mesh", hub, planet.at(*pin), ring_radius / planet_radius, **on_arm)
+    for gear in (inner, outer):
+        mech.add(gear)
+        for place in ("a", "b", "carrier"):
+            mech.observe(f"{gear.name} {place}", gear.reaction_on(place))
+    mech.add(bd.Moment("motor", arm.at(0.0, 0.0), moment))
+    numeric, state = started(mech)
+    turns = {"arm": 1.0, "sun": 1.0 + ring_radius / sun_radius}
+    turns["planet"] = 1.0 - ring_radius / planet_radius
+    total = mass * arm_length**2 + sum(j * turns[name] ** 2 for name, j in inertias.items())
+    # Rounding of a saddle-point solution.
+    for name, turn in turns.items():
+        found = state.a[numeric.index(f"{name}.angle")]
+        assert_allclose(found, turn * moment / total, rtol=1e-12)
+    for gear in (inner, outer):
+        sides = [
+            numeric.observed(f"{gear.name} {place}", q=state.q, lam=state.lam)
+            for place in ("a", "b", "carrier")
+        ]
+        # No force, and moments that are in balance: the ring and the ground have theirs.
+        assert_allclose(np.sum(sides, axis=0), 0.0, atol=1e-12)
+        assert_allclose(sides[0][2], -gear.ratio * sides[1][2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
+def test_rack_and_pinion(side):
+    """A moment M on a pinion drives a rack of mass m: a = (M / r) / (m + J / r^2)."""
+    radius, inertia, mass, moment = 0.25, 0.04, 1.7, 0.9
+    mech = bd.Mechanism()
+    pinion = mech.add(bd.RigidBody("pinion", 1.0, inertia, (0.0, side * radius)))
+    rack = mech.add(bd.RigidBody("rack", mass, 0.1, (0.4, -0.1)))
+    center = (0.0, side * radius)
+    mech.add(bd.Revolute("bearing", mech.ground.at(*center), pinion.at(*center)))
+    mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), rack.at(0.4, 0.0)))
+    teeth = bd.RackAndPinion("teeth", pinion.at(*center), rack.at(0.0, 0.0), side * radius)
+    mech.add(teeth)
+    mech.add(bd.Moment("motor", pinion.at(*center), moment))
+    mech.observe("teeth", teeth.reaction)
+    mech.observe("on pinion", teeth.reaction_on("a"))
+    numeric, state = started(mech)
+    acceleration = side * moment / radius / (mass + inertia / radius**2)
+    # Rounding of a saddle-point solution.
+    assert_allclose(state.a[numeric.index("rack.x")], acceleration, rtol=1e-12)
+    force = mass * acceleration
+    assert_allclose(numeric.observed("teeth", q=state.q, lam=state.lam), [force], rtol=1e-12)
+    *_, on_pinion = numeric.observed("on pinion", q=state.q, lam=state.lam)
+    assert_allclose(on_pinion, -side * radius * force, rtol=1e-12)
+
+
+def test_a_wheel_rolls_down_a_slope():
+    """a = g sin(slope) / (1 + J / (m r^2)): a rack on the ground, with the wheel to its left."""
+    radius, mass, inertia, slope = 0.3, 2.0, 0.05, -0.4
+    along = np.array([np.cos(slope), np.sin(slope)])
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    center = (-radius * along[1], radius * along[0])
+    wheel = mech.add(bd.RigidBody("wheel", mass, inertia, center))
+    ground = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("contact", mech.ground.at(*center), wheel.at(*center), tuple(along)))
+    mech.add(bd.RackAndPinion("rolling", wheel.at(*center), ground, radius, tuple(along)))
+    numeric, state = started(mech)
+    acceleration = 9.81 * np.sin(-slope) / (1.0 + inertia / (mass * radius**2))
+    first = numeric.index("wheel.x")
+    # Rounding of a saddle-point solution.
+    assert_allclose(state.a[first : first + 2], acceleration * along, rtol=1e-12)
+    assert_allclose(state.a[first + 2], -acceleration / radius, rtol=1e-12)
+
+
+def double_pendulum(link):
+    """Two particles: at rest, drawn at 60 degrees and at -10 degrees from the vertical."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    knee = (np.sin(np.pi / 3), -np.cos(np.pi / 3))
+    bob = (knee[0] - 0.7 * np.sin(np.pi / 18), knee[1] - 0.7 * np.cos(np.pi / 18))
+    upper = mech.add(bd.PointMass("upper", 1.2, at=knee))
+    lower = mech.add(bd.PointMass("lower", 0.5, at=bob))
+    link(mech, "thigh", mech.ground.at(0.0, 0.0), upper.point)
+    link(mech, "shin", upper.point, lower.point)
+    mech.observe("lower", lower.point)
+    return mech
+
+
+def by_distance(mech, name, a, b):
+    mech.add(bd.Distance(name, a, b))
+
+
+def by_bar(mech, name, a, b):
+    """The same by a bar that has next to no mass."""
+    middle = tuple(np.mean([a.point, b.point], axis=0))
+    bar = mech.add(bd.RigidBody(name, 1e-9, 1e-10, middle))
+    mech.add(bd.Revolute(f"{name} a", a, bar.at(*a.point)))
+    mech.add(bd.Revolute(f"{name} b", bar.at(*b.point), b))
+
+
+def test_links_make_a_double_pendulum():
+    found = [
+        bd.simulate(double_pendulum(link), bd.Radau(rtol=1e-8), t_end=1.0)
+        for link in (by_distance, by_bar)
+    ]
+    # The bars have 1e-9 of the mass; 100 rtol.
+    assert_allclose(*(x.observed[["lower.x [m]", "lower.y [m]"]] for x in found), atol=1e-6)
+    assert found[0].quality.energy_imbalance < 1e-7
+
+
+def test_a_parallelogram_of_links_keeps_its_coupler_level():
+    """The coupler of a parallelogram moves along circles and does not turn."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    coupler = mech.add(bd.RigidBody("coupler", 2.0, 0.3, (1.0, -0.5)))
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        end = coupler.at(x + 0.3, -0.4)
+        mech.add(bd.Distance(name, mech.ground.at(x, 0.0), end, length=0.5))
+    mech.observe("coupler", coupler.at(1.0, -0.5))
+    solution = bd.simulate(mech, bd.Ida(rtol=1e-6), t_end=1.0)
+    found = solution.observed
+    # Positions drift by 1e-8 m.
+    assert_allclose(found["coupler.angle [rad]"], 0.0, atol=1e-6)
+    x, y = (found[f"coupler.{c} [m]"] for c in ("x", "y"))
+    assert_allclose(np.hypot(x - 0.7, y + 0.1), 0.5, atol=1e-6)
+    assert np.ptp(x) > 0.5
+
+
+@integrators(rtol=1e-5, step=1e-3)
+def test_winding_up_a_pendulum_takes_its_power(integrator):
+    """What the law of a link's length brings in is what the energies of the bob gain."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 0.8, at=(0.6, -0.8)))
+    rope = bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point, lambda t: 1.0 - 0.3 * t**2)
+    mech.add(rope)
+    mech.observe("rope", rope.drive)
+    mech.observe("bob", bob.point)
+    solution = bd.simulate(mech, integrator, t_end=1.0)
+    found, t = solution.observed, np.asarray(solution.t)
+    # 100 rtol.
+    assert_allclose(np.hypot(found["bob.x [m]"], found["bob.y [m]"]), 1 - 0.3 * t**2, atol=1e-6)
+    # Off by what the length drifts, relative to itself.
+    assert_allclose(found["rope.power [W]"], found["rope.F [N]"] * 0.6 * t, rtol=1e-6, atol=1e-12)
+    assert found["rope.F [N]"].min() > 0.0
+    assert solution.quality.energy_imbalance < 1e-4
+
+
+def test_tension_of_a_link_is_positive():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 0.8, at=(0.0, -1.5)))
+    rope = mech.add(bd.Distance("rope", bob.point, mech.ground.at(0.0, 0.0)))
+    mech.observe("rope", rope.reaction)
+    mech.observe("on bob", rope.reaction_on("a"))
+    numeric, state = started(mech)
+    weight = 0.8 * 9.81
+    assert_allclose(numeric.observed("rope", q=state.q, lam=state.lam), [weight], rtol=1e-12)
+    assert_allclose(numeric.observed("on bob", q=state.q, lam=state.lam), [0.0, weight], atol=1e-12)
+
+
+def test_a_travel_is_followed_by_force_and_power():
+    """F = m a and P = F v of a prescribed travel, along a line that is turned."""
+    mass, angle, t = 1.4, 0.6, 0.3
+    along = (np.cos(angle), np.sin(angle))
+    mech = bd.Mechanism()
+    cart = mech.add(bd.RigidBody("cart", mass, 0.2, (0.5, 0.1)))
+    places = (mech.ground.at(0.2, 0.1), cart.at(0.5, 0.1))
+    mech.add(bd.Prismatic("rail", *places, direction=along))
+    motor = mech.add(bd.TranslationalDriver("motor", *places, bd.sine(0.4, 0.5), along))
+    mech.observe("motor", motor.drive)
+    numeric = Numeric(mech, time=(t, t))
+    e = numeric.equations
+    state = Starter(e).state(numeric.time, e.q0, e.v0)
+    rate = 0.4 * np.pi * np.cos(np.pi * t)
+    force = -mass * 0.4 * np.pi**2 * np.sin(np.pi * t)
+    found = numeric.observed("motor", q=state.q, v=state.v, lam=state.lam, time=[t, t])
+    # Rounding; positions are closed to 1e-12.
+    assert_allclose(found, [force, force * rate], rtol=1e-11)
+    assert_allclose(state.q[0] - 0.5, 0.4 * np.sin(np.pi * t) * along[0], atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda m, d: bd.Distance("link", m.ground.at(0, 0), d.at(0, 0)),
+            "link: a link needs two points that lie apart .* join them by a Revolute",
+        ),
+        (
+            lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), length=2.9),
+            r"link: length must be that of the reference drawing, 3 m, or a law of time, got 2.9",
+        ),
+        (
+            lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), lambda t: t - 1.0),
+            "link: length at t = 0 must be positive, got -1",
+        ),
+        (
+            lambda m, d: bd.Gear("gear", m.ground.at(0, 0), d.at(0, 0), 0.0),
+            "gear: ratio must not be zero",
+        ),
+        (
+            lambda m, d: bd.Gear("gear", m.ground.at(0, 0), d.at(0, 0), 2.0, carrier=d.at(1, 0)),
+            r"gear: the carrier must be another body than the wheels, got disk at \(1, 0\)",
+        ),
+        (
+            lambda m, d: bd.RackAndPinion("rack", d.at(0, 0), m.ground.at(0, 0), 0.0),
+            "rack: radius must not be zero",
+        ),
+        (
+            lambda m, d: bd.TranslationalDriver("motor", m.ground.at(0, 0), d.at(0, 0)),
+            "motor: a driver needs law=, the travel",
+        ),
+        (
+            lambda m, d: bd.Prismatic("rail", m.ground.at(0, 0), d.at(0, 0), (0.0, 0.0)),
+            "rail: direction must not be zero",
+        ),
+        (
+            lambda m, d: bd.Revolute("pin", m.ground.at(0, 0), d.at(0, 0)).reaction_on("c"),
+            "pin: place must be .*'a', 'b'",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make(mech, disk)
