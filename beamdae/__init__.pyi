@@ -1,8 +1,9 @@
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
-from .beams.sections import Material as Material
+from .beams.materials import Material as Material
 from .beams.sections import Section as Section
+from .beams.varying import taper as taper
 from .beams.welded import welded_beams as welded_beams
 from .cli.model_file import load_model as load_model
 from .curves.plane_curves import Arc as Arc
@@ -23,7 +24,6 @@ from .integrators import Radau as Radau
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
-from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
@@ -39,6 +39,7 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
+from .parts.point_mass import PointMass as PointMass
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

@@ -9,6 +9,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
+from beamdae.beams.varying import SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import PlaneCurve, Segment, require_curve
 from beamdae.errors import BeamdaeError, count, shown
 from beamdae.parts.joints import Weld
@@ -22,7 +23,7 @@ def welded_beams(
     mechanism: Mechanism,
     name: str,
     curve: PlaneCurve,
-    section: Section,
+    section: Section | SectionLaw | Taper,
     bodies: int,
     **settings: Any,
 ) -> list[Beam]:
@@ -42,7 +43,8 @@ def welded_beams(
     bodies
         How many.
     settings
-        Further arguments of each `Beam`; `elements` is the number in each of them.
+        Further arguments of each `Beam`; `elements` is the number in each of them. `free_curve` is
+        that of the whole.
 
     Examples
     --------
@@ -61,11 +63,20 @@ def welded_beams(
     bodies = count(name, "bodies", bodies, most=_MOST_BODIES)
     if bodies == 1:
         return [mechanism.add(Beam(name, curve, section, **settings))]
-    ends = np.linspace(0.0, curve.length, bodies + 1)
-    beams = [
-        mechanism.add(Beam(f"{name} {k}", Segment(curve, start, end), section, **settings))
-        for k, (start, end) in enumerate(pairwise(ends), start=1)
-    ]
+    whole, free = require_section(name, section, curve.length), settings.pop("free_curve", None)
+    beams = []
+    for k, (start, end) in enumerate(pairwise(np.linspace(0.0, curve.length, bodies + 1)), start=1):
+        own = whole if isinstance(whole, Section) else whole.beginning(start)
+        if free is not None:
+            settings["free_curve"] = _part_of(name, free, start / curve.length, end / curve.length)
+        part = Segment(curve, start, end)
+        beams.append(mechanism.add(Beam(f"{name} {k}", part, own, **settings)))
     for before, after in pairwise(beams):
         mechanism.add(Weld(f"{before.name} to {after.name}", before.end, after.start))
     return beams
+
+
+def _part_of(name: str, free: Any, first: float, last: float) -> Segment:
+    """The part of a free shape between two shares of its length."""
+    length = require_curve(f"{name}, free_curve", free).length
+    return Segment(free, first * length, last * length)
