@@ -1,6 +1,8 @@
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
+from .beams.frames import Frame as Frame
+from .beams.frames import frame as frame
 from .beams.materials import Material as Material
 from .beams.sections import Section as Section
 from .beams.varying import taper as taper

@@ -127,6 +127,15 @@ CALLS = {
     "Segment": (bd.Segment, {"curve": ARC, "start": 0.1, "end": 0.9}),
     "Weld": (bd.Weld, JOINED),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
+    "frame": (
+        lambda **given: bd.frame(bd.Mechanism(), **given),
+        {
+            "name": "f",
+            "points": {"A": (0, 0), "B": (1, 0), "C": (1, 1)},
+            "members": ["AB", ("B", "C", STRIP)],
+            "section": STRIP,
+        },
+    ),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
@@ -153,7 +162,15 @@ CALLS = {
 # in tests of their own.
 ELSEWHERE = {
     *("Auto", "Ida", "Radau", "GeneralizedAlpha"),
-    *("BeamRange", "BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Integrator", "Part"),
+    *(
+        "BeamRange",
+        "Frame",
+        "BeamdaeError",
+        "BeamdaeWarning",
+        "EquationsOfMotion",
+        "Integrator",
+        "Part",
+    ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
     *("study", "verify"),
 }

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.beams.curvature import curvature_facts, warn_of_curvature
 from beamdae.beams.floating_frame import FloatingFrame
 from beamdae.beams.formulas import as_it_is, fiber_strain, fiber_stress, section_forces
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, given_kinematics
@@ -125,6 +126,7 @@ class Beam(Part):
         _require_room(name, self.mesh)
         self._require_slender()
         self.mesh.require_followed(name)
+        warn_of_curvature(name, self.mesh, self.section)
         settings: dict[str, Any] = {
             "strain": strain,
             "continuity": continuity,
@@ -163,10 +165,12 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """How well the elements follow the curve."""
+        """How well the elements follow the curve, and the curve its points."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
+            **curvature_facts(self.mesh, self.section),
+            **getattr(self.curve, "facts", {}),
         }
 
     @property
