@@ -48,6 +48,7 @@ def test_facts_tell_the_distances_of_the_points_and_the_curvature():
     assert through["largest distance of its points [m]"] < 1e-7
     beam = bd.Beam("strip", bd.Curve(points=measured(1e-3), noise=1e-3), STRIP)
     assert facts.items() <= beam.facts.items()
+    assert bd.Segment(beam.curve, 0.1, 0.3).facts == facts
     assert bd.Curve(np.sin, x=(0.0, 1.0)).facts == {}
 
 
