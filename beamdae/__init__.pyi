@@ -8,6 +8,7 @@ from .beams.sections import Section as Section
 from .beams.varying import taper as taper
 from .beams.welded import welded_beams as welded_beams
 from .cli.model_file import load_model as load_model
+from .curves.intrinsic_curve import IntrinsicCurve as IntrinsicCurve
 from .curves.plane_curves import Arc as Arc
 from .curves.plane_curves import Line as Line
 from .curves.plane_curves import Segment as Segment

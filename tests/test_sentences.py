@@ -68,6 +68,10 @@ CALLS = {
     "Driver": (bd.Driver, JOINED | {"law": 0.0}),
     "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
+    "IntrinsicCurve": (
+        bd.IntrinsicCurve,
+        {"law": lambda s: 2.0 * s, "length": 1.0, "start": (0, 0), "angle": 0.1},
+    ),
     "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),
     "Line": (bd.Line, {"start": (0, 0), "end": (1, 0)}),
     "Material": (bd.Material, {"E": 2e11, "nu": 0.3, "rho": 7800.0}),
