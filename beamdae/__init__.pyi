@@ -1,13 +1,17 @@
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
-from .beams.sections import Material as Material
+from .beams.frames import Frame as Frame
+from .beams.frames import frame as frame
+from .beams.materials import Material as Material
 from .beams.sections import Section as Section
 from .beams.sliding import SlidingOnBeam as SlidingOnBeam
+from .beams.varying import taper as taper
 from .beams.welded import welded_beams as welded_beams
 from .checks import Check as Check
 from .checks import check as check
 from .cli.model_file import load_model as load_model
+from .curves.intrinsic_curve import IntrinsicCurve as IntrinsicCurve
 from .curves.plane_curves import Arc as Arc
 from .curves.plane_curves import Line as Line
 from .curves.plane_curves import Segment as Segment
@@ -26,7 +30,6 @@ from .integrators import Radau as Radau
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
-from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.distance import Distance as Distance
 from .parts.drivers import Driver as Driver
@@ -48,6 +51,7 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
+from .parts.point_mass import PointMass as PointMass
 from .parts.rolling import RollingOnCircle as RollingOnCircle
 from .parts.rolling import RollingOnLine as RollingOnLine
 from .parts.rolling import Skate as Skate

@@ -11,6 +11,7 @@ from support import ARC
 
 import beamdae as bd
 from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.varying import VaryingSection
 from beamdae.equations.formulations import FIRST_ORDER
 
 INTEGRATORS = {
@@ -114,4 +115,10 @@ KINEMATICS = {
     "tangent frame": partial(FloatingFrame, frame="tangent", strain="nonlinear"),
     "chord frame": partial(FloatingFrame, frame="chord", strain="nonlinear"),
     "chord frame, Green's strain": FloatingFrame,
+    "section by a law": lambda name, mesh, section: FloatingFrame(
+        name, mesh, VaryingSection(name, lambda s: section)
+    ),
+    "free shape": lambda name, mesh, section: FloatingFrame(
+        name, mesh, section, free_curve=mesh.curve
+    ),
 }

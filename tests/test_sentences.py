@@ -55,6 +55,11 @@ CALLS = {
     "Beam.at": (BEAM.at, {"s": 0.5}),
     "Beam.deformation": (BEAM.deformation, {"s": 0.5, "axes": "local"}),
     "Beam.section_forces": (BEAM.section_forces, {"s": 0.5}),
+    "Beam free": (
+        bd.Beam,
+        {"name": "b", "curve": ARC, "section": STRIP, "elements": 1, "free_curve": ARC},
+    ),
+    "Beam.stress": (BEAM.stress, {"s": 0.5, "offset": "top"}),
     "Beam.strain": (BEAM.strain, {"s": 0.5, "offset": 1e-4}),
     "ConstrainedSystem": (
         bd.ConstrainedSystem,
@@ -79,9 +84,14 @@ CALLS = {
     ),
     "Gear": (bd.Gear, JOINED | {"ratio": -0.5, "carrier": BEAM.start}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
+    "IntrinsicCurve": (
+        bd.IntrinsicCurve,
+        {"law": lambda s: 2.0 * s, "length": 1.0, "start": (0, 0), "angle": 0.1},
+    ),
     "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),
     "Line": (bd.Line, {"start": (0, 0), "end": (1, 0)}),
     "Material": (bd.Material, {"E": 2e11, "nu": 0.3, "rho": 7800.0}),
+    "Material.of": (bd.Material.of, {"name": "steel"}),
     "Mechanism": (bd.Mechanism, {"gravity": (0.0, -9.81)}),
     "Mechanism.add": (lambda part: bd.Mechanism().add(part), {"part": DISK}),
     "Mechanism.observe": (
@@ -107,6 +117,24 @@ CALLS = {
     "Revolute": (bd.Revolute, JOINED),
     "RigidBody": (bd.RigidBody, RIGID | {"center": (0, 0), "velocity": (0, 0)}),
     "RigidBody turning": (bd.RigidBody, RIGID | {"angular_velocity": 0.0}),
+    "RigidBody drawn": (bd.RigidBody, RIGID | {"shape": POINTS}),
+    "RigidBody.rod": (bd.RigidBody.rod, {"name": "r", "a": (0, 0), "b": (1, 0), "mass": 1.0}),
+    "RigidBody.rod of": (
+        bd.RigidBody.rod,
+        {"name": "r", "a": (0, 0), "b": (1, 0), "density": 1.0, "area": 1.0},
+    ),
+    "RigidBody.disk": (
+        bd.RigidBody.disk,
+        {"name": "d", "center": (0, 0), "radius": 1.0, "density": 1.0, "thickness": 1.0},
+    ),
+    "RigidBody.plate": (
+        bd.RigidBody.plate,
+        {"name": "p", "center": (0, 0), "width": 1.0, "height": 1.0, "angle": 0.0, "mass": 1.0},
+    ),
+    "RigidBody.polygon": (
+        bd.RigidBody.polygon,
+        {"name": "p", "points": [(0, 0), (1, 0), (0, 1)], "mass": 1.0},
+    ),
     "RigidBody.at": (DISK.at, {"x": 0.0, "y": 0.0}),
     "RollingOnCircle": (
         bd.RollingOnCircle,
@@ -118,6 +146,14 @@ CALLS = {
     ),
     "Section": (bd.Section, {"material": STEEL, "area": 1e-4, "second_moment": 1e-10}),
     "Section.circle": (bd.Section.circle, {"material": STEEL, "diameter": 0.01, "damping": 0.0}),
+    "Section.pipe": (
+        bd.Section.pipe,
+        {"material": STEEL, "diameter": 0.1, "wall": 0.01, "damping": 0.0},
+    ),
+    "Section.i_profile": (
+        bd.Section.i_profile,
+        {"material": STEEL, "width": 0.1, "height": 0.2, "flange": 0.01, "web": 0.005},
+    ),
     "Section.rectangle": (
         bd.Section.rectangle,
         {"material": STEEL, "width": 0.02, "height": 0.001, "damping": 0.0},
@@ -131,6 +167,15 @@ CALLS = {
     ),
     "Weld": (bd.Weld, JOINED),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
+    "frame": (
+        lambda **given: bd.frame(bd.Mechanism(), **given),
+        {
+            "name": "f",
+            "points": {"A": (0, 0), "B": (1, 0), "C": (1, 1)},
+            "members": ["AB", ("B", "C", STRIP)],
+            "section": STRIP,
+        },
+    ),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
@@ -143,6 +188,10 @@ CALLS = {
     "run_up": (bd.run_up, {"speed": 1.0, "duration": 1.0}),
     "sine": (bd.sine, {"amplitude": 1.0, "frequency": 1.0, "phase": 0.0}),
     "table": (bd.table, {"times": [0, 1, 2], "values": [0, 1, 0]}),
+    "taper": (
+        bd.taper,
+        {"shape": bd.Section.circle, "material": STEEL, "diameter": (0.01, 0.02)},
+    ),
     "welded_beams": (welded, {"name": "w", "curve": ARC, "section": STRIP, "bodies": 1}),
     "welded_beams of": (
         welded,
@@ -166,6 +215,16 @@ ELSEWHERE = {
         "grid",
         "simulate",
     ),
+    *(
+        "BeamRange",
+        "Frame",
+        "BeamdaeError",
+        "BeamdaeWarning",
+        "EquationsOfMotion",
+        "Integrator",
+        "Part",
+    ),
+    *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
     *("study", "verify"),
 }
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from beamdae.beams.curvature import curvature_facts, warn_of_curvature
 from beamdae.beams.floating_frame import FloatingFrame
-from beamdae.beams.formulas import as_it_is, fiber_strain, section_forces
-from beamdae.beams.kinematics import Kinematics, MaterialPoint
+from beamdae.beams.formulas import as_it_is, fiber_strain, fiber_stress, section_forces
+from beamdae.beams.kinematics import Kinematics, MaterialPoint, given_kinematics
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
+from beamdae.beams.varying import SectionLaw, Taper, VaryingSection, require_section
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
-from beamdae.errors import BeamdaeError, count, finite, one_of, point, shown, told
+from beamdae.errors import BeamdaeError, count, finite, one_of, point
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.formulas import Combined, plain
@@ -50,7 +53,8 @@ class Beam(Part):
     curve
         Reference curve of the axis by arc length (Line, Arc, Parabola, Curve, Segment).
     section
-        Cross-section, constant along the beam.
+        Cross-section, or what varies along the beam: a function of arc length s [m] that gives a
+        `Section`, evaluated at the quadrature points, or a `taper`.
     elements
         Number of elements, of equal arc length.
     elements_shape
@@ -81,6 +85,11 @@ class Beam(Part):
         is cut into several with `welded_beams`.
     velocity, angular_velocity
         Of the floating frame at the start [m/s], [rad/s]; made consistent with the joints.
+    free_curve
+        The curve of the beam without any strain, where it is drawn bent: it starts under the
+        moment M = EI (1/R_free - 1/R). Where this curve lies does not matter; its length may differ
+        by 1 %, for an axial strain of the drawing. Strains, section forces and the strain energy
+        are those since the free shape.
     kinematics
         Another description of the beam's motion than the floating frame: a function of (name, mesh,
         section) that gives a `Kinematics`, such as a class of them.
@@ -90,7 +99,7 @@ class Beam(Part):
         self,
         name: str,
         curve: PlaneCurve,
-        section: Section,
+        section: Section | SectionLaw | Taper,
         elements: int = 8,
         strain: str | None = None,
         elements_shape: str = "curved",
@@ -100,13 +109,12 @@ class Beam(Part):
         frame: str | None = None,
         velocity: tuple[float, float] = (0.0, 0.0),
         angular_velocity: float = 0.0,
-        kinematics: Callable[[str, Mesh, Section], Kinematics] | None = None,
+        kinematics: Callable[[str, Mesh, Any], Kinematics] | None = None,
+        free_curve: PlaneCurve | None = None,
     ) -> None:
         self.name = require_name("Beam", name)
-        if not isinstance(section, Section):
-            raise BeamdaeError(f"{name}: section must be a Section, got {shown(section)}.")
         self.curve = require_curve(name, curve)
-        self.section = section
+        self.section: Section | VaryingSection = require_section(name, section, curve.length)
         self.velocity = point(name, "velocity", velocity)
         self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
         self.mesh = Mesh(
@@ -118,11 +126,13 @@ class Beam(Part):
         _require_room(name, self.mesh)
         self._require_slender()
         self.mesh.require_followed(name)
-        settings = {
+        warn_of_curvature(name, self.mesh, self.section)
+        settings: dict[str, Any] = {
             "strain": strain,
             "continuity": continuity,
             "quadrature": quadrature,
             "frame": frame,
+            "free_curve": free_curve,
         }
         given = {setting: value for setting, value in settings.items() if value is not None}
         if kinematics is not None and given:
@@ -131,21 +141,22 @@ class Beam(Part):
                 "has settings of its own."
             )
         self.kinematics = (
-            FloatingFrame(name, self.mesh, section, **given)
+            FloatingFrame(name, self.mesh, self.section, **given)
             if kinematics is None
-            else _given_kinematics(name, kinematics, self.mesh, section)
+            else given_kinematics(name, kinematics, self.mesh, self.section)
         )
 
     def _require_slender(self) -> None:
         """Refuse a section that is none beside the length of the beam."""
-        gyration = float(np.sqrt(self.section.second_moment / self.section.area))
-        if not _LEAST_GYRATION <= gyration / self.length <= _MOST_GYRATION:
-            raise BeamdaeError(
-                f"{self.name}: second_moment {self.section.second_moment:g} m^4 and area "
-                f"{self.section.area:g} m^2 make a radius of gyration of {gyration:.3g} m, it must "
-                f"be {_LEAST_GYRATION:g} to {_MOST_GYRATION:g} times the length of "
-                f"{self.length:g} m."
-            )
+        for section in map(self.section.at, np.linspace(0.0, self.length, 3)):
+            gyration = float(np.sqrt(section.second_moment / section.area))
+            if not _LEAST_GYRATION <= gyration / self.length <= _MOST_GYRATION:
+                raise BeamdaeError(
+                    f"{self.name}: second_moment {section.second_moment:g} m^4 and area "
+                    f"{section.area:g} m^2 make a radius of gyration of {gyration:.3g} m, it must "
+                    f"be {_LEAST_GYRATION:g} to {_MOST_GYRATION:g} times the length of "
+                    f"{self.length:g} m."
+                )
 
     @property
     def length(self) -> float:
@@ -154,10 +165,12 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """How well the elements follow the curve."""
+        """How well the elements follow the curve, and the curve its points."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
+            **curvature_facts(self.mesh, self.section),
+            **getattr(self.curve, "facts", {}),
         }
 
     @property
@@ -239,20 +252,21 @@ class Beam(Part):
         values, data = Combined.of(as_it_is, (at.values,))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
 
-    def strain(self, s: float, offset: float) -> Quantity:
+    def strain(self, s: float, offset: float | str) -> Quantity:
         """Longitudinal strain eps11 at arc length `s` and distance `offset` [m] from the axis (5).
 
-        `offset` is positive to the left of the curve. Taken from the stiffness quadrature points,
-        where the strains of the element are most accurate, and interpolated to `s`.
+        `offset` is positive to the left of the curve; "top" is the surface there and "bottom" the
+        one on the right, where the section knows its height. Taken from the stiffness quadrature
+        points, where the strains of the element are most accurate, and interpolated to `s`.
         """
-        offset = finite(self.name, "offset", offset)
-        height = self.section.height
-        if height is not None and abs(offset) > 0.5 * height * (1.0 + 1e-9):
-            raise BeamdaeError(
-                f"{self.name}: offset must lie within half the height of the section, "
-                f"{0.5 * height:g} m, got {offset:g}."
-            )
+        offset = self._section_at(s).fiber(self.name, offset)
         return self._of_strains(s, (Named("", "-"),), fiber_strain, offset)
+
+    def stress(self, s: float, offset: float | str) -> Quantity:
+        """Longitudinal stress E eps11 [Pa], with the damping part; arguments as of `strain`."""
+        x = self._section_at(s)
+        own = (x.fiber(self.name, offset), x.material.E, x.damping)
+        return self._of_strains(s, (Named("", "Pa"),), fiber_stress, *own)
 
     def section_forces(self, s: float) -> Quantity:
         """Axial force N, shear force Q [N] and bending moment M [N m] at arc length `s`.
@@ -260,9 +274,12 @@ class Beam(Part):
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), with the damping part.
         The sign of M is that of kappa11 = -phi': positive M lengthens the left side.
         """
-        x = self.section
+        x = self._section_at(s)
         columns = (Named("N", "N"), Named("Q", "N"), Named("M", "N m"))
         return self._of_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
+
+    def _section_at(self, s: float) -> Section:
+        return self.section.at(self._inside(s))
 
     def _of_strains(
         self, s: float, columns: tuple[Named, ...], kind: Callable[..., SX], *own: float
@@ -270,24 +287,6 @@ class Beam(Part):
         at = self.kinematics.strains(self._inside(s))
         values, data = Combined.of(kind, (at.values, plain(*own)))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
-
-
-def _given_kinematics(
-    name: str, make: Callable[[str, Mesh, Section], Kinematics], mesh: Mesh, section: Section
-) -> Kinematics:
-    """What a kinematics of the user's own makes of the beam."""
-    wanted = f"{name}: kinematics must be a function of (name, mesh, section)"
-    if not callable(make):
-        raise BeamdaeError(f"{wanted}, got {shown(make)}.")
-    try:
-        made = make(name, mesh, section)
-    except BeamdaeError:
-        raise
-    except Exception as problem:
-        raise BeamdaeError(f"{wanted}, it failed, {told(problem)}.") from problem
-    if not isinstance(made, Kinematics):
-        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {shown(made)}.")
-    return made
 
 
 def _require_room(name: str, mesh: Mesh) -> None:

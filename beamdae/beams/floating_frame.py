@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.beams import element_numbers
 from beamdae.beams.floating_frame_element import FRAME, NODE, ElementType
 from beamdae.beams.formulas import Deformation, SectionMotion, Strains, frame_motion
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
@@ -16,6 +17,7 @@ from beamdae.beams.mesh import Mesh
 from beamdae.beams.reach import error_by_rotation, range_kernel
 from beamdae.beams.sections import Section
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.varying import VaryingSection
 from beamdae.curves.plane_curves import PlaneCurve, turned
 from beamdae.errors import BeamdaeError, one_of
 from beamdae.symbolic.formulas import Formula
@@ -40,16 +42,17 @@ class FloatingFrame(Kinematics):
 
     Coordinates: (x0, y0, theta) of the frame and the free ones of (u, v, phi) at the nodes,
     displacements in the local tangent frame and section rotation relative to the undeformed one.
-    `strain`, `continuity`, `quadrature` and `frame` are explained at `Beam`.
+    `strain`, `continuity`, `quadrature`, `frame` and `free_curve` are explained at `Beam`.
     """
 
     name: str
     mesh: Mesh
-    section: Section
+    section: Section | VaryingSection
     strain: str = "green"
     continuity: str = "cartesian"
     quadrature: str = "reduced"
     frame: str | None = None
+    free_curve: PlaneCurve | None = None
     _material_points: dict[float, MaterialPoint] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -68,13 +71,22 @@ class FloatingFrame(Kinematics):
                 f"{self.name}: straight elements meet at kinks, continuity must be 'cartesian'."
             )
         _ = self.angle
+        if self.free_curve is not None:
+            element_numbers.require_free_curve(self.name, self.free_curve, self.mesh.curve)
 
     @cached_property
     def element(self) -> ElementType:
         """The type of all elements."""
         nodes = self.mesh.nodes
         points = nodes if self.quadrature == "full" else nodes - 1
-        return ElementType(nodes, points, self.strain, damped=self.section.damping > 0.0)
+        return ElementType(
+            nodes,
+            points,
+            self.strain,
+            element_numbers.is_damped(self.section, self.mesh, points),
+            isinstance(self.section, VaryingSection),
+            self.free_curve is not None,
+        )
 
     @cached_property
     def origin(self) -> tuple[float, float]:
@@ -183,20 +195,12 @@ class FloatingFrame(Kinematics):
 
     @cached_property
     def _points(self) -> Array:
-        """What the elements' numbers are of their points, a column an element."""
-        weight, at = self.carried.gauss(self.element.mass_quadrature)
-        reference = turned(at.place, -at.angle).T
-        mass = [weight, *reference, np.cos(at.angle), np.sin(at.angle)]
-        weight, at = self.carried.gauss(self.element.quadrature)
-        stiffness = [weight, at.curvature, 1.0 / at.ds]
-        elements = self.mesh.elements
-        points = [np.stack(x, axis=-1).reshape(elements, -1).T for x in (mass, stiffness)]
-        return np.concatenate(points)
+        kind = self.element
+        return element_numbers.of_points(self.carried, kind.layout, self.section, self.free_curve)
 
     def data(self, gravity: Array) -> Array:
         """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        x = self.section
-        values = [x.EA, x.GA, x.EI, x.rhoA, x.rhoI, x.damping, *gravity]
+        values = [*element_numbers.of_section(self.section), *gravity]
         own = np.repeat(np.array(values)[:, None], self.mesh.elements, axis=1)
         return np.concatenate([self._points, own])
 
@@ -276,7 +280,9 @@ class FloatingFrame(Kinematics):
             for k in range(points)
         ]
         at = self.carried.axis(np.full(points, element), gauss)
-        numbers = [*share, *at.curvature, *(1.0 / at.ds)]
+        s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
+        drawn = element_numbers.free_strains(self.mesh.curve, self.free_curve, s_points)
+        numbers = [*share, *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
         values = Formula(Strains(self.element), tuple(map(float, numbers)))
         return PointValues(self._rows_of(element), values)
 

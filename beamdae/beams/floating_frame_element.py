@@ -9,21 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from beamdae.beams.element_data import Data, Layout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 FRAME = 3
 NODE = 3
-# X and Y are the components of s0 in the local frame of the point.
-MASS_POINT = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
-STIFFNESS_POINT = ("weight", "curvature", "dxi_ds")
-SECTION = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
 
 
 @dataclass(frozen=True)
@@ -42,12 +39,18 @@ class ElementType(Element):
     damped
         Whether the section has Kelvin-Voigt damping; without it a third of the tangent's
         operations falls away.
+    varying
+        Whether the section varies along the beam.
+    prestressed
+        Whether the drawing is strained.
     """
 
     nodes: int = 4
     quadrature: int = 3
     strain: str = "nonlinear"
     damped: bool = True
+    varying: bool = False
+    prestressed: bool = False
 
     @property
     def mass_quadrature(self) -> int:
@@ -60,10 +63,14 @@ class ElementType(Element):
         return FRAME + NODE * self.nodes
 
     @property
+    def layout(self) -> Layout:
+        """Where its numbers stand."""
+        return Layout(self.mass_quadrature, self.quadrature, self.varying, self.prestressed)
+
+    @property
     def n_data(self) -> int:
         """Numbers a copy of the kernel takes."""
-        points = self.mass_quadrature * len(MASS_POINT) + self.quadrature * len(STIFFNESS_POINT)
-        return points + len(SECTION) + 2
+        return self.layout.size
 
     def kernel(self) -> ForceKernel:
         """Virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
@@ -71,49 +78,28 @@ class ElementType(Element):
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """How the inertia points move, in the local frame ec of each."""
-        data = split(self, local.data)
+        data = self.layout.split(local.data)
         axis = AxisMotion(local.q, local.v)
-        density = data.section[[3, 3, 4]]
         return [
             InertiaPoint(
                 weight,
-                density,
+                data.inertia(k)[[0, 0, 1]],
                 axis.velocity(row, reference, to_local),
                 axis.spin(row),
                 axis.rotation(row),
             )
-            for row, weight, reference, to_local in _mass_points(self, data)
+            for k, (row, weight, reference, to_local) in enumerate(_mass_points(self, data))
         ]
 
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
         """Linear strain rates at the stiffness points."""
-        data = split(self, local.data)
-        linear = replace(self, strain="linear")
+        data = self.layout.split(local.data)
+        linear = replace(self, strain="linear", prestressed=False)
+        found = strain_points(linear, data.stiffness, local.v[FRAME:])
         return [
-            StrainRatePoint(weight, data.section[:3], rates)
-            for weight, rates in strain_points(linear, data.stiffness, local.v[FRAME:])
+            StrainRatePoint(weight, data.elasticity(k), rates)
+            for k, (weight, rates) in enumerate(found)
         ]
-
-
-class Data(NamedTuple):
-    """The numbers of one element: a column a point, values of the section, gravity."""
-
-    mass: SX
-    stiffness: SX
-    section: SX
-    gravity: SX
-
-
-def split(kind: ElementType, data: SX) -> Data:
-    """The data of a kernel as what they are; `data` may hold more behind them."""
-    n_mass = kind.mass_quadrature * len(MASS_POINT)
-    n_stiffness = kind.quadrature * len(STIFFNESS_POINT)
-    return Data(
-        ca.reshape(data[:n_mass], len(MASS_POINT), kind.mass_quadrature),
-        ca.reshape(data[n_mass : n_mass + n_stiffness], len(STIFFNESS_POINT), kind.quadrature),
-        data[n_mass + n_stiffness : n_mass + n_stiffness + len(SECTION)],
-        data[kind.n_data - 2 : kind.n_data],
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +203,8 @@ def _mass_points(kind: ElementType, data: Data) -> list[tuple[np.ndarray, SX, SX
 def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
     """Weight, and (axial strain, shear strain 2 eps12, curvature kappa11), of the stiffness points.
 
-    Eqs. (5) and (6), kappa11 = -phi'. `points` has a column of `STIFFNESS_POINT` each, `nodal` are
-    the coordinates (u, v, phi) a node.
+    Eqs. (5) and (6), kappa11 = -phi'. `points` has a column of `STIFFNESS_POINT` each and what is
+    behind it, `nodal` are the coordinates (u, v, phi) a node.
     """
     xi, _ = gauss_points(kind.quadrature)
     rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
@@ -233,7 +219,10 @@ def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX
             "nonlinear": 0.5 * (du**2 + dv**2),
             "green": 0.5 * (along**2 + across**2),
         }
-        found.append((weight, ca.vertcat(along + quadratic[kind.strain], across - phi, -dphi)))
+        strain = ca.vertcat(along + quadratic[kind.strain], across - phi, -dphi)
+        if kind.prestressed:
+            strain += ca.vertcat(point[3], 0, point[4])
+        found.append((weight, strain))
     return found
 
 
@@ -250,7 +239,7 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(kind.size, kind.n_data)
-    data = split(kind, local.data)
+    data = kind.layout.split(local.data)
     inertia, kinetic, potential = _inertia(kind, local, data)
     elastic, stored, dissipated = _elasticity(kind, local, data)
     force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
@@ -260,12 +249,12 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
 
 def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
     """Generalized inertial forces and weight, kinetic and gravity energy."""
-    rhoA, rhoI = data.section[3], data.section[4]
     axis = AxisMotion(local.q, local.v, local.a, data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
     on_nodes = SX.zeros(NODE * kind.nodes)
     kinetic, potential = SX(0), SX(0)
-    for row, weight, reference, to_local in _mass_points(kind, data):
+    for k, (row, weight, reference, to_local) in enumerate(_mass_points(kind, data)):
+        rhoA, rhoI = ca.vertsplit(data.inertia(k))
         force = (weight * rhoA) * axis.acceleration(row, reference, to_local)
         moment = weight * rhoI * axis.spin_rate(row)
         on_origin += to_local.T @ force
@@ -281,15 +270,15 @@ def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
 def _elasticity(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
     """Generalized elastic and damping forces, strain energy and dissipated power."""
     nodal, rates = local.q[FRAME:], local.v[FRAME:]
-    stiffness, damping = data.section[:3], data.section[5]
     force = SX.zeros(NODE * kind.nodes)
     stored, dissipated = SX(0), SX(0)
-    for weight, strain in strain_points(kind, data.stiffness, nodal):
+    for k, (weight, strain) in enumerate(strain_points(kind, data.stiffness, nodal)):
+        stiffness = data.elasticity(k)
         section_forces = stiffness * strain
         stored += 0.5 * weight * ca.dot(section_forces, strain)
         if kind.damped:
             strain_rate = ca.jtimes(strain, nodal, rates)
-            viscous = damping * stiffness * strain_rate
+            viscous = data.damping(k) * stiffness * strain_rate
             section_forces += viscous
             dissipated += weight * ca.dot(viscous, strain_rate)
         force += weight * ca.jtimes(strain, nodal, section_forces, True)

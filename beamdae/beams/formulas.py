@@ -54,7 +54,8 @@ def frame_motion(q: SX, angle: Any) -> tuple[SX, SX]:
 class Strains:
     """Strains interpolated between the stiffness points of an element.
 
-    Numbers: the share of each point, their curvatures, and dxi/ds there.
+    Numbers: the share of each point, their curvatures, and dxi/ds there; of a prestressed element
+    the axial strains of its drawing, and those of bending.
     """
 
     element: ElementType
@@ -62,7 +63,8 @@ class Strains:
     def __call__(self, local: Local, numbers: Any) -> SX:
         """From local coordinates."""
         count = self.element.quadrature
-        points = [ca.vertcat(0, numbers[count + k], numbers[2 * count + k]) for k in range(count)]
+        rows = range(1, 5 if self.element.prestressed else 3)
+        points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]
         found = strain_points(self.element, SX(ca.horzcat(*points)), local.q[FRAME:])
         total = SX.zeros(3)
         for k, (_, strain) in enumerate(found):
@@ -90,6 +92,13 @@ def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[
     """Longitudinal strain off the axis (eq. 5)."""
     strain = strains(local)
     return strain[0] + offset()[0] * strain[2]
+
+
+def fiber_stress(local: Local, strains: Callable[[Local], SX], own: Callable[[], Any]) -> SX:
+    """Longitudinal stress off the axis of (offset, E, damping)."""
+    offset, modulus, damping = (own()[k] for k in range(3))
+    strain = fiber_strain(local, strains, lambda: (offset,))
+    return modulus * (strain + damping * local.dot(strain))
 
 
 def section_forces(local: Local, strains: Callable[[Local], SX], own: Callable[[], Any]) -> SX:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.mesh import Mesh
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, shown, told
 from beamdae.symbolic.statements import SX, ForceKernel, Local, Named, RangeKernel
 
 Array = np.ndarray
@@ -138,7 +138,7 @@ class Kinematics(ABC):
     """How the points of one beam follow from its coordinates.
 
     Made by the beam as `kinematics(name, mesh, section, **settings)`, `mesh` in the axes of the
-    drawing.
+    drawing; the section at arc length s is `section.at(s)`, whether it varies or not.
     """
 
     name: str
@@ -207,3 +207,21 @@ class Kinematics(ABC):
             f"{self.name}: {type(self).__name__} has no floating frame to see a deformation from; "
             "bd.relative_displacement sees it from another section."
         )
+
+
+def given_kinematics(
+    name: str, make: Callable[[str, Mesh, Any], Kinematics], mesh: Mesh, section: Any
+) -> Kinematics:
+    """What a kinematics of the user's own makes of the beam."""
+    wanted = f"{name}: kinematics must be a function of (name, mesh, section)"
+    if not callable(make):
+        raise BeamdaeError(f"{wanted}, got {shown(make)}.")
+    try:
+        made = make(name, mesh, section)
+    except BeamdaeError:
+        raise
+    except Exception as problem:
+        raise BeamdaeError(f"{wanted}, it failed, {told(problem)}.") from problem
+    if not isinstance(made, Kinematics):
+        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {shown(made)}.")
+    return made

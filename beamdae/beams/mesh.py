@@ -132,6 +132,13 @@ class Mesh:
         axis = self.axis(element, np.tile(xi, self.elements))
         return np.tile(weights, self.elements) * axis.ds, axis
 
+    def gauss_arc_lengths(self, points: int) -> Array:
+        """Arc lengths [m] of the Gauss points of one element after the other."""
+        xi, _ = gauss_points(points)
+        element = np.repeat(np.arange(self.elements), points)
+        share = element + 0.5 * (np.tile(xi, self.elements) + 1.0)
+        return share * (self.curve.length / self.elements)
+
     def locate(self, s: float) -> tuple[int, float]:
         """Element and local coordinate xi of the arc length s [m]."""
         at = s / self.curve.length * self.elements
@@ -149,9 +156,6 @@ class Mesh:
 
     def curvature_error(self, points: int) -> float:
         """Largest error of the curvature at Gauss points, times the length of the curve."""
-        xi, _ = gauss_points(points)
-        element = np.repeat(np.arange(self.elements), points)
-        xi = np.tile(xi, self.elements)
-        s = (element + 0.5 * (xi + 1.0)) * (self.curve.length / self.elements)
-        error = np.abs(self.axis(element, xi).curvature - self.curve.curvature(s))
+        _, axis = self.gauss(points)
+        error = np.abs(axis.curvature - self.curve.curvature(self.gauss_arc_lengths(points)))
         return float(error.max() * self.curve.length)

@@ -12,7 +12,7 @@ from functools import cache
 
 import casadi as ca
 
-from beamdae.beams.floating_frame_element import FRAME, NODE, ElementType, split, strain_points
+from beamdae.beams.floating_frame_element import FRAME, NODE, ElementType, strain_points
 from beamdae.symbolic.statements import Local, RangeKernel
 
 SX = ca.SX
@@ -49,12 +49,11 @@ def range_kernel(kind: ElementType) -> RangeKernel:
     rectangle: of a circle the bending part is 13 % larger.
     """
     local = Local(kind.size, kind.n_data + 1)
-    data = split(kind, local.data)
+    data = kind.layout.split(local.data)
     nodal = ca.reshape(local.q[FRAME:], NODE, kind.nodes)
-    half_height = ca.sqrt(3.0 * data.section[2] / data.section[0])
     strains = [
-        ca.fabs(strain[0]) + half_height * ca.fabs(strain[2])
-        for _, strain in strain_points(kind, data.stiffness, local.q[FRAME:])
+        ca.fabs(strain[0]) + _half_height(data.elasticity(k)) * ca.fabs(strain[2])
+        for k, (_, strain) in enumerate(strain_points(kind, data.stiffness, local.q[FRAME:]))
     ]
     deflections = ca.sqrt(nodal[0, :] ** 2 + nodal[1, :] ** 2)
     values = ca.vertcat(
@@ -63,3 +62,7 @@ def range_kernel(kind: ElementType) -> RangeKernel:
         ca.mmax(ca.vertcat(*strains)),
     )
     return RangeKernel(local, values)
+
+
+def _half_height(stiffness: SX) -> SX:
+    return ca.sqrt(3.0 * stiffness[2] / stiffness[0])

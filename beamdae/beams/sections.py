@@ -1,52 +1,21 @@
-"""Materials and cross-sections: the numbers a beam's constitutive law is made of."""
+"""Cross-sections: the numbers a beam's constitutive law is made of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
-
-
-@dataclass(frozen=True)
-class Material:
-    """Isotropic linear-elastic material.
-
-    Parameters
-    ----------
-    E
-        Young's modulus [Pa].
-    nu
-        Poisson's ratio, -1 < nu <= 0.5; the shear modulus is G = E / (2 (1 + nu)).
-    rho
-        Density [kg/m^3].
-    """
-
-    E: float
-    nu: float
-    rho: float
-
-    def __post_init__(self) -> None:
-        keep(
-            self,
-            E=positive("Material", "E", self.E),
-            nu=finite("Material", "nu", self.nu),
-            rho=positive("Material", "rho", self.rho),
-        )
-        if not -1.0 < self.nu <= 0.5:
-            raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
-
-    @property
-    def G(self) -> float:
-        """Shear modulus [Pa]."""
-        return self.E / (2.0 * (1.0 + self.nu))
+from beamdae.beams.materials import Material, require_material
+from beamdae.errors import BeamdaeError, finite, keep, non_negative, one_of, positive
 
 
 @dataclass(frozen=True)
 class Section:
-    """Cross-section of a beam, constant along its length.
+    """Cross-section of a beam.
+
+    One that varies along a beam is a function of arc length s [m] that gives a `Section`, such as
+    ``lambda s: bd.Section.rectangle(alloy, width=0.03, height=0.01 - 0.002 * s)``, or a `taper`.
 
     Parameters
     ----------
@@ -55,7 +24,7 @@ class Section:
     area
         A [m^2].
     second_moment
-        I [m^4] about the axis normal to the plane.
+        I [m^4] about the axis normal to the plane of motion, through the centroid.
     shear_coefficient
         k_G of the shear stiffness k_G G A (eq. 7); 5/6 for a rectangle.
     damping
@@ -66,7 +35,7 @@ class Section:
         loaded sections, and for published cases that give them.
     height
         Height [m] in the plane of motion, half of it on either side of the axis, where it is known:
-        strains are asked for within it. Rectangles and circles know theirs.
+        strains are asked for within it. The shapes below know theirs.
 
     Examples
     --------
@@ -88,7 +57,7 @@ class Section:
     height: float | None = None
 
     def __post_init__(self) -> None:
-        _require_material("Section", self.material)
+        require_material("Section", self.material)
         sizes = ("area", "second_moment", "shear_coefficient")
         given = ("mass_per_length", "rotary_inertia_per_length", "height")
         needed = (*sizes, *(name for name in given if getattr(self, name) is not None))
@@ -116,7 +85,7 @@ class Section:
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
         """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
         diameter = positive("Section.circle", "diameter", diameter)
-        nu = _require_material("Section.circle", material).nu
+        nu = require_material("Section.circle", material).nu
         return cls(
             material,
             np.pi * diameter**2 / 4.0,
@@ -125,6 +94,86 @@ class Section:
             damping,
             height=diameter,
         )
+
+    @classmethod
+    def pipe(
+        cls, material: Material, diameter: float, wall: float, damping: float = 0.0
+    ) -> Section:
+        """Round pipe of outer `diameter` and `wall` thickness [m]; k_G by Cowper (1966).
+
+        6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2), m the inner diameter
+        over the outer one.
+        """
+        diameter = positive("Section.pipe", "diameter", diameter)
+        wall = positive("Section.pipe", "wall", wall)
+        _require_less("Section.pipe", "wall", wall, "half the diameter", 0.5 * diameter)
+        nu, inner = require_material("Section.pipe", material).nu, diameter - 2.0 * wall
+        m2 = (inner / diameter) ** 2
+        square = (1.0 + m2) ** 2
+        area = np.pi * wall * (diameter - wall)
+        return cls(
+            material,
+            area,
+            area * (diameter**2 + inner**2) / 16.0,
+            6.0 * (1.0 + nu) * square / ((7.0 + 6.0 * nu) * square + (20.0 + 12.0 * nu) * m2),
+            damping,
+            height=diameter,
+        )
+
+    @classmethod
+    def i_profile(
+        cls,
+        material: Material,
+        width: float,
+        height: float,
+        flange: float,
+        web: float,
+        damping: float = 0.0,
+    ) -> Section:
+        """I-profile whose web lies in the plane of motion, so that it bends about its strong axis.
+
+        Flanges of `width` [m] and thickness `flange` [m], overall `height` [m], a web of thickness
+        `web` [m]; without fillets. k_G is Cowper's (1966) of thin walls: flanges and web are lines
+        in it, at the distance height - flange.
+        """
+        sizes = {"width": width, "height": height, "flange": flange, "web": web}
+        width, height, flange, web = (
+            positive("Section.i_profile", name, value) for name, value in sizes.items()
+        )
+        _require_less("Section.i_profile", "flange", flange, "half the height", 0.5 * height)
+        _require_less("Section.i_profile", "web", web, "the width", width)
+        nu = require_material("Section.i_profile", material).nu
+        inner, beside = height - 2.0 * flange, width - web
+        return cls(
+            material,
+            2.0 * width * flange + inner * web,
+            (width * height**3 - beside * inner**3) / 12.0,
+            _shear_of_thin_i(nu, width, height - flange, flange, web),
+            damping,
+            height=height,
+        )
+
+    def at(self, s: float) -> Section:
+        """Itself: the section at any arc length, as those that vary tell theirs."""
+        return self
+
+    def fiber(self, part: str, offset: float | str) -> float:
+        """Distance from the axis [m] of "top" (left of the curve), "bottom", or a number."""
+        if isinstance(offset, str):
+            one_of(part, "offset", offset, ("top", "bottom"))
+            if self.height is None:
+                raise BeamdaeError(
+                    f"{part}: offset {offset!r} needs the height of the section, give Section "
+                    "height=."
+                )
+            return 0.5 * self.height if offset == "top" else -0.5 * self.height
+        offset = finite(part, "offset", offset)
+        if self.height is not None and abs(offset) > 0.5 * self.height * (1.0 + 1e-9):
+            raise BeamdaeError(
+                f"{part}: offset must lie within half the height of the section, "
+                f"{0.5 * self.height:g} m, got {offset:g}."
+            )
+        return offset
 
     @property
     def EA(self) -> float:
@@ -154,7 +203,25 @@ class Section:
         return self.material.rho * self.second_moment if own is None else own
 
 
-def _require_material(part: str, value: Any) -> Material:
-    if not isinstance(value, Material):
-        raise BeamdaeError(f"{part}: material must be a Material, got {shown(value)}.")
-    return value
+def _require_less(part: str, name: str, value: float, what: str, bound: float) -> None:
+    if not value < bound:
+        raise BeamdaeError(f"{part}: {name} must be less than {what}, {bound:g} m, got {value:g}.")
+
+
+def _shear_of_thin_i(nu: float, width: float, height: float, flange: float, web: float) -> float:
+    """k_G of a thin-walled I (Cowper 1966, table 1); `height` from flange to flange."""
+    m, n2 = 2.0 * width * flange / (height * web), (width / height) ** 2
+    return (
+        10.0
+        * (1.0 + nu)
+        * (1.0 + 3.0 * m) ** 2
+        / (
+            12.0
+            + 72.0 * m
+            + 150.0 * m**2
+            + 90.0 * m**3
+            + nu * (11.0 + 66.0 * m + 135.0 * m**2 + 90.0 * m**3)
+            + 30.0 * n2 * (m + m**2)
+            + 5.0 * nu * n2 * (8.0 * m + 9.0 * m**2)
+        )
+    )

@@ -9,21 +9,25 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
+from beamdae.beams.varying import SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import PlaneCurve, Segment, require_curve
-from beamdae.errors import BeamdaeError, count, shown
+from beamdae.errors import BeamdaeError, count, one_of, shown
 from beamdae.parts.joints import Weld
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import require_name
 
 _MOST_BODIES = 10_000
+# Distance of the ends of a closed curve, over its length: where a joint would refuse them anyway.
+_MOST_OPEN = 1e-6
 
 
 def welded_beams(
     mechanism: Mechanism,
     name: str,
     curve: PlaneCurve,
-    section: Section,
+    section: Section | SectionLaw | Taper,
     bodies: int,
+    closed: bool = False,
     **settings: Any,
 ) -> list[Beam]:
     """Add a beam as `bodies` beams of equal length, welded end to start; returns them in order.
@@ -41,8 +45,12 @@ def welded_beams(
         As in `Beam`, of the whole.
     bodies
         How many.
+    closed
+        Whether the last is welded to the first, of a curve whose ends meet; without it a ring is
+        slit at its start.
     settings
-        Further arguments of each `Beam`; `elements` is the number in each of them.
+        Further arguments of each `Beam`; `elements` is the number in each of them. `free_curve` is
+        that of the whole.
 
     Examples
     --------
@@ -59,13 +67,36 @@ def welded_beams(
     name = require_name("welded_beams", name)
     curve = require_curve(name, curve)
     bodies = count(name, "bodies", bodies, most=_MOST_BODIES)
+    if one_of(name, "closed", closed, (False, True)):
+        _require_ring(name, curve, bodies)
     if bodies == 1:
         return [mechanism.add(Beam(name, curve, section, **settings))]
-    ends = np.linspace(0.0, curve.length, bodies + 1)
-    beams = [
-        mechanism.add(Beam(f"{name} {k}", Segment(curve, start, end), section, **settings))
-        for k, (start, end) in enumerate(pairwise(ends), start=1)
-    ]
-    for before, after in pairwise(beams):
+    whole, free = require_section(name, section, curve.length), settings.pop("free_curve", None)
+    beams = []
+    for k, (start, end) in enumerate(pairwise(np.linspace(0.0, curve.length, bodies + 1)), start=1):
+        own = whole if isinstance(whole, Section) else whole.beginning(start)
+        if free is not None:
+            settings["free_curve"] = _part_of(name, free, start / curve.length, end / curve.length)
+        part = Segment(curve, start, end)
+        beams.append(mechanism.add(Beam(f"{name} {k}", part, own, **settings)))
+    for before, after in pairwise([*beams, beams[0]] if closed else beams):
         mechanism.add(Weld(f"{before.name} to {after.name}", before.end, after.start))
     return beams
+
+
+def _part_of(name: str, free: Any, first: float, last: float) -> Segment:
+    """The part of a free shape between two shares of its length."""
+    length = require_curve(f"{name}, free_curve", free).length
+    return Segment(free, first * length, last * length)
+
+
+def _require_ring(name: str, curve: PlaneCurve, bodies: int) -> None:
+    """Refuse a curve whose ends lie apart."""
+    if bodies < 2:
+        raise BeamdaeError(f"{name}: closed=True needs at least 2 bodies, got {bodies}.")
+    ends = np.array([0.0, curve.length])
+    apart = float(np.hypot(*np.diff(curve.point(ends), axis=0)[0]))
+    if apart > _MOST_OPEN * curve.length:
+        raise BeamdaeError(
+            f"{name}: closed=True needs a curve whose ends meet, they lie {apart:.3g} m apart."
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -162,6 +163,11 @@ class Segment:
     def length(self) -> float:
         """Total arc length [m]."""
         return self.end - self.start
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """Those of the whole curve."""
+        return getattr(self.curve, "facts", {})
 
     def point(self, s: Any) -> Array:
         """Points (..., 2) [m] at arc lengths s [m]."""

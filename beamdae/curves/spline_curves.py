@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from beamdae.curves.measured import fit_facts, smoothed, warn_of_jumps
 from beamdae.curves.plane_curves import turned
 from beamdae.errors import BeamdaeError, entries, finite, keep, number, point, positive, shown, told
 
@@ -152,15 +153,24 @@ class Curve(_SplineCurve):
         The interval (x_start, x_end) [m]; the curve runs from the first to the second.
     points
         Points (n, 2) [m], n >= 4, joined by a cubic spline over the chord length.
+    noise
+        By how much measured points scatter about the curve: the standard deviation of x and of y
+        [m]. The spline is then the smoothest that passes them at that distance in the mean
+        (Dierckx 1993); without it the curvature of the curve is mostly that of the noise.
     """
 
     function: Callable[[float], float] | None = None
     x: tuple[float, float] | None = None
     points: Any = None
+    noise: float | None = None
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.points is None):
             raise BeamdaeError("Curve: give either a function with its interval x, or points.")
+        if self.noise is not None:
+            keep(self, noise=positive("Curve", "noise", self.noise))
+            if self.points is None:
+                raise BeamdaeError("Curve: noise is that of points, a function has none.")
         if self.function is not None and not callable(self.function):
             raise BeamdaeError(
                 f"Curve: function must be a function of x, got {shown(self.function)}."
@@ -170,6 +180,13 @@ class Curve(_SplineCurve):
             self._check_regular("Curve")
             if self.function is not None:
                 self._check_smooth()
+            elif self.noise is None:
+                warn_of_jumps(self._spline, self.length)
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """How far the points of a measured curve lie from it, and how sharply it bends."""
+        return {} if self.points is None else fit_facts(self, np.array(self.points, float))
 
     @cached_property
     def _spline(self) -> Any:
@@ -227,8 +244,11 @@ class Curve(_SplineCurve):
         if step.min() == 0.0:
             at = points[int(np.argmin(step))]
             raise BeamdaeError(f"Curve: the point ({at[0]:g}, {at[1]:g}) comes twice in a row.")
+        parameter = np.concatenate([[0.0], np.cumsum(step)])
+        if self.noise is not None:
+            return smoothed(parameter, points, self.noise)
         self._check_reversal(points)
-        return _through(np.concatenate([[0.0], np.cumsum(step)]), points, 3)
+        return _through(parameter, points, 3)
 
     @staticmethod
     def _check_reversal(points: Array) -> None:

@@ -1,8 +1,8 @@
-"""The ground, rigid bodies and point masses."""
+"""The ground and rigid bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -11,17 +11,18 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, point, positive
-from beamdae.parts.attachments import Attachment, require_attachment, require_movable, rotate
+from beamdae.errors import BeamdaeError, entries, finite, keep, point, positive
+from beamdae.parts import body_shapes
+from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.part import Drawing, Part, require_name
-from beamdae.symbolic.formulas import Formula, combined_kernel, plain
+from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 
 Array = np.ndarray
 
 
 _NO_ROWS = sp.csr_array((0, 0))
-_ALL_ROWS = {size: sp.eye_array(size, format="csr") for size in (2, 3)}
+_ALL_ROWS = sp.eye_array(3, format="csr")
 
 
 def _fixed(q: SX, place: Any) -> tuple[SX, SX]:
@@ -30,10 +31,6 @@ def _fixed(q: SX, place: Any) -> tuple[SX, SX]:
 
 def _carried(q: SX, arm: Any) -> tuple[SX, SX]:
     return q[:2] + rotate(q[2], arm), q[2]
-
-
-def _free(q: SX, none: Any) -> tuple[SX, SX]:
-    return q, SX(0)
 
 
 @cache
@@ -45,17 +42,6 @@ def _rigid() -> ForceKernel:
     kinetic = 0.5 * (mass * ca.sumsqr(local.v[:2]) + inertia * local.v[2] ** 2)
     energies = ca.vertcat(kinetic, 0, -mass * ca.dot(weight, local.q[:2]))
     return ForceKernel(local, force, energies, reused=True)
-
-
-def _particle(local: Local, on: Any, own: Callable[[], Any]) -> ForceKernel:
-    """Inertia and weight of a particle; its own numbers are mass and gravity."""
-    numbers = own()
-    mass, weight = numbers[0], ca.vertcat(numbers[1], numbers[2])
-    place, _ = on(local.q)
-    load = mass * (local.ddot(place) - weight)
-    force = ca.jtimes(place, local.q, load, True)
-    kinetic = 0.5 * mass * ca.sumsqr(local.dot(place))
-    return ForceKernel(local, force, ca.vertcat(kinetic, 0, -mass * ca.dot(weight, place)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +76,11 @@ class RigidBody(Part):
         Center of mass in the reference drawing [m]; the angle is zero there.
     velocity, angular_velocity
         At the start [m/s], [rad/s]; made consistent with the joints.
+    shape
+        Points it is drawn through, of the reference drawing [m]; without any, through the points
+        where something is attached.
+
+    `rod`, `disk`, `plate` and `polygon` find mass, center and inertia from a shape.
     """
 
     name: str
@@ -98,10 +89,13 @@ class RigidBody(Part):
     center: tuple[float, float] = (0.0, 0.0)
     velocity: tuple[float, float] = (0.0, 0.0)
     angular_velocity: float = 0.0
+    shape: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
+        corners = entries(self.name, "shape", self.shape, "points (x, y)")
         keep(
             self,
+            shape=tuple(point(self.name, f"shape point {k}", x) for k, x in enumerate(corners)),
             name=require_name("RigidBody", self.name),
             mass=positive(self.name, "mass", self.mass),
             inertia=positive(self.name, "inertia", self.inertia),
@@ -109,6 +103,98 @@ class RigidBody(Part):
             velocity=point(self.name, "velocity", self.velocity),
             angular_velocity=finite(self.name, "angular_velocity", self.angular_velocity),
         )
+
+    @classmethod
+    def rod(
+        cls,
+        name: str,
+        a: tuple[float, float],
+        b: tuple[float, float],
+        mass: float | None = None,
+        density: float | None = None,
+        area: float | None = None,
+        **start: Any,
+    ) -> RigidBody:
+        """Thin rod between two points [m], of `mass` [kg] or of `density` [kg/m^3] and `area`.
+
+        `start` are `velocity` and `angular_velocity`, also of the shapes below.
+        """
+        name = require_name("RigidBody.rod", name)
+        return cls._of(name, body_shapes.rod(name, a, b, mass, density, area), start)
+
+    @classmethod
+    def disk(
+        cls,
+        name: str,
+        center: tuple[float, float],
+        radius: float,
+        mass: float | None = None,
+        density: float | None = None,
+        thickness: float | None = None,
+        **start: Any,
+    ) -> RigidBody:
+        """Solid disk, of `mass` [kg] or of `density` [kg/m^3] and `thickness` [m]."""
+        name = require_name("RigidBody.disk", name)
+        found = body_shapes.disk(name, center, radius, mass, density, thickness)
+        return cls._of(name, found, start)
+
+    @classmethod
+    def plate(
+        cls,
+        name: str,
+        center: tuple[float, float],
+        width: float,
+        height: float,
+        angle: float = 0.0,
+        mass: float | None = None,
+        density: float | None = None,
+        thickness: float | None = None,
+        **start: Any,
+    ) -> RigidBody:
+        """Rectangle of `width` along the direction `angle` [rad] and `height` across it [m].
+
+        Of `mass` [kg], or of `density` [kg/m^3] and `thickness` [m].
+        """
+        name = require_name("RigidBody.plate", name)
+        angle = finite(name, "angle", angle)
+        found = body_shapes.plate(name, center, width, height, angle, mass, density, thickness)
+        return cls._of(name, found, start)
+
+    @classmethod
+    def polygon(
+        cls,
+        name: str,
+        points: Sequence[tuple[float, float]],
+        mass: float | None = None,
+        density: float | None = None,
+        thickness: float | None = None,
+        **start: Any,
+    ) -> RigidBody:
+        """Polygon through its corners `points` [m], in either order around it.
+
+        Of `mass` [kg], or of `density` [kg/m^3] and `thickness` [m].
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> corners = [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3)]
+        >>> gusset = bd.RigidBody.polygon("gusset", corners, density=7850.0, thickness=0.01)
+        >>> [round(x, 6) for x in (gusset.mass, *gusset.center)]
+        [3.5325, 0.1, 0.1]
+        """
+        name = require_name("RigidBody.polygon", name)
+        return cls._of(name, body_shapes.polygon(name, points, mass, density, thickness), start)
+
+    @classmethod
+    def _of(cls, name: str, shape: body_shapes.Shape, start: dict[str, Any]) -> RigidBody:
+        others = sorted(start.keys() - {"velocity", "angular_velocity"})
+        if others:
+            raise BeamdaeError(
+                f"{name}: of a shape only velocity and angular_velocity are set as well, "
+                f"got {', '.join(others)}."
+            )
+        mass, inertia, center, outline = shape
+        return cls(name, mass, inertia, center, shape=outline, **start)
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
@@ -127,94 +213,26 @@ class RigidBody(Part):
 
     @property
     def outline(self) -> Array:
-        """The center of mass."""
-        return np.array([self.center])
+        """The shape, or the center of mass."""
+        return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
         """The material point at (x, y) of the reference drawing [m]."""
         place = point(self.name, "point", (x, y))
         arm = (place[0] - self.center[0], place[1] - self.center[1])
-        return Attachment(self, place, 0.0, _ALL_ROWS[3], Formula(_carried, arm))
+        return Attachment(self, place, 0.0, _ALL_ROWS, Formula(_carried, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Inertia and weight."""
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
-        return [ForceStatement(self.name, _rigid(), (Piece(self, _ALL_ROWS[3]),), data)]
+        return [ForceStatement(self.name, _rigid(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """The points where something is attached, and the center if these are fewer than two."""
+        """The shape, or where something is attached, with the center if that is one point."""
+        if self.shape:
+            return Drawing("rigid", [self.at(*place) for place in self.shape])
         places = list(attached)
         center = self.at(*self.center)
         if len(places) < 2 and center.point not in {a.point for a in places}:
             places.append(center)
         return Drawing("rigid", places)
-
-
-@dataclass(frozen=True, eq=False)
-class PointMass(Part):
-    """Particle of `mass` [kg]: fixed `on` an attachment, or free and starting `at` a point.
-
-    A free particle has the coordinates (x, y) and can be joined to others by its `.point`; a fixed
-    one adds its inertia and weight to the body it sits on.
-    """
-
-    name: str
-    mass: float
-    on: Attachment | None = None
-    at: tuple[float, float] | None = None
-    velocity: tuple[float, float] = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        keep(
-            self,
-            name=require_name("PointMass", self.name),
-            mass=non_negative(self.name, "mass", self.mass),
-            velocity=point(self.name, "velocity", self.velocity),
-        )
-        if (self.on is None) == (self.at is None):
-            raise BeamdaeError(f"{self.name}: give either on=an attachment or at=(x, y).")
-        if self.on is not None:
-            require_movable(self.name, require_attachment(self.name, "on", self.on))
-        else:
-            keep(self, at=point(self.name, "at", self.at))
-            positive(self.name, "mass", self.mass)
-
-    @property
-    def coordinates(self) -> tuple[Named, ...]:
-        """Place of a free particle."""
-        return () if self.at is None else (Named("x", "m"), Named("y", "m"))
-
-    @property
-    def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
-        return np.zeros(0) if self.at is None else np.array(self.at, float)
-
-    @property
-    def initial_velocity(self) -> Array:
-        """Their rates at the start."""
-        return np.zeros(0) if self.at is None else np.array(self.velocity, float)
-
-    @property
-    def outline(self) -> Array:
-        """Where a free particle is."""
-        return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)
-
-    @property
-    def point(self) -> Attachment:
-        """The particle as an attachment; it has no angle of its own."""
-        if self.on is not None:
-            return self.on
-        assert self.at is not None
-        free = Formula(_free)
-        return Attachment(self, self.at, 0.0, _ALL_ROWS[2], free, has_angle=False)
-
-    def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Inertia and weight."""
-        where = self.point
-        own = plain(self.mass, *map(float, gravity))
-        kernel, data = combined_kernel(_particle, (where.moved, own), where.size)
-        return [ForceStatement(self.name, kernel, (where.piece,), data)]
-
-    def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """A point."""
-        return Drawing("point", [self.point])

@@ -41,6 +41,73 @@ def test_circle_has_the_second_moment_of_its_points(diameter):
     assert_allclose(section.shear_coefficient, 7.8 / 8.8, **ROUNDING)
 
 
+@given(outer=sizes, share=st.floats(0.01, 0.499))
+def test_a_pipe_is_a_circle_without_another(outer, share):
+    pipe = bd.Section.pipe(ALLOY, outer, wall=share * outer)
+    whole = bd.Section.circle(ALLOY, outer)
+    hole = bd.Section.circle(ALLOY, outer * (1.0 - 2.0 * share))
+    # Of a wall of a hundredth 4 % are left of the differences.
+    assert_allclose(pipe.area, whole.area - hole.area, rtol=1e-13)
+    assert_allclose(pipe.second_moment, whole.second_moment - hole.second_moment, rtol=1e-13)
+
+
+def test_shear_coefficient_of_a_pipe_between_circle_and_thin_wall():
+    full, thin = (bd.Section.pipe(ALLOY, 1.0, wall).shear_coefficient for wall in (0.499999, 1e-6))
+    assert_allclose(full, bd.Section.circle(ALLOY, 1.0).shear_coefficient, rtol=1e-9)
+    # Cowper's of a thin-walled round tube, 2 (1 + nu) / (4 + 3 nu).
+    assert_allclose(thin, 2.6 / 4.9, rtol=1e-9)
+
+
+def test_an_i_profile_of_a_table():
+    """IPE 200 without its fillets of 12 mm, which add 123 mm^2 and 0.97e-6 m^4 to the table's."""
+    steel = bd.Material.of("steel")
+    profile = bd.Section.i_profile(steel, width=0.1, height=0.2, flange=0.0085, web=0.0056)
+    fillets = (4.0 - np.pi) * 0.012**2
+    arm = 0.1 - 0.0085 - 0.012 * (10.0 - 3.0 * np.pi) / (12.0 - 3.0 * np.pi)
+    assert_allclose(profile.area + fillets, 28.48e-4, rtol=2e-4)
+    # The fillets' own second moment is 1e-4 of it.
+    assert_allclose(profile.second_moment + fillets * arm**2, 19.43e-6, rtol=2e-3)
+
+
+def test_shear_coefficient_of_an_i_profile_by_the_energy_of_its_shear_flow():
+    """At nu = 0 Cowper's is that of the energy, 1 / k = A / I^2 int S^2 / t ds."""
+    b, h, flange, web = 0.1, 0.19, 0.0085, 0.0056
+    x, w = np.polynomial.legendre.leggauss(4)
+    # Of walls as lines: static moments of the flange's outer part and of what is above a height.
+    out, up = 0.25 * b * (1.0 + x), 0.25 * h * (1.0 + x)
+    in_flange, in_web = flange * out * h / 2.0, b * flange * h / 2.0 + web * (h**2 / 4 - up**2) / 2
+    energy = 4.0 * 0.25 * b * (w @ in_flange**2) / flange + 2.0 * 0.25 * h * (w @ in_web**2) / web
+    area, second = 2.0 * b * flange + web * h, b * flange * h**2 / 2.0 + web * h**3 / 12.0
+    soft = bd.Material(E=1.0, nu=0.0, rho=1.0)
+    profile = bd.Section.i_profile(soft, width=b, height=h + flange, flange=flange, web=web)
+    assert_allclose(profile.shear_coefficient, second**2 / (area * energy), rtol=1e-12)
+
+
+def test_an_i_profile_whose_web_is_all_is_the_thin_rectangle_of_cowper():
+    profile = bd.Section.i_profile(ALLOY, width=0.0101, height=1.0, flange=1e-6, web=0.01)
+    # 10 (1 + nu) / (12 + 11 nu); flanges of 1e-6 of the height change 1e-5.
+    assert_allclose(profile.shear_coefficient, 13.0 / 15.3, rtol=1e-4)
+
+
+def test_surfaces_are_named():
+    strip = bd.Section.rectangle(ALLOY, width=0.03, height=0.004)
+    assert (strip.fiber("b", "top"), strip.fiber("b", "bottom")) == (0.002, -0.002)
+    assert strip.at(0.3) is strip
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("steel", (210e9, 0.3, 7850.0)),
+        ("aluminum", (70e9, 0.3, 2700.0)),
+        ("titanium Ti-6Al-4V", (113.8e9, 0.342, 4430.0)),
+    ],
+)
+def test_materials_by_name(name, numbers):
+    material = bd.Material.of(name)
+    assert (material.E, material.nu, material.rho) == numbers
+
+
 def test_ring_of_a_published_benchmark():
     # NAFEMS R0015, Test 6 (in-plane modes of a free ring): first bending frequency 53.382 Hz with
     # R = 1 m, from w = n (n^2 - 1) / sqrt(n^2 + 1) sqrt(EI / (rhoA R^4)), n = 2.
@@ -109,6 +176,22 @@ def test_mass_and_inertia_per_length_may_be_given():
         (
             lambda: bd.Section("alloy", 1.0, 1.0),
             "Section: material must be a Material, got 'alloy'",
+        ),
+        (
+            lambda: bd.Section.pipe(ALLOY, 0.1, 0.05),
+            "Section.pipe: wall must be less than half the diameter, 0.05 m, got 0.05",
+        ),
+        (
+            lambda: bd.Section.i_profile(ALLOY, 0.1, 0.2, 0.1, 0.01),
+            "Section.i_profile: flange must be less than half the height, 0.1 m, got 0.1",
+        ),
+        (
+            lambda: bd.Section.i_profile(ALLOY, 0.1, 0.2, 0.01, 0.1),
+            "Section.i_profile: web must be less than the width, 0.1 m, got 0.1",
+        ),
+        (
+            lambda: bd.Material.of("stel"),
+            r"Material.of: the name must be one of 'steel', .*got 'stel' \(did you mean 'steel'",
         ),
         (lambda: bd.Section.circle(3, 1.0), "Section.circle: material must be a Material, got 3"),
     ],

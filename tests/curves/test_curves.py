@@ -26,6 +26,7 @@ CURVES = {
     "function": bd.Curve(lambda x: 0.3 * np.sin(2.0 * x), x=(-0.4, 2.0)),
     "function backwards": bd.Curve(lambda x: np.exp(0.5 * x), x=(1.0, -1.0)),
     "points": bd.Curve(points=CIRCLE),
+    "clothoid": bd.IntrinsicCurve(lambda s: 3.0 * s - 1.0, 1.4, start=(0.2, 0.1), angle=0.5),
     "part of an arc": bd.Segment(bd.Arc(radius=-2.0, length=9.0, angle=2.5), 1.5, 6.0),
     "part of a parabola": bd.Segment(bd.Parabola(span=4.0, rise=1.0), 0.0, 1.2),
 }
@@ -170,6 +171,25 @@ def test_curve_through_points_of_a_parabola_is_the_parabola():
     assert_allclose(curve.point(1.0), parabola.point(1.0), atol=1e-4)
 
 
+def test_a_constant_curvature_is_an_arc():
+    arc = bd.Arc(-0.8, 3.0, start=(0.3, -0.2), angle=1.0)
+    curve = bd.IntrinsicCurve(lambda s: -1.25, 3.0, start=(0.3, -0.2), angle=1.0)
+    s = np.linspace(0.0, 3.0, 31)
+    # Rounding.
+    assert_allclose(curve.point(s), arc.point(s), atol=1e-13)
+    assert_allclose(curve.tangent_angle(s), arc.tangent_angle(s), atol=1e-13)
+
+
+def test_a_clothoid_is_that_of_fresnel():
+    from scipy.special import fresnel
+
+    # Curvature pi s: the angle is pi s^2 / 2, the argument of Fresnel's integrals.
+    curve = bd.IntrinsicCurve(lambda s: np.pi * s, 2.0)
+    s = np.linspace(0.0, 2.0, 9)
+    sine, cosine = fresnel(s)
+    assert_allclose(curve.point(s), np.stack([cosine, sine], axis=-1), atol=1e-13)
+
+
 def test_tangent_angle_is_continuous_over_a_full_turn():
     turn = np.linspace(0.0, 2.0 * np.pi, 60)
     ring = bd.Curve(points=np.stack([np.cos(turn), np.sin(turn)], axis=-1))
@@ -253,6 +273,11 @@ nan = float("nan")
             r"Curve: the function must return a number .* failed: .*division",
         ),
         (lambda: bd.Curve(lambda x: "high", x=(0, 1)), "Curve: the function must return a number"),
+        (lambda: bd.IntrinsicCurve(2.0, 1.0), "IntrinsicCurve: law must be a function of s, got 2"),
+        (lambda: bd.IntrinsicCurve(np.sin, 0.0), "IntrinsicCurve: length must be positive, got 0"),
+        (lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0), "at s = 0 it failed, ZeroDivisionError"),
+        (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 must be finite"),
+        (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns by 25 rad within 1/400"),
         (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
         (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),
         (

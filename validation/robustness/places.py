@@ -75,6 +75,7 @@ def _beam(world: World) -> dict[str, Any]:
         "velocity": (0.0, 0.0),
         "angular_velocity": 0.0,
         "kinematics": None,
+        "free_curve": bd.Line((0.0, 0.0), (1.0, 0.0)),
     }
 
 
@@ -160,6 +161,7 @@ PARTS: dict[str, Base] = {
             "center": (3.0, 0.0),
             "velocity": (0.0, 0.0),
             "angular_velocity": 0.0,
+            "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
         },
         added,
     ),
@@ -178,6 +180,18 @@ PARTS: dict[str, Base] = {
             "curve": bd.Line((0.0, 1.0), (1.0, 1.0)),
             "section": w.section,
             "bodies": 2,
+            "closed": False,
+            "elements": 1,
+        },
+        lambda w, made: w.run(),
+    ),
+    "frame": Base(
+        lambda w: {
+            "mechanism": w.mech,
+            "name": "rack",
+            "points": {"A": (0.0, 1.0), "B": (1.0, 1.0), "C": (1.0, 2.0)},
+            "members": ("AB", "BC"),
+            "section": w.section,
             "elements": 1,
         },
         lambda w, made: w.run(),
@@ -192,9 +206,13 @@ NUMBERS: dict[str, Base] = {
         lambda w, **given: bd.Curve(**given),
     ),
     "Curve of points": Base(
-        lambda w: {"points": [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0)]},
+        lambda w: {"points": [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0)], "noise": 1e-3},
         bent,
         lambda w, **given: bd.Curve(**given),
+    ),
+    "IntrinsicCurve": Base(
+        lambda w: {"law": lambda s: 0.1 * s, "length": 1.0, "start": (0.0, 1.0), "angle": 0.0},
+        bent,
     ),
     "Line": Base(lambda w: {"start": (0.0, 1.0), "end": (1.0, 1.0)}, bent),
     "Parabola": Base(lambda w: {"span": 1.0, "rise": 0.1, "start": (0.0, 1.0), "angle": 0.0}, bent),
@@ -215,6 +233,10 @@ NUMBERS: dict[str, Base] = {
         lambda w: {"material": w.material, "diameter": 0.01, "damping": 0.0},
         made_of,
         lambda w, **given: bd.Section.circle(**given),
+    ),
+    "taper": Base(
+        lambda w: {"shape": bd.Section.circle, "material": w.material, "diameter": (0.01, 0.02)},
+        made_of,
     ),
     "Law": Base(
         lambda w: {

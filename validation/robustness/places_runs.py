@@ -238,6 +238,7 @@ BASES: dict[str, Base] = PARTS | NUMBERS | MECHANISMS | MODELS | INTEGRATING | R
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
     "BeamRange": "a row of Solution.validity",
+    "Frame": "what bd.frame gives",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
     "Check": "what check gives",

@@ -1,0 +1,91 @@
+"""Materials: the numbers of isotropic linear elasticity, and a small table of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from beamdae.errors import BeamdaeError, finite, keep, nearest, positive, shown
+
+# E [Pa], nu, rho [kg/m^3] at 20 °C, and where they stand. EN 1993-1-1:2005, 3.2.6 (density:
+# EN 1991-1-1, table A.4); EN 1999-1-1:2007, 3.2.5; EN 10088-1:2014, table E.1 and EN 1993-1-4;
+# ASM Handbook vol. 2 (1990).
+_TABLE = {
+    "steel": (210e9, 0.3, 7850.0),
+    "stainless steel": (200e9, 0.3, 7900.0),
+    "aluminum": (70e9, 0.3, 2700.0),
+    "titanium Ti-6Al-4V": (113.8e9, 0.342, 4430.0),
+    "brass": (110e9, 0.375, 8530.0),
+    "copper": (115e9, 0.343, 8940.0),
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear-elastic material.
+
+    Parameters
+    ----------
+    E
+        Young's modulus [Pa].
+    nu
+        Poisson's ratio, -1 < nu <= 0.5; the shear modulus is G = E / (2 (1 + nu)).
+    rho
+        Density [kg/m^3].
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        keep(
+            self,
+            E=positive("Material", "E", self.E),
+            nu=finite("Material", "nu", self.nu),
+            rho=positive("Material", "rho", self.rho),
+        )
+        if not -1.0 < self.nu <= 0.5:
+            raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
+
+    @classmethod
+    def of(cls, name: str) -> Material:
+        """A material by name, at 20 °C.
+
+        ===================== ======= ===== ======== ==========================================
+        name                  E [GPa] nu    rho      source
+        ===================== ======= ===== ======== ==========================================
+        "steel"               210     0.3   7850     EN 1993-1-1 (structural steel), EN 1991-1-1
+        "stainless steel"     200     0.3   7900     EN 10088-1 and EN 1993-1-4, type 1.4301
+        "aluminum"            70      0.3   2700     EN 1999-1-1, wrought alloys
+        "titanium Ti-6Al-4V"  113.8   0.342 4430     ASM Handbook vol. 2, annealed
+        "brass"               110     0.375 8530     ASM Handbook vol. 2, C26000, annealed
+        "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
+        ===================== ======= ===== ======== ==========================================
+
+        Design values: alloys and tempers differ by some percent. Of a measured strip the
+        `Material` is given by its own numbers.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> bd.Material.of("steel").E
+        210000000000.0
+        """
+        if not isinstance(name, str) or name not in _TABLE:
+            raise BeamdaeError(
+                f"Material.of: the name must be one of {', '.join(map(repr, _TABLE))}, "
+                f"got {shown(name)}{nearest(name, _TABLE)}."
+            )
+        return cls(*_TABLE[name])
+
+    @property
+    def G(self) -> float:
+        """Shear modulus [Pa]."""
+        return self.E / (2.0 * (1.0 + self.nu))
+
+
+def require_material(part: str, value: object) -> Material:
+    """Return `value` if it is a material."""
+    if not isinstance(value, Material):
+        raise BeamdaeError(f"{part}: material must be a Material, got {shown(value)}.")
+    return value

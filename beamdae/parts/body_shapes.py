@@ -1,0 +1,154 @@
+"""Mass, center and inertia of plane shapes of rigid bodies, and what they are drawn through."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.errors import BeamdaeError, entries, point, positive
+
+Array = np.ndarray
+
+# Corners a circle is drawn through.
+_CORNERS = 24
+
+
+class Shape(NamedTuple):
+    """A plane body: mass [kg], inertia about its center [kg m^2], center and outline [m]."""
+
+    mass: float
+    inertia: float
+    center: tuple[float, float]
+    outline: tuple[tuple[float, float], ...]
+
+
+def mass_of(
+    part: str, mass: Any, density: Any, thickness: Any, area: float, needed: str = "thickness"
+) -> float:
+    """The mass given, or density times volume; `needed` is what the volume takes beside the area.
+
+    Raises
+    ------
+    BeamdaeError
+        If neither or both are given.
+    """
+    if (mass is None) == (density is None) or (density is None) != (thickness is None):
+        raise BeamdaeError(f"{part}: give either mass= or density= with {needed}=.")
+    if mass is not None:
+        return positive(part, "mass", mass)
+    return positive(part, "density", density) * positive(part, needed, thickness) * area
+
+
+def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
+    """A thin straight rod from a to b: m l^2 / 12."""
+    start, end = point(part, "a", a), point(part, "b", b)
+    length = float(np.hypot(*np.subtract(end, start)))
+    if length == 0.0:
+        raise BeamdaeError(f"{part}: a and b must differ, both are {start}.")
+    whole = mass_of(part, mass, density, area, length, "area")
+    center = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+    return Shape(whole, whole * length**2 / 12.0, center, (start, end))
+
+
+def disk(
+    part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
+) -> Shape:
+    """A solid disk: m r^2 / 2."""
+    (x, y), radius = point(part, "center", center), positive(part, "radius", radius)
+    whole = mass_of(part, mass, density, thickness, np.pi * radius**2)
+    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    rim = np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=-1)
+    # The radius to the first corner shows how far the disk has turned.
+    outline = ((x, y), *map(tuple, rim.tolist()), tuple(rim[0].tolist()))
+    return Shape(whole, 0.5 * whole * radius**2, (x, y), outline)
+
+
+def plate(
+    part: str,
+    center: Any,
+    width: Any,
+    height: Any,
+    angle: float,
+    mass: float | None,
+    density: Any,
+    thickness: Any,
+) -> Shape:
+    """A rectangle turned by `angle`: m (w^2 + h^2) / 12."""
+    (x, y), width = point(part, "center", center), positive(part, "width", width)
+    height = positive(part, "height", height)
+    whole = mass_of(part, mass, density, thickness, width * height)
+    c, s = np.cos(angle), np.sin(angle)
+    corners = 0.5 * np.array(
+        [(-width, -height), (width, -height), (width, height), (-width, height)]
+    )
+    turned = corners @ np.array([(c, s), (-s, c)]) + (x, y)
+    outline = tuple(map(tuple, turned.tolist()))
+    return Shape(whole, whole * (width**2 + height**2) / 12.0, (x, y), outline)
+
+
+def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
+    """A polygon, by Green's formulas; either orientation."""
+    given = entries(part, "points", points, "at least 3 pairs (x, y)")
+    if len(given) < 3:
+        raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(given)}.")
+    corners = np.array([point(part, f"point {k}", xy) for k, xy in enumerate(given)])
+    # About the middle of the corners, which keeps the digits of a small body far from the origin.
+    middle = corners.mean(axis=0)
+    x, y = (corners - middle).T
+    nx, ny = np.roll(x, -1), np.roll(y, -1)
+    cross = x * ny - nx * y
+    size = float(np.ptp(x)) * float(np.ptp(y))
+    area = 0.5 * float(cross.sum())
+    if not abs(area) > 1e-12 * size:
+        raise BeamdaeError(f"{part}: points must enclose an area, got {area:g} m^2.")
+    _require_simple(part, corners)
+    center = np.array([((x + nx) * cross).sum(), ((y + ny) * cross).sum()]) / (6.0 * area)
+    polar = float(((x * x + x * nx + nx * nx + y * y + y * ny + ny * ny) * cross).sum()) / 12.0
+    whole = mass_of(part, mass, density, thickness, abs(area))
+    inertia = whole * (polar / area - float(center @ center))
+    cx, cy = (center + middle).tolist()
+    return Shape(whole, inertia, (cx, cy), tuple(map(tuple, corners.tolist())))
+
+
+def _require_simple(part: str, corners: Array) -> None:
+    """Refuse a polygon whose edges meet anywhere but at their common corners."""
+    n = len(corners)
+    twice = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
+    if twice.size:
+        x, y = corners[twice[0]]
+        raise BeamdaeError(f"{part}: the point ({x:g}, {y:g}) comes twice in a row.")
+    for i in range(n):
+        a, b = corners[i], corners[(i + 1) % n]
+        for j in range(i + 1, n):
+            c, d = corners[j], corners[(j + 1) % n]
+            apart = 1 < j - i < n - 1
+            if (apart and _meet(a, b, c, d)) or (not apart and _folded(a, b, c, d, j == i + 1)):
+                raise BeamdaeError(
+                    f"{part}: points must go around the polygon, its edges from "
+                    f"({a[0]:g}, {a[1]:g}) and from ({c[0]:g}, {c[1]:g}) cross."
+                )
+
+
+def _side(a: Array, b: Array, p: Array) -> float:
+    """On which side of the line through a and b the point lies."""
+    return float(np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])))
+
+
+def _within(a: Array, b: Array, p: Array) -> bool:
+    """Whether a point of the line through a and b lies between them."""
+    return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
+
+
+def _meet(a: Array, b: Array, c: Array, d: Array) -> bool:
+    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:
+        return True
+    ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
+    return any(side == 0.0 and _within(*end) for side, end in zip(sides, ends, strict=True))
+
+
+def _folded(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
+    """Whether two edges that share a corner lie on each other."""
+    shared, one, other = (b, a, d) if follows else (a, b, c)
+    return _side(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0

@@ -1,0 +1,144 @@
+"""Frames with rigid corners, and closed rings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import Numeric
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+SLENDER = bd.Section.rectangle(STEEL, width=0.002, height=0.001)
+
+
+def at_rest(mech):
+    """Displacement under the loads in the linear limit."""
+    numeric = Numeric(mech)
+    stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
+    assert np.linalg.matrix_rank(joint) == numeric.m
+    saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
+    right = np.concatenate([-numeric.force(), np.zeros(numeric.m)])
+    # Axial stiffness is 1e7 times that of bending: balanced, the solution keeps its digits.
+    diagonal = np.sqrt(np.abs(np.diag(saddle)))
+    scale = np.where(diagonal > 0.0, diagonal, 1.0)
+    solved = np.linalg.solve(saddle / np.outer(scale, scale), right / scale) / scale
+    moved = numeric.equations.q0 + solved[: numeric.n]
+    return lambda name: numeric.observed(name, q=moved) - numeric.observed(name)
+
+
+def test_sway_of_a_portal_frame():
+    """Slope deflection: P h^3 (4 + 6 k) / (24 EI (1 + 6 k)), k the beam's I / l over a column's."""
+    height, span, load = 1.0, 2.0, 1e-3
+    stiff = bd.Section.rectangle(STEEL, width=0.004, height=0.001)
+    mech = bd.Mechanism()
+    corners = {"A": (0.0, 0.0), "B": (0.0, height), "C": (span, height), "D": (span, 0.0)}
+    members = [("A", "B"), ("B", "C", stiff), ("D", "C")]
+    portal = bd.frame(mech, "portal", corners, members, SLENDER, elements=1)
+    for foot in "AD":
+        mech.add(bd.Weld(f"clamp {foot}", mech.ground.at(*corners[foot]), portal.corners[foot]))
+    mech.add(bd.Force("wind", portal.corners["B"], (load, 0.0)))
+    mech.observe("B", portal.corners["B"])
+    mech.observe("C", portal.beams["D", "C"].end)
+    k = 2.0 * height / span
+    expected = load * height**3 * (4.0 + 6.0 * k) / (24.0 * SLENDER.EI * (1.0 + 6.0 * k))
+    change = at_rest(mech)
+    # Members that stretch and shear: a few times (0.001 / 1)^2.
+    assert_allclose([change("B")[0], change("C")[0]], expected, rtol=1e-5)
+
+
+def test_any_number_of_members_meets_in_a_corner():
+    """A star of three clamped arms turns by M / (3 * 4 EI / l), whatever their order."""
+    turns = np.radians([90.0, 210.0, 330.0])
+    points = {f"P{k}": (np.cos(t), np.sin(t)) for k, t in enumerate(turns)} | {"O": (0.0, 0.0)}
+    for members in (
+        [("O", "P0"), ("O", "P1"), ("P2", "O")],
+        [("P2", "O"), ("P0", "O"), ("O", "P1")],
+    ):
+        mech = bd.Mechanism()
+        star = bd.frame(mech, "star", points, members, SLENDER, elements=1)
+        assert [n for n in mech.parts if "-" not in n] == ["star O", "star O 2"]
+        for k in range(3):
+            mech.add(bd.Weld(f"clamp {k}", mech.ground.at(*points[f"P{k}"]), star.corners[f"P{k}"]))
+        mech.add(bd.Moment("moment", star.corners["O"], 1e-3))
+        mech.observe("O", star.corners["O"])
+        # Shear: a few times (0.001 / 1)^2.
+        assert_allclose(at_rest(mech)("O")[2], 1e-3 / (12.0 * SLENDER.EI), rtol=1e-4)
+
+
+@pytest.mark.parametrize("bodies", [2, 4, 8])
+def test_a_pinched_ring(bodies):
+    """Castigliano: approach of the loads, and growth across them (Timoshenko)."""
+    radius, load = 0.5, 1e-3
+    section = bd.Section.rectangle(STEEL, width=0.01, height=0.05)
+    mech = bd.Mechanism()
+    # It begins at its lowest point.
+    hoop = bd.Arc(radius=radius, length=2.0 * np.pi * radius, start=(0.0, -radius))
+    ring = bd.welded_beams(mech, "ring", hoop, section, bodies, closed=True, elements=32 // bodies)
+    assert f"ring {bodies} to ring 1" in mech.parts
+    mech.add(bd.Weld("bottom", mech.ground.at(0.0, -radius), ring[0].start))
+    mech.add(bd.Force("load", ring[bodies // 2].start, (0.0, -load)))
+    mech.observe("top", ring[bodies // 2].start)
+    quarter = ring[0].length * bodies / 4.0
+    for side, turns in (("right", 1.0), ("left", 3.0)):
+        k, s = divmod(turns * quarter, ring[0].length)
+        mech.observe(side, ring[round(k)].at(s) if bodies < 4 else ring[round(k)].start)
+    change = at_rest(mech)
+    bend, x = load * radius**3 / section.EI, section
+    stretch = np.pi * load * radius / 4.0 * (1.0 / x.EA + 1.0 / x.GA)
+    approach = bend * (np.pi / 4.0 - 2.0 / np.pi) + stretch
+    growth = bend * (2.0 / np.pi - 0.5) + load * radius / 2.0 * (1.0 / x.GA - 1.0 / x.EA)
+    # 8 elements a quarter, as with Castigliano's cantilevers: 7e-7.
+    assert_allclose(-change("top")[1], approach, rtol=1e-6)
+    assert_allclose(change("right")[0] - change("left")[0], growth, rtol=2e-6)
+
+
+def test_a_closed_ring_swings_with_every_digit_of_its_energy():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(STEEL, width=0.01, height=0.002, damping=1e-4)
+    hoop = bd.Arc(radius=0.3, length=0.6 * np.pi, start=(0.0, 0.0), angle=np.pi)
+    ring = bd.welded_beams(mech, "ring", hoop, section, 3, closed=True, elements=2)
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), ring[0].start))
+    mech.add(bd.Force("push", ring[1].end, (0.05, 0.0)))
+    mech.observe("side", ring[1].end)
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-5), t_end=0.3)
+    assert solution.status.success
+    assert solution.quality.energy_imbalance < 1e-5
+
+
+POINTS = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
+
+
+def framed(points=None, members=("AB",), section=SLENDER):
+    return bd.frame(bd.Mechanism(), "f", POINTS if points is None else points, members, section)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: framed(points=[(0, 0)]), "f: points must be a dictionary of places"),
+        (lambda: framed(members=["AC"]), "f: no point 'C' of the member 'AC'"),
+        (lambda: framed(members=["ABA"]), "f A-B: section must be a Section"),
+        (lambda: framed(members=["A"]), "f: a member must be a pair of names"),
+        (lambda: framed(members=["AB", "BA"]), "f: the member B-A comes twice"),
+        (lambda: framed(members="AB"), "f: members must be a list"),
+        (lambda: framed(members=["AA"]), "Line: start and end must differ"),
+        (lambda: framed(section=None), "f: the member A-B needs a section"),
+        (lambda: framed(points={"A": (0, 0), "B": 1.0}), "f: point B must be a pair"),
+        (lambda: bd.frame(3, "f", POINTS, ["AB"], SLENDER), "frame: mechanism must be a Mechanism"),
+        (
+            lambda: bd.welded_beams(bd.Mechanism(), "w", bd.Arc(1.0, 2.0), SLENDER, 3, closed=True),
+            "w: closed=True needs a curve whose ends meet, they lie 1.68 m apart",
+        ),
+        (
+            lambda: bd.welded_beams(
+                bd.Mechanism(), "w", bd.Arc(1.0, 2.0 * np.pi), SLENDER, 1, closed=True
+            ),
+            "w: closed=True needs at least 2 bodies, got 1",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()

@@ -1,0 +1,289 @@
+"""Sections that vary along a beam, and beams drawn bent from a free shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conformance import INTEGRATORS
+from numpy.testing import assert_allclose
+from support import ARC, FEW, Numeric, assert_derivative, every, random_state
+
+import beamdae as bd
+
+ALLOY = bd.Material.of("aluminum")
+LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
+WIDTH, HEIGHTS = 0.03, (0.02, 0.01)
+
+
+def wedge(s):
+    return bd.Section.rectangle(ALLOY, WIDTH, HEIGHTS[0] + (HEIGHTS[1] - HEIGHTS[0]) * s)
+
+
+TAPER = bd.taper(bd.Section.rectangle, ALLOY, width=WIDTH, height=HEIGHTS)
+
+
+def cantilever(section, load=-1e-6, curve=LINE, **settings):
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", curve, section, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    if load:
+        mech.add(bd.Force("load", beam.end, (0.0, load)))
+    mech.observe("tip", beam.end)
+    return mech, beam
+
+
+def at_rest(mech):
+    """The equations, and the displacement under the loads in the linear limit."""
+    numeric = Numeric(mech)
+    stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
+    saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
+    right = np.concatenate([-numeric.force(), np.zeros(numeric.m)])
+    return numeric, np.linalg.solve(saddle, right)[: numeric.n]
+
+
+def frequencies(mech, count):
+    """Lowest natural frequencies about the drawing [rad/s]."""
+    numeric = Numeric(mech)
+    joint = numeric.constraint_matrix()
+    free = np.linalg.svd(joint)[2][numeric.m :].T
+    stiffness, mass = (free.T @ x() @ free for x in (numeric.stiffness, numeric.mass))
+    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)[:count])
+
+
+@pytest.mark.parametrize("section", [wedge, TAPER], ids=["law", "taper"])
+def test_tip_of_a_tapered_cantilever(section):
+    # With t = h / h0: int (1 - s)^2 / (E b h^3 / 12) ds + int 1 / (k G b h) ds, h = h0 (1 - s / 2).
+    a = HEIGHTS[1] - HEIGHTS[0]
+    ratio = HEIGHTS[1] / HEIGHTS[0]
+    # 1 - s = (h - h1) / (-a): int (h - h1)^2 / h^3 dh from h1 to h0, over |a|^3.
+    bending = (-np.log(ratio) + 2.0 * ratio - 0.5 * ratio**2 - 1.5) / abs(a) ** 3
+    shearing = -np.log(ratio) / abs(a)
+    exact = -1e-6 * (12.0 / (ALLOY.E * WIDTH) * bending + shearing / (5.0 / 6.0 * ALLOY.G * WIDTH))
+    # Measured 1.8e-6 and 3.2e-8: order 6.
+    for elements, error in ((4, 3e-6), (8, 5e-8)):
+        mech, _ = cantilever(section, elements=elements)
+        numeric, moved = at_rest(mech)
+        tip = numeric.observed("tip", q=numeric.equations.q0 + moved)
+        assert_allclose(tip[1], exact, rtol=error)
+
+
+def test_mass_and_turning_inertia_of_a_taper():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
+    numeric = Numeric(mech)
+    mass = ALLOY.rho * WIDTH * 0.015
+    # int s^2 h ds, and the sections' own h^3 / 12: polynomials the points are exact for.
+    about_start = ALLOY.rho * WIDTH * (0.02 / 3.0 - 0.01 / 4.0)
+    own = ALLOY.rho * WIDTH / 12.0 * (0.02**4 - 0.01**4) / 0.04
+    assert_allclose(-numeric.force()[1], -9.81 * mass, rtol=1e-12)
+    kinetic = numeric.energies(v=numeric.equations.v0)[0]
+    assert_allclose(kinetic, 0.5 * 4.0 * (about_start + own), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "published"),
+    [
+        # Kirchhoff (1879): a wedge clamped at its thick end, 5.315 h / (2 L^2) sqrt(E / (3 rho))
+        # and a cone, 8.719 r / (2 L^2) sqrt(E / rho), both to a sharp tip.
+        ((bd.Section.rectangle, {"width": 0.01, "height": (0.01, 1e-6)}), 5.315 / np.sqrt(12.0)),
+        ((bd.Section.circle, {"diameter": (0.01, 1e-6)}), 8.719 / 4.0),
+    ],
+    ids=["wedge", "cone"],
+)
+def test_first_frequency_of_a_pointed_cantilever(shape, published):
+    make, sizes = shape
+    mech, _ = cantilever(bd.taper(make, ALLOY, **sizes), load=0.0, elements=12)
+    unit = 0.01 * np.sqrt(ALLOY.E / ALLOY.rho)
+    # Shear and rotary inertia take off some 1e-4 of so slender a bar; published digits 2e-4.
+    assert_allclose(frequencies(mech, 1)[0], published * unit, rtol=8e-4)
+
+
+@every(FEW)
+def test_a_law_that_does_not_vary_is_the_section(variant):
+    def made(section):
+        mech = bd.Mechanism(gravity=(0.4, -9.81))
+        beam = mech.add(variant.beam(ARC, section=section))
+        mech.add(bd.RayleighDamping("damping", beam, mass=0.7, stiffness=0.02))
+        mech.observe("forces", beam.section_forces(0.7))
+        mech.observe("stress", beam.stress(0.7, 0.02))
+        return Numeric(mech)
+
+    plain, along = made(variant.section), made(lambda s: variant.section)
+    q, v, a = random_state(plain, seed=3)
+    for what in ("force", "energies", "stiffness", "damping", "mass"):
+        given = getattr(along, what)(q=q, v=v, a=a)
+        # Rounding.
+        assert_allclose(given, getattr(plain, what)(q=q, v=v, a=a), rtol=1e-12, atol=1e-11)
+    for name in ("forces", "stress"):
+        state = {"q": q, "v": v}
+        assert_allclose(along.observed(name, **state), plain.observed(name, **state), rtol=1e-13)
+
+
+def prestressed(variant, free=None):
+    def section(s):
+        return replace(variant.section, area=0.9 + 0.1 * s, second_moment=0.05 - 0.01 * s)
+
+    mech = bd.Mechanism(gravity=(0.4, -9.81))
+    mech.add(
+        bd.Beam(
+            "beam",
+            ARC,
+            section,
+            elements=2,
+            strain=variant.strain,
+            elements_shape=variant.shape,
+            continuity=variant.continuity,
+            nodes=variant.nodes,
+            quadrature=variant.quadrature,
+            frame=variant.frame,
+            free_curve=free or bd.Line((1.0, 1.0), (3.01, 1.0)),
+        )
+    )
+    return Numeric(mech)
+
+
+@every(FEW)
+def test_jacobians_are_those_of_the_force(variant):
+    numeric = prestressed(variant)
+    q, v, a = random_state(numeric, seed=5)
+    assert_derivative(numeric.stiffness(q=q, v=v, a=a), lambda x: numeric.force(q=x, v=v, a=a), q)
+    assert_derivative(numeric.damping(q=q, v=v, a=a), lambda x: numeric.force(q=q, v=x, a=a), v)
+
+
+@every(FEW)
+def test_strain_energy_is_the_work_of_the_forces(variant):
+    numeric = prestressed(replace_damping(variant))
+    q, _, _ = random_state(numeric, seed=7)
+    force = numeric.force(q=q)[None]
+    assert_derivative(force, lambda x: numeric.energies(q=x)[[1, 2]].sum(), q)
+
+
+def replace_damping(variant):
+    return variant._replace(damping=0.0)
+
+
+def test_a_free_shape_that_is_the_drawing_changes_nothing():
+    mech, _ = cantilever(wedge, curve=bd.Segment(ARC, 0.0, 1.0))
+    free = bd.Segment(ARC, 0.0, 1.0)
+    other, _ = cantilever(wedge, curve=free, free_curve=free)
+    assert_allclose(Numeric(other).force(), Numeric(mech).force(), atol=1e-12)
+
+
+STRIP = bd.Section.rectangle(ALLOY, width=0.02, height=0.001)
+BENT = bd.Arc(radius=2.0, length=1.0)
+
+
+@pytest.mark.parametrize("frame", ["chord", "tangent"])
+def test_a_straight_strip_drawn_as_an_arc_is_held_by_end_moments(frame):
+    """M = EI (1/R_free - 1/R) all along, strain energy EI L / (2 R^2), stress E h / (2 R)."""
+    mech, beam = cantilever(
+        STRIP, load=0.0, curve=BENT, free_curve=bd.Line((5.0, 0.0), (5.0, 1.0)), frame=frame
+    )
+    moment = STRIP.EI / 2.0
+    mech.add(bd.Moment("moment", beam.end, moment))
+    for s in (0.0, 0.4, 1.0):
+        mech.observe(f"forces {s}", beam.section_forces(s))
+    mech.observe("top", beam.stress(0.4, "top"))
+    mech.observe("bottom", beam.strain(0.4, "bottom"))
+    numeric, moved = at_rest(mech)
+    # Moments of end against end: nothing moves, but by rounding.
+    assert np.abs(moved).max() < 1e-12
+    for s in (0.0, 0.4, 1.0):
+        assert_allclose(numeric.observed(f"forces {s}"), (0.0, 0.0, -moment), atol=1e-12 * moment)
+    # The arc length of 8 elements is off by 4e-8 / R^4.
+    assert_allclose(numeric.energies()[1], STRIP.EI / 8.0, rtol=1e-7)
+    assert_allclose(numeric.observed("top"), [-ALLOY.E * 0.0005 / 2.0], rtol=1e-12)
+    assert_allclose(numeric.observed("bottom"), [0.0005 / 2.0], rtol=1e-12)
+
+
+def test_a_wire_drawn_longer_than_it_is_pulls():
+    line = bd.Line((0.0, 0.0), (1.001, 0.0))
+    mech, beam = cantilever(STRIP, load=0.0, curve=line, free_curve=LINE)
+    mech.observe("forces", beam.section_forces(0.5))
+    assert_allclose(Numeric(mech).observed("forces"), (STRIP.EA * 1e-3, 0.0, 0.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
+def test_released_it_swings_about_its_free_shape(name):
+    arc = bd.Arc(radius=5.0, length=1.0)
+    strip = replace(STRIP, damping=0.1)
+    mech, _ = cantilever(strip, load=0.0, curve=arc, free_curve=LINE, elements=4)
+    solution = bd.simulate(mech, INTEGRATORS[name], t_end=8.0, output_step=0.02)
+    y = solution.observed["tip.y [m]"].to_numpy()
+    assert y[0] == pytest.approx(arc.point(1.0)[1], rel=1e-6)
+    # A damping ratio of a quarter: past the free shape by exp(-0.27 pi), and at rest in it by
+    # exp(-1.3 t).
+    assert -0.5 * y[0] < y.min() < -0.35 * y[0]
+    assert abs(y[-1]) < 3e-4 * y[0]
+    assert solution.quality.energy_imbalance < 1e-3
+
+
+def test_bodies_welded_together_share_law_and_free_shape():
+    free = bd.Line((0.0, 0.0), (1.0, 0.0))
+    for section in (wedge, TAPER):
+        mech = bd.Mechanism()
+        bodies = bd.welded_beams(mech, "strip", BENT, section, 4, free_curve=free, elements=2)
+        heights = [beam.section.at(beam.length).height for beam in bodies]
+        # Rounding.
+        assert_allclose(heights, (0.0175, 0.015, 0.0125, 0.01), rtol=1e-12)
+        mech.observe("forces", bodies[2].section_forces(0.25))
+        moment = wedge(0.75).EI / 2.0
+        assert_allclose(Numeric(mech).observed("forces"), (0.0, 0.0, -moment), atol=1e-9 * moment)
+
+
+def test_models_of_other_tapers_share_their_structure():
+    def equations(section, free):
+        mech, _ = cantilever(section, curve=BENT, free_curve=free, elements=2)
+        return bd.equations_of_motion(mech)
+
+    one = equations(wedge, bd.Line((0.0, 0.0), (1.0, 0.0)))
+    other = equations(
+        lambda s: bd.Section.circle(ALLOY, 0.01 + 0.01 * s**2), bd.Arc(radius=-3.0, length=1.0)
+    )
+    assert other.structure is one.structure
+    assert not np.array_equal(other.p, one.p)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Beam("b", LINE, lambda s: 3.0), "b: section must be a Section, or a function"),
+        (lambda: bd.Beam("b", LINE, bd.Section), "b: section must be a Section, .*got <class"),
+        (lambda: bd.Beam("b", LINE, lambda s: 1 / 0), "at s = 0 it failed, ZeroDivisionError"),
+        (
+            lambda: bd.Beam("b", LINE, lambda s: bd.Section.circle(ALLOY, 0.01 - 0.02 * s)),
+            "b: at s = 0.5 m of it, Section.circle: diameter must be positive, got 0",
+        ),
+        (
+            lambda: bd.Beam("b", LINE, wedge).section.EA,
+            r"b: its section varies along the beam, EA is asked of section.at\(s\)",
+        ),
+        (lambda: bd.Beam("b", LINE, wedge).strain(1.0, 0.006), "half the height .* 0.005 m"),
+        (lambda: bd.taper("round", ALLOY), "taper: shape must be a function such as"),
+        (lambda: bd.taper(bd.Section.circle, 3, diameter=1.0), "taper: material must be"),
+        (
+            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(1.0, 2.0, 3.0)),
+            "taper: diameter must be a number or a pair",
+        ),
+        (
+            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(0.01, 0.0)),
+            "taper: at s = 1 m of it, Section.circle: diameter must be positive, got 0",
+        ),
+        (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "unexpected keyword .*width"),
+        (
+            lambda: bd.Beam("b", LINE, STRIP, free_curve=bd.Line((0, 0), (1.1, 0))),
+            "b: free_curve must be as long as the curve of 1 m to within 1%, it is 1.1 m long",
+        ),
+        (lambda: bd.Beam("b", LINE, STRIP, free_curve=1.0), "b, free_curve: curve must be a Line"),
+        (lambda: bd.Beam("b", LINE, STRIP).strain(0.5, "left"), "offset must be one of 'top'"),
+        (
+            lambda: bd.Beam("b", LINE, bd.Section(ALLOY, 1e-4, 1e-9)).stress(0.5, "top"),
+            "b: offset 'top' needs the height of the section",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
