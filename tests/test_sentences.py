@@ -63,6 +63,18 @@ CALLS = {
     "Curve of points": (bd.Curve, {"points": POINTS}),
     "Driver": (bd.Driver, JOINED | {"law": 0.0}),
     "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
+    "Friction": (
+        bd.Friction,
+        {
+            "name": "f",
+            "joint": bd.Revolute("j", GROUND.at(0.0, 0.0), DISK.at(0.0, 0.0)),
+            "coefficient": 0.1,
+            "regularization": 1e-3,
+            "static": 0.2,
+            "stribeck": 0.01,
+            "radius": 0.05,
+        },
+    ),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
     "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),
     "Line": (bd.Line, {"start": (0, 0), "end": (1, 0)}),
@@ -87,6 +99,14 @@ CALLS = {
     "RigidBody": (bd.RigidBody, RIGID | {"center": (0, 0), "velocity": (0, 0)}),
     "RigidBody turning": (bd.RigidBody, RIGID | {"angular_velocity": 0.0}),
     "RigidBody.at": (DISK.at, {"x": 0.0, "y": 0.0}),
+    "RollingOnCircle": (
+        bd.RollingOnCircle,
+        {"name": "r", "a": GROUND.at(1.0, 0.0), "b": DISK.at(0.0, 0.0), "radii": (0.4, 0.6)},
+    ),
+    "RollingOnLine": (
+        bd.RollingOnLine,
+        {"name": "r", "a": GROUND.at(0.0, 1.0), "b": DISK.at(0.0, 0.0), "radius": 1.0},
+    ),
     "Section": (bd.Section, {"material": STEEL, "area": 1e-4, "second_moment": 1e-10}),
     "Section.circle": (bd.Section.circle, {"material": STEEL, "diameter": 0.01, "damping": 0.0}),
     "Section.rectangle": (
@@ -94,6 +114,7 @@ CALLS = {
         {"material": STEEL, "width": 0.02, "height": 0.001, "damping": 0.0},
     ),
     "Segment": (bd.Segment, {"curve": ARC, "start": 0.1, "end": 0.9}),
+    "Skate": (bd.Skate, {"name": "s", "on": DISK.at(0.0, 0.0), "direction": (1.0, 0.0)}),
     "Weld": (bd.Weld, JOINED),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
