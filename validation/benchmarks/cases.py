@@ -11,6 +11,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
+from benchmarks.closed_forms import (
+    cycloid_motion,
+    knife_edge_motion,
+    parallelogram_motion,
+    rotating_rod_motion,
+)
 from benchmarks.systems import (
     PERIOD_TWO_GRAVITY,
     arevalo,
@@ -210,25 +216,6 @@ SLIDER_CRANK = PublishedCase(
 )
 
 
-def _cycloid_answer(t: Array) -> dict[str, Array]:
-    radius, gravity, start = 0.5, 9.81, -0.95
-    # Of the slope's sine, s / 4r, and its rates.
-    omega = np.sqrt(gravity / (4.0 * radius))
-    sine = start * np.cos(omega * t)
-    rate = -omega * start * np.sin(omega * t)
-    bend = -(omega**2) * sine
-    cosine = np.sqrt(1.0 - sine**2)
-    x = 2.0 * radius * (np.arcsin(sine) + sine * cosine)
-    rates = 4.0 * radius * np.stack([cosine * rate, sine * rate, rate], axis=-1)
-    pull_x = 4.0 * radius * (cosine * bend - sine / cosine * rate**2)
-    pull_y = 4.0 * radius * (sine * bend + rate**2)
-    return {
-        "q": np.stack([x, 2.0 * radius * sine**2, 4.0 * radius * sine], axis=-1),
-        "v": rates,
-        "lam": -np.stack([pull_x, pull_y + gravity], axis=-1),
-    }
-
-
 CYCLOID = PublishedCase(
     "brachistochrone",
     "closed form (Huygens 1673): the arc length from the lowest point of a cycloid of radius r "
@@ -237,20 +224,8 @@ CYCLOID = PublishedCase(
     tuple(0.25 * np.pi * np.sqrt(0.5 / 9.81) * k for k in range(1, 17)),
     # Where it turns the curve is ten times as steep as at its lowest point.
     4.0 * np.sqrt(9.81 / 2.0),
-    _cycloid_answer,
+    cycloid_motion,
 )
-
-
-def _rotating_rod_answer(t: Array) -> dict[str, Array]:
-    radius, omega = 0.1, 2.0
-    r, rate = radius * np.cosh(omega * t), omega * radius * np.sinh(omega * t)
-    along = np.stack([np.cos(omega * t), np.sin(omega * t)], axis=-1)
-    across = np.stack([-np.sin(omega * t), np.cos(omega * t)], axis=-1)
-    return {
-        "q": r[:, None] * along,
-        "v": rate[:, None] * along + (omega * r)[:, None] * across,
-        "lam": -2.0 * omega * rate[:, None],
-    }
 
 
 ROTATING_ROD = PublishedCase(
@@ -260,20 +235,8 @@ ROTATING_ROD = PublishedCase(
     tuple(0.25 * k for k in range(1, 9)),
     # It moves as exp(w t (1 +- i)).
     2.0 * np.sqrt(2.0),
-    _rotating_rod_answer,
+    rotating_rod_motion,
 )
-
-
-def _knife_edge_answer(t: Array) -> dict[str, Array]:
-    pull, spin = 5.0, 2.0
-    turn, size = spin * t, pull / (2.0 * spin**2)
-    along = pull / spin * np.sin(turn)
-    x, y = size * np.sin(turn) ** 2, size * (turn - 0.5 * np.sin(2.0 * turn))
-    return {
-        "q": np.stack([x, y, turn], axis=-1),
-        "v": np.stack([along * np.cos(turn), along * np.sin(turn), 0.0 * t + spin], axis=-1),
-        "lam": 2.0 * pull * np.sin(turn)[:, None],
-    }
 
 
 KNIFE_EDGE = PublishedCase(
@@ -283,21 +246,8 @@ KNIFE_EDGE = PublishedCase(
     tuple(0.25 * k for k in range(1, 17)),
     # Along the slope it goes twice as fast as it spins.
     4.0,
-    _knife_edge_answer,
+    knife_edge_motion,
 )
-
-
-def _parallelogram_answer(t: Array) -> dict[str, Array]:
-    crank, coupler, rate, start = 0.5, 1.0, 2.0, 0.3
-    angle = start + rate * t
-    pin = crank * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    fast = crank * rate * np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-    turned, turning = (angle - start)[:, None], np.full((len(t), 1), rate)
-    span = np.array([coupler, 0.0])
-    middle, right, still = pin + 0.5 * span, 0.5 * pin + span, np.zeros((len(t), 1))
-    bars = (middle, still, 0.5 * pin, turned, right, turned)
-    rates = (fast, still, 0.5 * fast, turning, 0.5 * fast, turning)
-    return {"q": np.hstack(bars), "v": np.hstack(rates)}
 
 
 PARALLELOGRAM = PublishedCase(
@@ -306,7 +256,7 @@ PARALLELOGRAM = PublishedCase(
     parallelogram,
     tuple(0.25 * k for k in range(1, 13)),
     2.0,
-    _parallelogram_answer,
+    parallelogram_motion,
 )
 
 PUBLISHED_CASES = (
