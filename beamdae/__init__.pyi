@@ -25,6 +25,11 @@ from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
+from .parts.bushing import Bushing as Bushing
+from .parts.contact import CircleSurface as CircleSurface
+from .parts.contact import Contact as Contact
+from .parts.contact import LineSurface as LineSurface
+from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
 from .parts.joints import Driver as Driver
@@ -39,6 +44,13 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
+from .parts.smooth import positive_part as positive_part
+from .parts.smooth import smooth_sign as smooth_sign
+from .parts.springs import Damper as Damper
+from .parts.springs import Spring as Spring
+from .parts.springs import SpringDamper as SpringDamper
+from .parts.springs import TorsionDamper as TorsionDamper
+from .parts.springs import TorsionSpring as TorsionSpring
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate
