@@ -1,6 +1,8 @@
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
+from .beams.distributed_force import DistributedForce as DistributedForce
+from .beams.distributed_force import MovingForce as MovingForce
 from .beams.sections import Material as Material
 from .beams.sections import Section as Section
 from .beams.welded import welded_beams as welded_beams

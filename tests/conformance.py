@@ -153,6 +153,12 @@ LOADS = {
         energy=lambda tip: tip.position[0] ** 2 + tip.angle**3,
         dissipative=True,
     ),
+    "dead load by length": lambda m, d, b: bd.DistributedForce("load", b, (swing, -2.0)),
+    "pressure": lambda m, d, b: bd.DistributedForce("load", b, (0.0, swing), axes="section"),
+    "load by place": lambda m, d, b: bd.DistributedForce(
+        "load", b, lambda s, x, y, t: (np.sin(y) * t, s - x), axes="section"
+    ),
+    "moving force": lambda m, d, b: bd.MovingForce("load", b, (1.0, -2.0), speed=1.3),
     "air drag": lambda m, d, b: bd.AirDrag("load", b, 1.4),
 }
 
