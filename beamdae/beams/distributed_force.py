@@ -233,8 +233,13 @@ class MovingForce(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Those of all nodes."""
-        return tuple(law for laws in self._shares for law in laws)
+        """One that stops integrators where the force goes from one element to the next."""
+        mesh = self.beam.mesh
+        bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
+        times = np.sort((bounds - self.start) / self.speed)
+        lasting = self.beam.length / mesh.elements / abs(self.speed)
+        pieces = (Formula(_none),) * (len(times) + 1)
+        return (Law(pieces, tuple(map(float, times)), lasting),)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The shares of all nodes."""

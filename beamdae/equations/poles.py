@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formulas import MOST_KINDS, Formula
@@ -38,7 +39,7 @@ class LawOfPart(NamedTuple):
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
-def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
+def laws_of(parts: Iterable[Part | GravityLaws]) -> tuple[LawOfPart, ...]:
     """The laws of the parts that change with time, each once."""
     found: dict[int, LawOfPart] = {}
     for part in parts:

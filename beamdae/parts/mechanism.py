@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, nearest, point, shown
+from beamdae.errors import BeamdaeError, nearest, pair, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
-from beamdae.parts.laws import Law
+from beamdae.parts.gravity import GravityLaws
+from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import motion
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import Quantity
@@ -23,7 +24,8 @@ class Mechanism:
     Parameters
     ----------
     gravity
-        Acceleration of gravity (gx, gy) [m/s^2].
+        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. Under a law, weight is
+        booked as the work of a load; a potential of gravity there is of numbers alone.
 
     Examples
     --------
@@ -33,7 +35,12 @@ class Mechanism:
     >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     """
 
-    def __init__(self, gravity: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(self, gravity: tuple[Any, Any] = (0.0, 0.0)) -> None:
+        changing = [callable(x) for x in pair("Mechanism", "gravity", gravity)]
+        self.gravity_laws: GravityLaws | None = None
+        if any(changing):
+            x, y = (as_law("Mechanism.gravity", component) for component in gravity)
+            self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
         self.gravity = np.array(point("Mechanism", "gravity", gravity))
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
@@ -89,8 +96,9 @@ class Mechanism:
 
     @property
     def laws(self) -> list[Law]:
-        """All laws of time of drivers and loads."""
-        return [law for part in self.parts.values() for law in part.laws]
+        """All laws of time of drivers, loads and gravity."""
+        own = [law for part in self.parts.values() for law in part.laws]
+        return own + list(self.gravity_laws.laws if self.gravity_laws else ())
 
     def _require_member(self, part: str, body: Part) -> None:
         if body is self.ground or self.parts.get(body.name) is body:
