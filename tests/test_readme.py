@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
+import beamdae as bd
+
 
 def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     readme = (Path(__file__).parents[1] / "README.md").read_text()
@@ -16,3 +18,14 @@ def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     table = pd.read_csv("results/pendulum.csv")
     assert table["t [s]"].iloc[-1] == 1.0
     assert {"tip.x [m]", "tip.angle [rad]", "gauge [-]"} <= set(table.columns)
+
+
+def test_forces_join_the_example():
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
+    (forces,) = re.findall(r"## Forces\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
+    names: dict = {}
+    exec(model.split("solution =")[0] + forces, names)
+    solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)
+    assert solution.status.success
+    assert solution.quality.energy_imbalance < 1e-2
