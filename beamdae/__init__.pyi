@@ -28,9 +28,7 @@ from .parts.attachments import Attachment as Attachment
 from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.bushing import Bushing as Bushing
-from .parts.contact import CircleSurface as CircleSurface
 from .parts.contact import Contact as Contact
-from .parts.contact import LineSurface as LineSurface
 from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
@@ -53,6 +51,8 @@ from .parts.springs import Spring as Spring
 from .parts.springs import SpringDamper as SpringDamper
 from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
+from .parts.surfaces import CircleSurface as CircleSurface
+from .parts.surfaces import LineSurface as LineSurface
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

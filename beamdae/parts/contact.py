@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, one_of, point, positive, shown
-from beamdae.parts.attachments import Attachment, require_attachment, rotate
+from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
+from beamdae.parts.attachments import Attachment, require_attachment
+from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.smooth import positive_part, smooth_sign
+from beamdae.parts.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.symbolic.formulas import Combined, combined_kernel, plain
 from beamdae.symbolic.statements import (
     SX,
@@ -27,75 +29,6 @@ from beamdae.symbolic.statements import (
 _LEAST_RESTITUTION = 0.05
 # From here on the series of the hysteresis factor is as near as rounding lets the equation be.
 _NEARLY_ELASTIC = 1e-5
-# Of the radius: the center has no nearest point of the circle, this much under the root gives one.
-_CENTERED = 1e-8
-
-
-def _perpendicular(vector: SX) -> SX:
-    return ca.vertcat(-vector[1], vector[0])
-
-
-def _line(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
-    """Gap and tangent, of a point this way from one on the line; numbers: the normal."""
-    normal = rotate(turn, ca.vertcat(numbers[0], numbers[1]))
-    return ca.dot(normal, way), -_perpendicular(normal)
-
-
-def _circle(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
-    """As `_line`, from the center; numbers: the radius, 1 outside and -1 inside."""
-    distance = ca.sqrt(ca.sumsqr(way) + (_CENTERED * numbers[0]) ** 2)
-    return numbers[1] * (distance - numbers[0]), _perpendicular(way) / distance
-
-
-@dataclass(frozen=True, eq=False)
-class LineSurface:
-    """A straight line through `on` along `direction`, what it touches lies on its left.
-
-    It is fixed to the body of `on`; `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
-    The direction (x, y) is that of the drawing.
-    """
-
-    on: Attachment
-    direction: tuple[float, float] = (1.0, 0.0)
-
-    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _line
-
-    def __post_init__(self) -> None:
-        require_attachment("LineSurface", "on", self.on)
-        keep(self, direction=point("LineSurface", "direction", self.direction))
-        if not math.hypot(*self.direction) > 0.0:
-            raise BeamdaeError("LineSurface: direction must have a length, got (0, 0).")
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """The normal."""
-        x, y = self.direction
-        length = math.hypot(x, y)
-        return (-y / length, x / length)
-
-
-@dataclass(frozen=True, eq=False)
-class CircleSurface:
-    """A circle of `radius` [m] about `on`; what it touches is "outside" or "inside" of it."""
-
-    on: Attachment
-    radius: float
-    side: str = "outside"
-
-    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _circle
-
-    def __post_init__(self) -> None:
-        require_attachment("CircleSurface", "on", self.on)
-        keep(
-            self,
-            radius=positive("CircleSurface", "radius", self.radius),
-            side=one_of("CircleSurface", "side", self.side, ("outside", "inside")),
-        )
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """Radius and side."""
-        return (self.radius, 1.0 if self.side == "outside" else -1.0)
 
 
 @dataclass(frozen=True)
@@ -111,7 +44,7 @@ class _Touching:
         root, turn = b(local.q[self.size :])
         way = place - root
         gap, tangent = self.surface(SX(turn), way, drawn())
-        carried = local.dot(root) + local.dot(SX(turn)) * _perpendicular(way)
+        carried = local.dot(root) + local.dot(SX(turn)) * perpendicular(way)
         return gap, ca.dot(tangent, local.dot(place) - carried)
 
     def forces(self, local: Local, gap: SX, slip: SX, own: Any) -> tuple[SX, SX, SX]:
@@ -201,6 +134,10 @@ class Contact(Part):
     friction_speed
         Slip [m/s] at which friction is 0.76 of Coulomb's; below, it is nearly viscous: what should
         stick creeps.
+    longest_step
+        Adaptive integrators take no longer steps [s]. A point cannot leave a half-plane unseen, but
+        one in free flight may jump over a small circle: give a tenth of the time it takes to
+        cross that.
     """
 
     name: str
@@ -212,6 +149,7 @@ class Contact(Part):
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float = 1e-3
+    longest_step: float | None = None
 
     def __post_init__(self) -> None:
         keep(self, name=require_name("Contact", self.name))
@@ -238,6 +176,8 @@ class Contact(Part):
                 f"{self.name}: restitution must lie in [{_LEAST_RESTITUTION:g}, 1], got "
                 f"{self.restitution:g}."
             )
+        if self.longest_step is not None:
+            keep(self, longest_step=positive(self.name, "longest_step", self.longest_step))
         if self.impact_speed is not None:
             keep(self, impact_speed=positive(self.name, "impact_speed", self.impact_speed))
         elif self.restitution < 1.0:
@@ -249,6 +189,13 @@ class Contact(Part):
     def attachments(self) -> tuple[Attachment, ...]:
         """The point, and where the surface is fixed."""
         return (self.point, self.surface.on)
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """One that changes nothing: integrators keep to a quarter of its time scale."""
+        if self.longest_step is None:
+            return ()
+        return (replace(as_law(self.name, 0.0), time_scale=4.0 * self.longest_step),)
 
     @property
     def hysteresis(self) -> float:
