@@ -137,7 +137,9 @@ class DistributedForce(Part):
         if combined.is_kind and not callable(self.law):
             return combined_kernel(kind, functions, size)
         if combined not in shared:
-            shared[combined] = replace(combined(Local(size, len(numbers))), reused=True)
+            # Points of a kinematics without formulas have kernels of their own, which are compared.
+            alike = isinstance(functions[0], Formula)
+            shared[combined] = replace(combined(Local(size, len(numbers))), reused=alike)
         return shared[combined], numbers[:, None]
 
 
