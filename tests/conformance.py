@@ -107,6 +107,81 @@ LOADS = {
     "force on a rigid body": lambda m, d, b: bd.Force("load", d.at(1.0, 1.0), (swing, 1.0), "body"),
     "fixed mass": lambda m, d, b: bd.PointMass("load", 0.4, on=b.at(1.1)),
     "Rayleigh": lambda m, d, b: bd.RayleighDamping("load", b, mass=0.7, stiffness=0.02),
+    "spring": lambda m, d, b: bd.Spring("load", d.at(0.3, -0.4), b.end, 3.0, 0.9, preload=0.3),
+    "spring to ground": lambda m, d, b: bd.Spring("load", b.at(0.7), m.ground.at(2.0, 2.0), 3.0),
+    "spring without length": lambda m, d, b: bd.Spring(
+        "load", d.at(*TIP), b.end, 3.0, free_length=0.0
+    ),
+    "spring within a beam": lambda m, d, b: bd.Spring("load", b.start, b.end, 3.0, 0.1),
+    "damper": lambda m, d, b: bd.Damper("load", d.at(0.3, -0.4), b.end, 0.7),
+    "spring and damper": lambda m, d, b: bd.SpringDamper("load", d.at(0.3, -0.4), b.end, 3.0, 0.7),
+    "law of a spring": lambda m, d, b: bd.SpringDamper(
+        "load", d.at(0.3, -0.4), b.end, law=lambda x, rate: 2.0 * np.sinh(x) + 0.3 * rate
+    ),
+    "law with energy": lambda m, d, b: bd.Spring(
+        "load",
+        d.at(0.3, -0.4),
+        b.end,
+        law=lambda x, rate: 2.0 * np.sinh(x) + 0.3 * np.tanh(rate),
+        energy=lambda x: 2.0 * np.cosh(x),
+    ),
+    "torsion spring": lambda m, d, b: bd.TorsionSpring(
+        "load", d.at(0.0, 0.0), b.end, 3.0, 0.4, free_angle=0.2, preload=1.0
+    ),
+    "torsion damper": lambda m, d, b: bd.TorsionDamper("load", d.at(0.0, 0.0), b.end, 0.4),
+    "bushing": lambda m, d, b: bd.Bushing(
+        "load", b.end, d.at(*TIP), kx=3.0, ky=1.0, ktheta=0.4, cx=0.3, cy=0.2, ctheta=0.1
+    ),
+    "law of a bushing": lambda m, d, b: bd.Bushing(
+        "load",
+        d.at(0.1, 0.2),
+        b.end,
+        law=lambda x, rate: (x[0] ** 3 + rate[0], np.sin(x[1]), x[2] + 0.2 * rate[2]),
+        energy=lambda x: 0.25 * x[0] ** 4 - np.cos(x[1]) + 0.5 * x[2] ** 2,
+    ),
+    "contact with a line": lambda m, d, b: bd.Contact(
+        "load",
+        b.end,
+        bd.LineSurface(d.at(TIP[0], TIP[1] + 0.5), (1.0, 0.3)),
+        7.0,
+        restitution=0.8,
+        impact_speed=3.0,
+        friction=0.3,
+        friction_speed=0.5,
+    ),
+    "contact with a circle": lambda m, d, b: bd.Contact(
+        "load", d.at(0.1, 0.2), bd.CircleSurface(b.end, 30.0), 7.0, friction=0.3, friction_speed=0.5
+    ),
+    "contact inside a circle": lambda m, d, b: bd.Contact(
+        "load", b.end, bd.CircleSurface(m.ground.at(*ARC.start), 0.1, "inside"), 7.0, 2.0
+    ),
+    "law of a force": lambda m, d, b: bd.ForceLaw(
+        "load",
+        (d.at(0.3, 0.1), b.end),
+        lambda disk, tip, t: [
+            (tip.position[0] * disk.rate, np.sin(t), disk.angle),
+            tip.velocity - disk.velocity,
+        ],
+    ),
+    "law of damping": lambda m, d, b: bd.ForceLaw(
+        "load",
+        b.end,
+        lambda tip, t: -np.sqrt(tip.velocity @ tip.velocity) * tip.velocity,
+        dissipative=True,
+    ),
+    "potential": lambda m, d, b: bd.ForceLaw(
+        "load",
+        b.end,
+        lambda tip, t: (-2.0 * tip.position[0] - tip.velocity[0], 0.0, -3.0 * tip.angle**2),
+        energy=lambda tip: tip.position[0] ** 2 + tip.angle**3,
+        dissipative=True,
+    ),
+    "dead load by length": lambda m, d, b: bd.DistributedForce("load", b, (swing, -2.0)),
+    "pressure": lambda m, d, b: bd.DistributedForce("load", b, (0.0, swing), axes="section"),
+    "load by place": lambda m, d, b: bd.DistributedForce(
+        "load", b, lambda s, x, y, t: (np.sin(y) * t, s - x), axes="section"
+    ),
+    "moving force": lambda m, d, b: bd.MovingForce("load", b, (1.0, -2.0), speed=1.3),
     "air drag": lambda m, d, b: bd.AirDrag("load", b, 1.4),
 }
 

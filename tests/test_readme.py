@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+import beamdae as bd
+
 
 def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     readme = (Path(__file__).parents[1] / "README.md").read_text()
@@ -33,3 +35,14 @@ def test_the_system_of_equations_runs_as_printed():
     # A gravitational potential leaves nothing to be a load.
     np.testing.assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-12)
     assert solution.quality.energy_imbalance < 100e-6
+
+
+def test_forces_join_the_example():
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
+    (forces,) = re.findall(r"## Forces\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
+    names: dict = {}
+    exec(model.split("solution =")[0] + forces, names)
+    solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)
+    assert solution.status.success
+    assert solution.quality.energy_imbalance < 1e-2

@@ -36,6 +36,14 @@ def welded(**given):
 
 JOINED = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
 APART = {"name": "j", "a": GROUND.at(1.0, 0.0), "b": DISK.at(0.0, 0.0)}
+BETWEEN = {"name": "s", "a": GROUND.at(0.0, 0.0), "b": DISK.at(1.0, 0.0)}
+FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
+
+
+def pushing(disk, t):
+    return (1.0, 0.0)
+
+
 RIGID = {"name": "b", "mass": 1.0, "inertia": 0.1}
 # A working call of each: every argument is replaced by everything below, one at a time.
 CALLS = {
@@ -65,6 +73,24 @@ CALLS = {
         bd.ConstrainedSystem,
         {"t": T, "q": Q, "v": V, "mass": [1, 1], "force": [0, 0], "q0": [0, 0], "v0": [0, 0]},
     ),
+    "Bushing": (bd.Bushing, BETWEEN | {"kx": 1.0, "ctheta": 0.1, "angle": 0.0}),
+    "CircleSurface": (bd.CircleSurface, {"on": GROUND.at(0.0, 0.0), "radius": 1.0}),
+    "Contact": (
+        bd.Contact,
+        {"name": "c", "point": DISK.at(1.0, 0.0), "surface": FLOOR, "stiffness": 1e6},
+    ),
+    "Damper": (bd.Damper, BETWEEN | {"damping": 1.0}),
+    "DistributedForce": (bd.DistributedForce, {"name": "p", "beam": BEAM, "law": (0.0, 1.0)}),
+    "ForceLaw": (bd.ForceLaw, {"name": "f", "on": DISK.at(0.0, 0.0), "law": pushing}),
+    "LineSurface": (bd.LineSurface, {"on": GROUND.at(0.0, 0.0), "direction": (1.0, 0.0)}),
+    "MovingForce": (
+        bd.MovingForce,
+        {"name": "p", "beam": BEAM, "force": (0.0, 1.0), "speed": 1.0, "start": 0.0},
+    ),
+    "Spring": (bd.Spring, BETWEEN | {"stiffness": 1.0, "preload": 0.0}),
+    "SpringDamper": (bd.SpringDamper, BETWEEN | {"stiffness": 1.0, "damping": 0.1}),
+    "TorsionDamper": (bd.TorsionDamper, BETWEEN | {"damping": 1.0}),
+    "TorsionSpring": (bd.TorsionSpring, BETWEEN | {"stiffness": 1.0, "free_angle": 0.0}),
     "Curve": (bd.Curve, {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)}),
     "Curve of points": (bd.Curve, {"points": POINTS}),
     "Distance": (bd.Distance, APART | {"length": 1.0}),
@@ -226,6 +252,8 @@ ELSEWHERE = {
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
     *("study", "verify"),
+    # Of formulas alone.
+    *("positive_part", "smooth_sign"),
 }
 
 

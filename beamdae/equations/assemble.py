@@ -90,6 +90,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     drawn = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
         own_forces, held, reaching = stated(part, mechanism.gravity, owners.sizes)
+        if mechanism.gravity_laws is not None:
+            own_forces = mechanism.gravity_laws.statements(part.forces)
         forces += own_forces
         constraints += held
         ranges += reaching
@@ -116,7 +118,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
-        laws=laws_of(parts),
+        laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
     )
     if mechanism.redundant == MINIMUM_NORM:
         drawn_equations = replace(drawn_equations, redundant=True)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError
+from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
@@ -39,7 +40,7 @@ class LawOfPart(NamedTuple):
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
-def laws_of(parts: Iterable[Part]) -> tuple[LawOfPart, ...]:
+def laws_of(parts: Iterable[Part | GravityLaws]) -> tuple[LawOfPart, ...]:
     """The laws of the parts that change with time, each once."""
     return varying_laws((part.name, law) for part in parts for law in part.laws)
 

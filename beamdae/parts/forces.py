@@ -24,30 +24,32 @@ from beamdae.symbolic.formulas import combined_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 
-def _load(local: Local, work: SX, load: SX) -> ForceKernel:
+def kernel_of(local: Local, work: SX, load: SX) -> ForceKernel:
     """The generalized force `load` that does work on the rate of `work`."""
     force = -ca.jtimes(work, local.q, load, True)
     power = ca.dot(local.dot(work), load)
     return ForceKernel(local, force, powers=ca.vertcat(power, 0))
 
 
-def _dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
+def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
+    """A force of these components in the inertial frame."""
     place, _ = on(local.q)
-    return _load(local, place, ca.vertcat(*(law(local.time) for law in laws)))
+    return kernel_of(local, place, ca.vertcat(*(law(local.time) for law in laws)))
 
 
 def _follower_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
     place, turn = on(local.q)
-    return _load(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
+    return kernel_of(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
 
 
 def _turning_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
-    return _load(local, on(local.q)[1], law(local.time))
+    return kernel_of(local, on(local.q)[1], law(local.time))
 
 
-def _statement(
+def load_statement(
     part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> ForceStatement:
+    """A load of some kind on an attachment, of these laws of time."""
     functions = (on.moved, *(law.formula for law in laws))
     kernel, data = combined_kernel(kind, functions, on.size)
     return ForceStatement(part, kernel, (on.piece,), data)
@@ -91,8 +93,8 @@ class Force(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
-        kind = {"inertial": _dead_load, "body": _follower_load}[self.axes]
-        return [_statement(self.name, self.on, kind, self.laws)]
+        kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
+        return [load_statement(self.name, self.on, kind, self.laws)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,4 +118,4 @@ class Moment(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
-        return [_statement(self.name, self.on, _turning_load, self.laws)]
+        return [load_statement(self.name, self.on, _turning_load, self.laws)]

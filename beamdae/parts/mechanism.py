@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, nearest, one_of, point, shown
+from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
-from beamdae.parts.laws import Law
+from beamdae.parts.gravity import GravityLaws
+from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import motion
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.starts import require_start
@@ -26,7 +27,8 @@ class Mechanism:
     Parameters
     ----------
     gravity
-        Acceleration of gravity (gx, gy) [m/s^2].
+        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. Under a law, weight is
+        booked as the work of a load; a potential of gravity there is of numbers alone.
     start
         "as drawn"; "equilibrium" under the loads at t = 0, at rest; or positions and velocities by
         name, {"part.coordinate": value, "part.coordinate_dot": value}, the others follow by the
@@ -45,10 +47,15 @@ class Mechanism:
 
     def __init__(
         self,
-        gravity: tuple[float, float] = (0.0, 0.0),
+        gravity: tuple[Any, Any] = (0.0, 0.0),
         start: str | Mapping[str, float] = "as drawn",
         redundant: str = REFUSE,
     ) -> None:
+        changing = [callable(x) for x in pair("Mechanism", "gravity", gravity)]
+        self.gravity_laws: GravityLaws | None = None
+        if any(changing):
+            x, y = (as_law("Mechanism.gravity", component) for component in gravity)
+            self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
         self.gravity = np.array(point("Mechanism", "gravity", gravity))
         self.start = require_start("Mechanism", start)
         self.redundant = one_of("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
@@ -112,8 +119,9 @@ class Mechanism:
 
     @property
     def laws(self) -> list[Law]:
-        """All laws of time of drivers and loads."""
-        return [law for part in self.parts.values() for law in part.laws]
+        """All laws of time of drivers, loads and gravity."""
+        own = [law for part in self.parts.values() for law in part.laws]
+        return own + list(self.gravity_laws.laws if self.gravity_laws else ())
 
     def _require_member(self, part: str, body: Part) -> None:
         if body is self.ground or self.parts.get(body.name) is body:

@@ -8,6 +8,7 @@ from typing import Any
 
 import beamdae as bd
 from robustness.places import MECHANISMS, NUMBERS, PARTS
+from robustness.places_forces import FORCES
 from robustness.world import (
     OUTPUT_STEP,
     T_END,
@@ -233,7 +234,7 @@ def _limits() -> Any:
     return Limits(time=10.0)
 
 
-BASES: dict[str, Base] = PARTS | NUMBERS | MECHANISMS | MODELS | INTEGRATING | RESULTS
+BASES: dict[str, Base] = PARTS | FORCES | NUMBERS | MECHANISMS | MODELS | INTEGRATING | RESULTS
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {

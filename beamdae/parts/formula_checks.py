@@ -1,0 +1,110 @@
+"""Formulas of forces that users write: numpy functions on symbols, checked by what they give."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import BeamdaeError, shown, told
+from beamdae.symbolic.formulas import Combined
+from beamdae.symbolic.statements import SX, Local
+
+# Operations by which a force can jump; kinks such as those of np.maximum and np.abs are no jumps.
+_JUMPS = {
+    getattr(ca, f"OP_{name}"): name.lower()
+    for name in ("LT", "LE", "EQ", "NE", "IF_ELSE_ZERO", "FLOOR", "CEIL", "FMOD", "SIGN")
+}
+_INSTEAD = "bd.positive_part(x) for what acts on one side, bd.smooth_sign(x, scale) for a sign"
+
+
+def as_vector(column: SX) -> np.ndarray:
+    """A column as users get it: an array of its entries, which can be unpacked and added."""
+    return np.array([column[k] for k in range(column.numel())], dtype=object)
+
+
+def listed(value: Any) -> list[Any]:
+    """The entries of what a formula gave, itself where it is a single one."""
+    if isinstance(value, (ca.SX, ca.DM)):
+        return [value[k] for k in range(value.numel())]
+    if isinstance(value, np.ndarray):
+        return list(value.ravel())
+    return list(value) if isinstance(value, (tuple, list)) else [value]
+
+
+def as_column(part: str, what: str, value: Any, rows: int) -> SX:
+    """What a formula gave as a column, or say that it has not so many entries."""
+    try:
+        column = ca.vertcat(*(SX(entry) for entry in listed(value)))
+    except Exception:
+        column = SX(0, 1)
+    if column.shape != (rows, 1):
+        wanted = "one number" if rows == 1 else f"{rows} numbers"
+        raise BeamdaeError(f"{part}: {what} must return {wanted}, got {shown(value)}.")
+    return column
+
+
+def evaluated(part: str, what: str, function: Callable[..., Any], *given: Any) -> Any:
+    """What a user's function makes of symbols, or a sentence that says why it failed."""
+    try:
+        with warnings.catch_warnings():
+            # CasADi 3.8 announces a change of numpy functions on its symbols, see `law_checks`.
+            warnings.simplefilter("ignore", FutureWarning)
+            return function(*given)
+    except BeamdaeError:
+        raise
+    except Exception as problem:
+        if "truth value" in str(problem):
+            raise BeamdaeError(
+                f"{part}: {what} must be a formula, but it decides by the value of a symbol (if, "
+                f"while, and, or, min, max); take {_INSTEAD}."
+            ) from None
+        raise BeamdaeError(
+            f"{part}: {what} must be a formula of numpy functions such as np.sin, it failed, "
+            f"{told(problem)}."
+        ) from problem
+
+
+def require_formula_of(
+    part: str, what: str, value: SX, symbols: Sequence[SX], given: str = "what it is given"
+) -> None:
+    """Refuse an expression that jumps, or depends on other symbols than these, `given` in words."""
+    known = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
+    strange = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
+    if strange:
+        raise BeamdaeError(
+            f"{part}: {what} must depend on {given} alone, not on {', '.join(strange[:3])}."
+        )
+    formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
+    steps = range(formula.n_instructions())
+    # float(x) is nan of a symbol.
+    if any(
+        formula.instruction_id(k) == ca.OP_CONST and np.isnan(formula.instruction_constant(k))
+        for k in steps
+    ):
+        raise BeamdaeError(
+            f"{part}: {what} must be a formula of numpy functions such as np.sin, but it needs a "
+            "symbol as a number, as float, int and the functions of math do, or has a nan of its "
+            "own."
+        )
+    used = {formula.instruction_id(k) for k in steps}
+    jumps = [name for operation, name in _JUMPS.items() if operation in used]
+    if jumps:
+        raise BeamdaeError(
+            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; take {_INSTEAD}."
+        )
+
+
+def require_function(part: str, what: str, function: Any) -> None:
+    """Refuse what cannot be called."""
+    if not callable(function):
+        raise BeamdaeError(f"{part}: {what} must be a function, got {shown(function)}.")
+
+
+def own_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:
+    """As `combined_kernel` of a user's function, which nothing is kept for beyond its part."""
+    combined, numbers = Combined.of(build, functions)
+    return combined(Local(size, len(numbers))), numbers[:, None]

@@ -1,0 +1,181 @@
+"""Loads along a beam: weight, pressure, a load that moves, one that follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+from support import ARC, VARIANTS, Numeric
+
+import beamdae as bd
+
+STRIP = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), width=0.02, height=0.01)
+
+
+@pytest.mark.parametrize(
+    ("curve", "share"),
+    # Of the curved beam both integrate over axes that differ by the error of the mesh.
+    [(bd.Line((0.1, 0.2), (1.3, 1.0)), 1e-13), (ARC, 1e-3)],
+)
+def test_uniform_dead_load_is_the_weight(curve, share):
+    gravity = np.array([1.5, -9.81])
+
+    def numeric(weighed):
+        mech = bd.Mechanism(gravity=tuple(gravity) if weighed else (0.0, 0.0))
+        beam = mech.add(bd.Beam("beam", curve, STRIP, elements=6))
+        if not weighed:
+            mech.add(bd.DistributedForce("weight", beam, tuple(STRIP.rhoA * gravity)))
+        return Numeric(mech)
+
+    weighed, loaded = numeric(True), numeric(False)
+    rng = np.random.default_rng(0)
+    q = weighed.equations.q0 + 0.05 * rng.standard_normal(weighed.n)
+    expected = weighed.force(q)
+    still = Numeric(free(curve)).force(q)
+    scale = np.max(np.abs(expected - still))
+    assert_allclose(
+        loaded.force(q), expected, rtol=0.0, atol=share * scale + 1e-15 * abs(still).max()
+    )
+
+
+def free(curve):
+    mech = bd.Mechanism()
+    mech.add(bd.Beam("beam", curve, STRIP, elements=6))
+    return mech
+
+
+def test_pressure_on_a_ring_has_no_resultant_and_that_on_an_arch_that_of_its_chord():
+    def resultant(angle):
+        mech = bd.Mechanism()
+        arc = bd.Arc(radius=0.4, length=0.4 * angle, start=(0.3, 0.1), angle=0.2)
+        beam = mech.add(bd.Beam("beam", arc, STRIP, elements=12, frame="tangent"))
+        mech.add(bd.DistributedForce("pressure", beam, (0.0, 700.0), axes="section"))
+        x, y = arc.point(arc.length) - np.asarray(arc.point(0.0))
+        return -Numeric(mech).force()[:2], 700.0 * np.array([-y, x])
+
+    found, _ = resultant(2.0 * np.pi)
+    assert_allclose(found, 0.0, atol=1e-9)
+    found, expected = resultant(2.0)
+    assert_allclose(found, expected, rtol=1e-6)  # the mesh
+
+
+def test_a_law_of_place_sees_where_the_axis_is():
+    """A bed of springs under a rigidly moved beam: its force and moment by hand."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (2.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, STRIP, elements=3, frame="tangent"))
+    mech.add(bd.DistributedForce("bed", beam, lambda s, x, y, t: (0.0, -50.0 * y * (1.0 + s))))
+    numeric = Numeric(mech)
+    q = numeric.equations.q0.copy()
+    q[1], q[2] = 0.1, 0.3
+    height = [0.1, np.sin(0.3)]
+    # Integrals of y (1 + s) and of its moment about the start, y = 0.1 + s sin(0.3).
+    force = 50.0 * (height[0] * 4.0 + height[1] * (2.0 + 8.0 / 3.0))
+    moment = 50.0 * np.cos(0.3) * (height[0] * (2.0 + 8.0 / 3.0) + height[1] * (8.0 / 3.0 + 4.0))
+    assert_allclose(numeric.force(q)[:3], [0.0, force, moment], rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(rtol=1e-5), bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=2e-3)]
+)
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_moving_load_on_a_simply_supported_beam(integrator, direction):
+    """Krylov's series of a constant force at constant speed."""
+    length, load, speed = 4.0, 5.0, 3.0
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("beam", line, STRIP, elements=8))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("roller", mech.ground.at(length, 0.0), beam.end, (1.0, 0.0)))
+    start = 0.0 if direction > 0.0 else length
+    mech.add(bd.MovingForce("load", beam, (0.0, -load), direction * speed, start))
+    mech.observe("middle", beam.at(0.5 * length))
+    solution = bd.simulate(mech, integrator, t_end=length / speed, output_step=0.02)
+    assert solution.status.success, solution.status.sentence
+    t, expected = solution.t, 0.0
+    for n in range(1, 40, 2):
+        own = (n * np.pi / length) ** 2 * np.sqrt(STRIP.EI / STRIP.rhoA)
+        driven = n * np.pi * speed / length
+        wave = (np.sin(driven * t) - driven / own * np.sin(own * t)) / (own**2 - driven**2)
+        expected = expected - 2.0 * load / (STRIP.rhoA * length) * np.sin(0.5 * n * np.pi) * wave
+    # Shear and rotary inertia, and the shortening of the beam: 1e-4; fixed steps in the third mode.
+    assert_allclose(solution.observed["middle.y [m]"], expected, atol=2e-3 * np.abs(expected).max())
+    assert solution.quality.energy_imbalance < 1e-3
+
+
+def test_a_moving_load_is_nowhere_before_and_after():
+    mech = free(bd.Line((0.0, 0.0), (1.0, 0.0)))
+    mech.add(bd.MovingForce("load", mech.part("beam"), (3.0, -2.0), speed=2.0, start=-1.0))
+    for t, acting in ((0.25, 0.0), (0.5, 1.0), (0.7, 1.0), (1.0, 1.0), (1.3, 0.0)):
+        # Of two pieces that meet the one after, as everywhere.
+        numeric = Numeric(mech, time=(t, t - 1e-9 if t == 1.0 else t))
+        assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
+        # At the place of the force: its moment about the start.
+        assert_allclose(-numeric.force()[2], acting * -2.0 * (2.0 * t - 1.0), atol=1e-12)
+
+
+def test_cantilever_under_a_follower_force_in_slow_motion():
+    """E I psi'' = P cos(psi) from the tip, psi the turn back from it."""
+    length, ratio = 1.0, 1.5
+    load = ratio * STRIP.EI / length**2
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beams = bd.welded_beams(mech, "beam", line, STRIP, bodies=4, elements=2)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
+    # The load rises in a twentieth of a second times 40 periods, and then rests.
+    ramp = bd.piecewise((3.0, lambda t: load * (0.5 - 0.5 * np.cos(np.pi * t / 3.0))), load)
+    mech.add(bd.Force("follower", beams[-1].end, (0.0, ramp), axes="body"))
+    for beam in beams:
+        mech.add(bd.RayleighDamping(f"{beam.name} air", beam, mass=20.0))
+    mech.observe("tip", beams[-1].end)
+    solution = bd.simulate(mech, bd.GeneralizedAlpha(rtol=1e-4), t_end=4.0, output_step=0.5)
+    assert solution.status.success, solution.status.sentence
+    back = solve_ivp(
+        lambda s, y: [y[1], ratio * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])],
+        (0.0, length),
+        np.zeros(4),
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    psi, _, along, across = back.y[:, -1]
+    # Seen from the clamp, whose section is turned by psi from that of the tip.
+    expected = np.array(
+        [
+            along * np.cos(psi) + across * np.sin(psi),
+            along * np.sin(psi) - across * np.cos(psi),
+            psi,
+        ]
+    )
+    found = solution.observed[["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]].to_numpy()[-1]
+    assert_allclose(found, expected, rtol=0.0, atol=5e-3)
+
+
+BEAM = VARIANTS[0].beam(ARC)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.DistributedForce("p", BEAM.end, (0, 1)), "p: beam must be a Beam, got beam at"),
+        (lambda: bd.DistributedForce("p", BEAM, 3.0), "p: law must be a pair of laws .* or a func"),
+        (lambda: bd.DistributedForce("p", BEAM, (1.0, "up")), "p: law must be a number, got 'up'"),
+        (
+            lambda: bd.DistributedForce("p", BEAM, lambda s, x, y, t: s),
+            "p: law must return 2 numbers",
+        ),
+        (lambda: bd.DistributedForce("p", BEAM, lambda t: (t, t)), "p: law must be a formula"),
+        (
+            lambda: bd.DistributedForce("p", BEAM, (0, 1), axes="normal"),
+            "p: axes must be one of 'inertial', 'section', got 'normal'",
+        ),
+        (lambda: bd.MovingForce("p", "beam", (0, 1), 1.0), "p: beam must be a Beam, got 'beam'"),
+        (lambda: bd.MovingForce("p", BEAM, 1.0, 1.0), "p: force must be a pair"),
+        (lambda: bd.MovingForce("p", BEAM, (0, 1), 0.0), "p: speed must not be zero, take a Force"),
+        (lambda: bd.MovingForce("p", BEAM, (0, 1), 1.0, np.nan), "p: start must be finite"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+        make()
+    assert str(refused.value).endswith(".")

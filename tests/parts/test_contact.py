@@ -1,0 +1,202 @@
+"""One-sided contact: times of impact, restitution, friction, what it is seen from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from support import Numeric
+
+import beamdae as bd
+
+GRAVITY = 9.81
+
+
+def bouncing(stiffness, **contact):
+    """A ball dropped from 1 m."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(3.0, 0.0))
+    touch = mech.add(bd.Contact("floor", ball.point, floor, stiffness, **contact))
+    mech.observe("floor", touch.force)
+    mech.observe("gap", touch.gap)
+    return mech
+
+
+def rebound(restitution, of, speed):
+    """Speed after an impact: X v - ln(1 + X v) is the same of v before and -v after."""
+    factor = bd.Contact(
+        "c",
+        bd.PointMass("p", 1.0, at=(0.0, 0.0)).point,
+        bd.LineSurface(bd.Mechanism().ground.at(0.0, 0.0)),
+        1.0,
+        restitution=restitution,
+        impact_speed=of,
+    ).hysteresis
+    before = factor * speed - np.log1p(factor * speed)
+    low, high = 0.0, min(speed, 1.0 / factor)
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        more = -factor * middle - np.log1p(-factor * middle) < before
+        low, high = (middle, high) if more else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("restitution", [0.05, 0.3, 0.8, 0.99, 0.9999])
+def test_restitution_is_exact_at_its_speed(restitution):
+    # Near 1 the equation holds the loss with (1 - e)^2 of its digits.
+    after = rebound(restitution, 2.0, 2.0)
+    assert_allclose(after, 2.0 * restitution, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(rtol=1e-6), bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(rtol=1e-6)]
+)
+def test_bouncing_ball_hits_the_floor_when_it_has_to(integrator):
+    """Stiff: impacts of the closed form, each with the restitution of its speed."""
+    speed = np.sqrt(2.0 * GRAVITY)
+    mech = bouncing(1e9, restitution=0.7, impact_speed=speed)
+    solution = bd.simulate(mech, integrator, t_end=2.2, output_step=1e-4)
+    assert solution.status.success, solution.status.sentence
+    assert solution.quality.energy_imbalance < 1e-3
+    down = solution.v[:, 1] < 0.0
+    found = solution.t[1:][down[:-1] & ~down[1:]]
+    expected, t = [], speed / GRAVITY
+    for _ in range(4):
+        expected.append(t)
+        speed = rebound(0.7, np.sqrt(2.0 * GRAVITY), speed)
+        t += 2.0 * speed / GRAVITY
+    # Contacts of half a millisecond each, rows 0.1 ms apart.
+    assert_allclose(found, expected, rtol=0.0, atol=2e-3)
+    assert np.all(solution.observed["floor.N [N]"] >= 0.0)
+    assert solution.observed["gap [m]"].min() > -1e-3
+
+
+def test_elastic_impacts_keep_the_energy():
+    solution = bd.simulate(bouncing(1e6), bd.Radau(rtol=1e-7), t_end=3.0)
+    assert_allclose(solution.q[:, 1].max(), 1.0, rtol=1e-12)
+    books = solution.ledger[[f"energy.{x} [J]" for x in ("kinetic", "strain", "gravity")]]
+    assert_allclose(books.sum(axis=1), GRAVITY, rtol=1e-4)
+    assert_allclose(solution.ledger["energy.dissipated [J]"], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
+def test_rest_on_the_floor(exponent):
+    """The penetration at which k d^n carries the weight."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    depth = (2.0 * GRAVITY / 5e5) ** (1.0 / exponent)
+    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, -depth)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("floor", ball.point, floor, 5e5, exponent))
+    assert_allclose(Numeric(mech).force(), 0.0, atol=1e-9)
+
+
+@integrators(rtol=1e-6, step=1e-3)
+def test_a_block_slides_to_rest_under_friction(integrator):
+    """v = v0 - mu g t, and then a creep that dies in friction_speed / (mu g)."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    depth = (2.0 * GRAVITY / 1e6) ** (1.0 / 1.5)
+    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, -depth), velocity=(2.0, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("floor", block.point, floor, 1e6, friction=0.4, friction_speed=1e-3))
+    solution = bd.simulate(mech, integrator, t_end=0.8, output_step=0.01)
+    assert solution.status.success, solution.status.sentence
+    slowing = 0.4 * GRAVITY
+    t = solution.t
+    speed = np.maximum(2.0 - slowing * t, 0.0)
+    # Regularized: tanh(v / 1 mm/s), to which 1 mm/s are 0.76 of a sign.
+    assert_allclose(solution.v[:, 0], speed, rtol=0.0, atol=1.5e-3)
+    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], 4.0, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)], ids=lambda x: str(x)[:5]
+)
+def test_no_step_jumps_over_a_post_that_says_how_long_steps_may_be(integrator):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(100.0, 0.0)))
+    post = bd.CircleSurface(mech.ground.at(4.0, 0.0), 0.05)
+    mech.add(bd.Contact("post", ball.point, post, 1e9, longest_step=1e-4))
+    solution = bd.simulate(mech, integrator, t_end=0.1)
+    assert_allclose(solution.v[-1, 0], -100.0, rtol=3e-3)
+    assert solution.statistics.steps >= 1000
+
+
+def test_circles_from_outside_and_inside():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(3.0, 4.0)))
+    for name, radius, side in (("out", 5.5, "outside"), ("in", 4.5, "inside")):
+        surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius, side)
+        touch = mech.add(bd.Contact(name, ball.point, surface, 10.0, 1.0, friction=0.5))
+        mech.observe(f"{name} gap", touch.gap)
+        mech.observe(f"{name} force", touch.force)
+    numeric = Numeric(mech)
+    v = np.array([-4.0, 3.0])
+    for name in ("out", "in"):
+        assert_allclose(numeric.observed(f"{name} gap"), [-0.5], rtol=1e-13)
+        # Counter-clockwise; friction is full, tanh(5000), and against it.
+        assert_allclose(numeric.observed(f"{name} force", v=v), [5.0, -2.5], rtol=1e-13)
+    # Normal forces cancel, frictions add up.
+    assert_allclose(numeric.force(v=v), 5.0 * np.array([-0.8, 0.6]), atol=1e-13)
+    assert np.all(np.isfinite(numeric.stiffness(np.zeros(2), v)))
+
+
+def test_nothing_moves_a_pair_in_contact_as_a_whole():
+    """What the point gets the body of the surface gives, at the same place, whoever turns."""
+    mech = bd.Mechanism()
+    plate = mech.add(bd.RigidBody("plate", 1.0, 1.0))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.2, -0.1)))
+    surface = bd.LineSurface(plate.at(0.4, 0.0), (2.0, 0.3))
+    mech.add(
+        bd.Contact("c", ball.point, surface, 50.0, restitution=0.5, impact_speed=2.0, friction=0.4)
+    )
+    numeric = Numeric(mech)
+    rng = np.random.default_rng(1)
+    q = numeric.equations.q0 + 0.05 * rng.standard_normal(5)
+    force = numeric.force(q, rng.standard_normal(5))
+    assert np.linalg.norm(force) > 0.1
+    assert_allclose(force[:2] + force[3:], 0.0, atol=1e-13)
+    moment = force[2] + q[0] * force[1] - q[1] * force[0] + q[3] * force[4] - q[4] * force[3]
+    assert_allclose(moment, 0.0, atol=1e-13)
+    # Carried along by a turn about the origin nothing slips or sinks in: the force at rest.
+    spin = 0.7 * np.array([-q[1], q[0], 1.0, -q[4], q[3]])
+    assert_allclose(numeric.force(q, spin), numeric.force(q, np.zeros(5)), atol=1e-10)
+
+
+BALL = bd.PointMass("ball", 1.0, at=(0.0, 0.0)).point
+GROUND = bd.Mechanism().ground.at(0.0, 0.0)
+FLOOR = bd.LineSurface(GROUND)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Contact("c", 3.0, FLOOR, 1.0), "c: point must be an attachment"),
+        (lambda: bd.Contact("c", BALL, GROUND, 1.0), "c: surface must be a LineSurface or a Circ"),
+        (lambda: bd.Contact("c", GROUND, FLOOR, 1.0), "c: neither the point nor the surface moves"),
+        (lambda: bd.Contact("c", BALL, FLOOR, 0.0), "c: stiffness must be positive, got 0"),
+        (lambda: bd.Contact("c", BALL, FLOOR, 1.0, 0.5), r"c: exponent must lie in \[1, 10\], got"),
+        (
+            lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=1.2, impact_speed=1.0),
+            r"c: restitution must lie in \[0.05, 1\], got 1.2",
+        ),
+        (
+            lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=0.5),
+            "c: restitution=0.5 needs the impact_speed it is of",
+        ),
+        (
+            lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction_speed=0.0),
+            "c: friction_speed must be positive",
+        ),
+        (lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction=-0.1), "c: friction must not be neg"),
+        (lambda: bd.LineSurface(BALL, (0.0, 0.0)), "LineSurface: direction must have a length"),
+        (lambda: bd.LineSurface("floor"), "LineSurface: on must be an attachment"),
+        (lambda: bd.CircleSurface(BALL, -1.0), "CircleSurface: radius must be positive"),
+        (lambda: bd.CircleSurface(BALL, 1.0, "in"), "CircleSurface: side must be one of"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+        make()
+    assert str(refused.value).endswith(".")

@@ -1,0 +1,176 @@
+"""Forces of the user's own: what they see, what they do, how they are booked, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from support import Numeric
+
+import beamdae as bd
+
+
+def test_the_law_sees_the_motion_that_is_observed():
+    """And does virtual work on it: forces at the point, moments on the turn."""
+    seen = []
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 1.0))
+    on = body.at(1.0, 0.5)
+
+    def law(body, t):
+        seen.append((*body.position, body.angle, *body.velocity, body.rate))
+        return (body.position[0], body.velocity[1] + t, 2.0 * body.rate + 3.0 * body.angle)
+
+    load = mech.add(bd.ForceLaw("load", on, law))
+    mech.observe("point", on)
+    mech.observe("load", load.load)
+    assert len(seen[0]) == 6
+    numeric = Numeric(mech, time=(0.4, 0.4))
+    q, v = np.array([0.3, -0.2, 0.7]), np.array([1.0, 0.5, -2.0])
+    x, y, angle, _, vy, rate = numeric.observed("point", q=q, v=v)
+    expected = np.array([x, vy + 0.4, 2.0 * rate + 3.0 * angle])
+    assert_allclose(numeric.observed("load", q=q, v=v), expected, rtol=1e-13)
+    arm = np.array([x, y]) - q[:2]
+    moment = expected[2] + arm[0] * expected[1] - arm[1] * expected[0]
+    assert_allclose(numeric.force(q, v), [-expected[0], -expected[1], -moment], rtol=1e-13)
+
+
+def test_a_law_between_two_is_a_spring():
+    """The same as the built-in one to rounding, run by the same kernels."""
+
+    def run(lawful):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        one = mech.add(bd.RigidBody("one", 1.0, 0.2, (1.0, 0.0)))
+        mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), one.at(0.0, 0.0)))
+        bob = mech.add(bd.PointMass("bob", 0.5, at=(3.0, 0.0)))
+        a, b = one.at(2.0, 0.0), bob.point
+
+        def length(a, b):
+            way = b.position - a.position
+            return way, np.sqrt(way @ way)
+
+        def law(a, b, t):
+            way, distance = length(a, b)
+            rate = way @ (b.velocity - a.velocity) / distance
+            pull = (40.0 * (distance - 1.0) + 0.6 * rate) / distance * way
+            return [pull, -pull]
+
+        def energy(a, b):
+            return 20.0 * (length(a, b)[1] - 1.0) ** 2
+
+        mech.add(
+            bd.ForceLaw("spring", (a, b), law, energy, dissipative=True)
+            if lawful
+            else bd.SpringDamper("spring", a, b, 40.0, 0.6)
+        )
+        return bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=1.0)
+
+    law, spring = run(True), run(False)
+    assert_allclose(law.q, spring.q, atol=1e-9)  # Newton's tolerance
+    assert_allclose(law.ledger.to_numpy(), spring.ledger.to_numpy(), atol=1e-7)
+    assert law.quality.energy_imbalance < 1e-4
+
+
+@integrators(rtol=1e-6, step=1e-3)
+def test_coulomb_damped_oscillator_decays_linearly(integrator):
+    """By 4 mu m g / k of amplitude a period, as far as the friction is Coulomb's."""
+    stiffness, friction, speed = 100.0, 0.8, 1e-3
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", 1.0, at=(1.2, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0, 0), block.point, stiffness, 1.0))
+
+    def rub(block, t):
+        return (-friction * bd.smooth_sign(block.velocity[0], speed), 0.0)
+
+    mech.add(bd.ForceLaw("friction", block.point, rub, dissipative=True))
+    period = 2.0 * np.pi / 10.0
+    solution = bd.simulate(mech, integrator, t_end=3.0 * period, output_step=0.5 * period)
+    assert solution.status.success, solution.status.sentence
+    lost = 2.0 * friction / stiffness * np.arange(7)
+    amplitude = (solution.q[:, 0] - 1.0) * (-1.0) ** np.arange(7)
+    # tanh loses in the width of the velocity: speed / (w A) of the decrement, below 3 %.
+    assert_allclose(amplitude, 0.2 - lost, rtol=0.0, atol=0.03 * lost[1])
+    assert solution.quality.energy_imbalance < 1e-4
+    taken = 0.5 * stiffness * (0.2**2 - (0.2 - lost[-1]) ** 2)
+    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], taken, rtol=5e-3)
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_all_of_numpy_that_has_symbols(native, monkeypatch):
+    """Formulas give in kernels what they give of numbers."""
+    if not native:
+        monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+
+    def law(p, t):
+        (x, y), (u, v) = p.position, p.velocity
+        fx = np.tanh(x) + np.abs(u) ** 1.5 + np.maximum(x, y) * np.minimum(u, v) + np.hypot(x, y)
+        fy = np.arctan2(y, x) + np.exp(-(u**2)) * np.log1p(x**2) + np.clip(v, -0.5, 0.5)
+        return (fx + bd.positive_part(u) ** 2.5, fy + np.cosh(t) * bd.smooth_sign(v, 0.3))
+
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.5)))
+    mech.add(bd.ForceLaw("load", bob.point, law))
+    numeric = Numeric(mech, time=(0.3, 0.3))
+    for seed in range(5):
+        q, v = np.random.default_rng(seed).standard_normal((2, 2))
+
+        class At:
+            position, velocity = q, v
+
+        assert_allclose(-numeric.force(q, v), law(At, 0.3), rtol=1e-13)
+
+
+BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
+ON, BOB = BODY.at(0.0, 0.0), bd.PointMass("bob", 1.0, at=(1.0, 0.0)).point
+GROUND = bd.Mechanism().ground.at(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.ForceLaw("f", BODY, lambda a, t: (0, 0)), "f: on must be an attachment"),
+        (lambda: bd.ForceLaw("f", (), lambda t: (0, 0)), "f: on must be an attachment"),
+        (lambda: bd.ForceLaw("f", (ON, 3), lambda a, b, t: 0), "f: on must be an attachment .* 3"),
+        (lambda: bd.ForceLaw("f", GROUND, lambda a, t: (0, 0)), "f: nothing it acts on moves"),
+        (lambda: bd.ForceLaw("f", ON, (1.0, 2.0)), r"f: law must be a function, got \(1.0, 2.0\)"),
+        (lambda: bd.ForceLaw("f", ON, lambda t: (0, 0)), "f: law must be a formula .*it failed"),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: 1.0),
+            r"f: a load of the law must be \(Fx, Fy\)",
+        ),
+        (lambda: bd.ForceLaw("f", ON, lambda a, t: ("up", 0.0)), "f: law must return 2 numbers"),
+        (
+            lambda: bd.ForceLaw("f", (ON, BOB), lambda a, b, t: (1.0, 2.0, 3.0)),
+            "f: law must return a list of 2 loads",
+        ),
+        (
+            lambda: bd.ForceLaw("f", BOB, lambda a, t: (0.0, 0.0, 1.0)),
+            r"f: bob at \(1, 0\) is a particle and has no angle, law must return \(Fx, Fy\)",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: (np.where(a.rate > 0, 1.0, 0.0), 0.0)),
+            "f: law must not jump, but it uses lt, if_else_zero; take bd.positive_part",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: (max(a.rate, 0.0), 0.0)),
+            "f: law must be a formula, but it decides by the value of a symbol",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: (float(a.rate), 0.0)),
+            "f: law must be a formula of numpy functions such as np.sin",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), energy=lambda a: a.rate),
+            "f: energy must depend on positions and angles alone",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), dissipative=1),
+            "f: dissipative must be True or False, got 1",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+        make()
+    assert str(refused.value).endswith(".")

@@ -1,0 +1,271 @@
+"""Springs, dampers and bushings: closed forms, books, what does not depend on the drawing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from support import ARC, VARIANTS, Numeric
+
+import beamdae as bd
+
+# Of the motions below, at the tolerances and steps given there.
+every_integrator = integrators(rtol=1e-7, step=1e-3)
+
+
+def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
+    """A mass on the line through its spring; `start` beyond the free length."""
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", mass, at=(1.0 + start, 0.0)))
+    mount = mech.ground.at(0.0, 0.0)
+    spring = mech.add(
+        bd.SpringDamper("spring", mount, block.point, stiffness, damping, free_length=1.0)
+    )
+    mech.observe("force", spring.force)
+    mech.observe("elongation", spring.elongation)
+    return mech
+
+
+@every_integrator
+@pytest.mark.parametrize("ratio", [0.0, 0.2, 1.0, 2.5])
+def test_mass_on_spring_and_damper(integrator, ratio):
+    """m x'' + c x' + k x = 0 from rest: under-, over- and critically damped."""
+    stiffness, mass, start = 90.0, 2.5, 0.3
+    w = np.sqrt(stiffness / mass)
+    solution = bd.simulate(
+        oscillator(2.0 * ratio * mass * w), integrator, t_end=2.0, output_step=0.02
+    )
+    assert solution.status.success, solution.status.sentence
+    t = solution.t
+    root = np.sqrt(complex(ratio**2 - 1.0)) * w
+    if ratio == 1.0:
+        x = start * (1.0 + w * t) * np.exp(-w * t)
+    else:
+        one, other = -ratio * w + root, -ratio * w - root
+        x = (start * (other * np.exp(one * t) - one * np.exp(other * t)) / (other - one)).real
+    # (w h)^2 / 12 a radian of twelve for a step of 1 ms; the others stay below.
+    assert_allclose(solution.q[:, 0] - 1.0, x, rtol=0.0, atol=5e-5 * start)
+    assert solution.quality.energy_imbalance < 1e-5
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_observed_force_and_elongation(native, monkeypatch):
+    if not native:
+        monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    numeric = Numeric(oscillator(4.0))
+    v = np.array([0.7, 3.0])
+    assert_allclose(numeric.observed("elongation", v=v), [0.3], rtol=1e-14)
+    # Tension is positive; what moves across the spring does not stretch it.
+    assert_allclose(numeric.observed("force", v=v), [90.0 * 0.3 + 4.0 * 0.7], rtol=1e-14)
+    assert_allclose(numeric.force(v=v), [90.0 * 0.3 + 4.0 * 0.7, 0.0], atol=1e-14)
+    assert_allclose(numeric.energies(v=v)[1], 45.0 * 0.09, rtol=1e-14)
+    assert_allclose(numeric.energies(v=v)[4], 4.0 * 0.49, rtol=1e-14)
+
+
+def test_preload_is_the_tension_at_the_free_length():
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", 1.0, at=(3.0, 4.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 7.0, preload=10.0))
+    assert_allclose(Numeric(mech).force(), [6.0, 8.0], rtol=1e-14)
+
+
+def test_a_spring_without_length_is_linear_through_its_own_point():
+    """Free length zero: k times the way, an ellipse through the origin of any slope."""
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, 0.0), velocity=(1.0, -0.5)))
+    spring = bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 8.0, free_length=0.0)
+    mech.add(spring)
+    mech.observe("force", spring.force)
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=4.0, output_step=0.05)
+    wave = 0.5 * np.sin(2.0 * solution.t)
+    assert_allclose(solution.q, np.outer(wave, [1.0, -0.5]), atol=1e-7)
+    numeric = Numeric(mech)
+    assert_allclose(numeric.stiffness(), 8.0 * np.eye(2), rtol=1e-14)
+    assert_allclose(numeric.observed("force"), [0.0], atol=1e-14)
+
+
+def test_points_of_a_spring_may_meet_on_the_way():
+    """A spring of length 1 between points that pass each other: finite, its energy kept."""
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0), velocity=(-3.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 2.0))
+    numeric = Numeric(mech)
+    met = np.zeros(2)
+    assert_allclose(numeric.force(met), [0.0, 0.0], atol=1e-14)
+    assert np.all(np.isfinite(numeric.stiffness(met)))
+
+
+@every_integrator
+def test_torsion_spring_and_damper_of_two_disks(integrator):
+    """Free disks: the relative angle swings with the reduced inertia, their sum turns evenly."""
+    mech = bd.Mechanism()
+    disks = [
+        mech.add(bd.RigidBody(name, 1.0, inertia, (x, 0.0), angular_velocity=spin))
+        for name, inertia, x, spin in (("one", 0.6, 0.0, 1.0), ("other", 0.3, 2.0, -0.4))
+    ]
+    a, b = (disk.at(*disk.center) for disk in disks)
+    mech.add(bd.TorsionSpring("shaft", a, b, 5.0))
+    mech.add(bd.TorsionDamper("oil", a, b, 0.1))
+    solution = bd.simulate(mech, integrator, t_end=1.5, output_step=0.01)
+    reduced = 0.6 * 0.3 / 0.9
+    w, ratio = np.sqrt(5.0 / reduced), 0.1 / (2.0 * np.sqrt(5.0 * reduced))
+    damped = w * np.sqrt(1.0 - ratio**2)
+    t = solution.t
+    twist = -1.4 / damped * np.exp(-ratio * w * t) * np.sin(damped * t)
+    assert_allclose(solution.q[:, 5] - solution.q[:, 2], twist, atol=1e-4 * 1.4 / w)
+    spin = (0.6 * 1.0 - 0.3 * 0.4) / 0.9
+    assert_allclose((0.6 * solution.q[:, 2] + 0.3 * solution.q[:, 5]) / 0.9, spin * t, atol=1e-9)
+    assert solution.quality.energy_imbalance < 1e-5
+
+
+def test_bushing_in_the_axes_of_its_first_body():
+    mech = bd.Mechanism()
+    one = mech.add(bd.RigidBody("one", 1.0, 1.0))
+    other = mech.add(bd.RigidBody("other", 1.0, 1.0, center=(2.0, 0.0)))
+    joint = bd.Bushing("joint", one.at(1.0, 0.0), other.at(1.0, 0.0), kx=10.0, ky=20.0, ktheta=3.0)
+    mech.add(joint)
+    mech.observe("force", joint.force)
+    mech.observe("displacement", joint.displacement)
+    numeric = Numeric(mech)
+    # Both turned by 90 degrees, the second then 0.1 along the axis of the first and twisted.
+    q = np.array([0.0, 0.0, np.pi / 2, 0.0, 2.1, np.pi / 2])
+    assert_allclose(numeric.observed("displacement", q=q), [0.1, 0.0, 0.0], atol=1e-15)
+    assert_allclose(numeric.observed("force", q=q), [1.0, 0.0, 0.0], atol=1e-14)
+    assert_allclose(numeric.force(q), [0.0, -1.0, 0.0, 0.0, 1.0, 0.0], atol=1e-14)
+    assert_allclose(numeric.energies(q)[1], 0.05, rtol=1e-12)
+
+
+def test_no_spring_feels_a_rigid_motion():
+    """Forces turn with the drawing, energies and measures stay."""
+    angle, shift = 1.1, np.array([3.0, -2.0])
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+
+    def numeric(moved):
+        def place(x, y):
+            return tuple(turn @ (x, y) + shift) if moved else (x, y)
+
+        mech = bd.Mechanism()
+        one = mech.add(bd.RigidBody("one", 1.0, 1.0, place(0.0, 0.0)))
+        other = mech.add(bd.RigidBody("other", 1.0, 1.0, place(2.0, 0.5)))
+        a, b = one.at(*place(0.3, 0.4)), other.at(*place(1.5, 0.2))
+        mech.add(bd.SpringDamper("spring", a, b, 3.0, 0.4, 0.7))
+        mech.add(bd.TorsionSpring("shaft", a, b, 2.0, 0.2))
+        angle_of_axes = angle if moved else 0.0
+        mech.add(bd.Bushing("bushing", a, b, 3.0, 1.0, 2.0, 0.2, 0.3, 0.1, angle_of_axes))
+        return Numeric(mech)
+
+    rng = np.random.default_rng(0)
+    step, v = 0.2 * rng.standard_normal(6), rng.standard_normal(6)
+    whole = np.kron(np.eye(2), np.block([[turn, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]]))
+    drawn, moved = numeric(False), numeric(True)
+    force = drawn.force(drawn.equations.q0 + step, v)
+    again = moved.force(moved.equations.q0 + whole @ step, whole @ v)
+    assert_allclose(again, whole @ force, atol=1e-13)
+    energies = drawn.energies(drawn.equations.q0 + step, v)
+    others = moved.energies(moved.equations.q0 + whole @ step, whole @ v)
+    assert_allclose(others, energies, rtol=1e-12, atol=1e-13)
+    # Nothing inside adds up to a force, or to a moment about the origin.
+    q = drawn.equations.q0 + step
+    assert_allclose(force[:2] + force[3:5], 0.0, atol=1e-13)
+    moments = [q[k] * force[k + 1] - q[k + 1] * force[k] + force[k + 2] for k in (0, 3)]
+    assert_allclose(sum(moments), 0.0, atol=1e-13)
+
+
+def _laws(k):
+    return {"law": lambda x, rate: (3.3 + k) * x**3}
+
+
+@pytest.mark.parametrize("given", [lambda k: {"stiffness": 1.0 + k}, _laws])
+def test_many_springs_are_one_kernel(given):
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 1.0))
+    for k in range(64):
+        a, b = mech.ground.at(float(k), 2.0), body.at(0.1 * k, 0.0)
+        mech.add(bd.Spring(f"spring {k}", a, b, **given(k)))
+    # The body's own, and that of all springs.
+    assert sorted(term.count for term in bd.equations_of_motion(mech).forces) == [1, 64]
+
+
+def test_law_of_a_spring_does_the_work_of_a_load_unless_its_energy_is_given():
+    def run(**given):
+        mech = bd.Mechanism()
+        block = mech.add(bd.PointMass("block", 1.0, at=(1.4, 0.0)))
+        mech.add(
+            bd.SpringDamper(
+                "spring",
+                mech.ground.at(0.0, 0.0),
+                block.point,
+                free_length=1.0,
+                law=lambda x, rate: 30.0 * x + 200.0 * x**3 + 0.5 * np.tanh(4.0 * rate),
+                **given,
+            )
+        )
+        return bd.simulate(mech, bd.Radau(rtol=1e-7), t_end=1.0)
+
+    plain, potential = run(), run(energy=lambda x: 15.0 * x**2 + 50.0 * x**4)
+    assert_allclose(plain.q, potential.q, atol=1e-12)
+    for solution in (plain, potential):
+        assert solution.quality.energy_imbalance < 1e-5
+    stored = potential.ledger["energy.strain [J]"]
+    assert_allclose(stored.iloc[0], 15.0 * 0.16 + 50.0 * 0.0256, rtol=1e-12)
+    assert_allclose(
+        plain.ledger["energy.dissipated [J]"], potential.ledger["energy.dissipated [J]"], atol=1e-9
+    )
+    assert np.all(plain.ledger["energy.strain [J]"] == 0.0)
+
+
+BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
+A, B, MET = BODY.at(0.0, 0.0), bd.PointMass("bob", 1.0, at=(1.0, 0.0)).point, BODY.at(1.0, 0.0)
+GROUND = bd.Mechanism().ground
+BEAM = VARIANTS[0].beam(ARC)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.Spring("s", BODY, B, 1.0), "s: first attachment must be an attachment"),
+        (lambda: bd.Spring("s", A, 3.0, 1.0), "s: second attachment must be an attachment"),
+        (lambda: bd.Spring("s", A, B, -1.0), "s: stiffness must not be negative, got -1"),
+        (lambda: bd.Spring("s", A, B, np.nan), "s: stiffness must be finite"),
+        (lambda: bd.Damper("s", A, B, "3"), "s: damping must be a number, got '3'"),
+        (lambda: bd.Spring("s", A, B, 1.0, -2.0), "s: free_length must not be negative"),
+        (lambda: bd.Spring("s", A, B, 1.0, preload=np.inf), "s: preload must be finite"),
+        (lambda: bd.Spring("s", MET, B, 1.0, 1.0), r"s: .* are drawn at one place .*Bushing"),
+        (lambda: bd.Damper("s", MET, B, 1.0), "s: .* are drawn at one place"),
+        (
+            lambda: bd.Spring("s", GROUND.at(0, 0), GROUND.at(1, 0), 1.0),
+            r"s: neither ground at \(0, 0\) nor ground at \(1, 0\) moves, one of them must",
+        ),
+        (lambda: bd.Spring("s", A, B, 1.0, law=lambda x, r: x), "s: give either a law or"),
+        (lambda: bd.Spring("s", A, B, 1.0, energy=lambda x: x), "s: energy belongs to a law"),
+        (lambda: bd.Spring("s", A, B, law=3.0), "s: law must be a function, got 3.0"),
+        (lambda: bd.Spring("s", A, B, law=lambda x: x), "s: law must be a formula .*it failed"),
+        (lambda: bd.Spring("s", A, B, law=lambda x, r: (x, r)), "s: law must return one number"),
+        (
+            lambda: bd.Spring("s", A, B, law=lambda x, r: x if x > 0 else 0.0),
+            r"s: law must be a formula, but it decides by .* take bd.positive_part\(x\)",
+        ),
+        (
+            lambda: bd.Spring("s", A, B, law=lambda x, r: np.sign(x)),
+            r"s: law must not jump, but it uses sign; .*bd.smooth_sign\(x, scale\)",
+        ),
+        (
+            lambda: bd.Spring("s", A, B, law=lambda x, r: x, energy=lambda x: x**2),
+            "s: the derivative of energy must be the law at rest, at .* they are",
+        ),
+        (lambda: bd.TorsionSpring("s", A, B, 1.0), "s: bob at .* has no angle"),
+        (lambda: bd.Bushing("s", A, B, 1.0), "s: bob at .* has no angle"),
+        (lambda: bd.Bushing("s", A, BEAM.end, kx=-1.0), "s: kx must not be negative, got -1"),
+        (
+            lambda: bd.Bushing("s", A, BEAM.end, law=lambda x, r: x[0]),
+            "s: law must return 3 numbers",
+        ),
+        (lambda: bd.Spring("", A, B, 1.0), "Spring: the name must be a non-empty text"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+        make()
+    assert str(refused.value).endswith(".")
