@@ -6,7 +6,6 @@ from .beams.distributed_force import MovingForce as MovingForce
 from .beams.frames import Frame as Frame
 from .beams.frames import frame as frame
 from .beams.materials import Material as Material
-from .beams.sections import Material as Material
 from .beams.sections import Section as Section
 from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.varying import taper as taper

@@ -65,3 +65,6 @@ class NonholonomicKernel(ConstraintKernel):
     @cached_property
     def _driven(self) -> SX:
         return ca.substitute(self.constraint, self.local.v, 0)
+
+    def _reaction_q(self, held: SX) -> SX:
+        return ca.jacobian(self._jacobian.T @ held, self.local.q)

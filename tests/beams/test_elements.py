@@ -370,11 +370,7 @@ def test_inertia_without_rotary_part_is_the_published_one(kind, shape):
         assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
         # Of c_q dF/dq, c_v dF/dv and c_a dF/da the last one alone.
         tangents = kernel.tangent_kernel(((0,), (1,), (2,)))
-<<<<<<< HEAD
         entries = tangents.function([0, 0, 0, 0, 1, 0, 0, 0], local)
-=======
-        entries = tangents.function([0, 0, 0, 0, 1, 0, 0, 1], local)
->>>>>>> b12f019ad807a602e56d65e3fdfe47c77cee1dac
         pattern = tangents.outputs[2]
         mass = np.array(ca.DM(pattern, entries[-pattern.nnz() :]))
         assert_allclose(mass, matrix, atol=1e-10 * np.abs(matrix).max())
