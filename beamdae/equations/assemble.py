@@ -16,6 +16,7 @@ from beamdae.equations.equations_of_motion import (
     PartCoordinates,
     RangeTerm,
 )
+from beamdae.equations.event_terms import event_terms
 from beamdae.equations.fit import (
     asked,
     require_body_fits,
@@ -34,6 +35,7 @@ from beamdae.equations.structure import (
     interned,
 )
 from beamdae.errors import BeamdaeError, shown
+from beamdae.parts.events import Event
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.alike import Alike, by_kernel, recognized
@@ -111,6 +113,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         observables=mechanism.observables,
         owners=owners,
         laws=laws_of(parts),
+        events=mechanism.events,
     )
 
 
@@ -169,6 +172,7 @@ def build(
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
     laws: tuple[LawOfPart, ...] = (),
+    events: Sequence[Event] = (),
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -201,6 +205,9 @@ def build(
         _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
     _require_headers(coordinates, held, observed)
+    watched = event_terms(
+        events, observed, lambda name, what: _observable(name, what, owners, numbers, rows)
+    )
     terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
@@ -217,6 +224,7 @@ def build(
         structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
+        events=watched,
     )
 
 

@@ -16,6 +16,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordin
 from beamdae.equations.fit import require_unit
 from beamdae.equations.owners import Owners
 from beamdae.errors import BeamdaeError, entries, finite, keep, number, positive, shown
+from beamdae.parts.events import Event
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
     SX,
@@ -64,6 +65,8 @@ class ConstrainedSystem:
     scales
         How far each coordinate moves, about half its range: what `rtol` is relative to. Default:
         adaptive integrators go ahead with a loose tolerance to see.
+    events
+        What runs watch for: `Event`s on coordinates and observed columns, by name.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class ConstrainedSystem:
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
     scales: Any = None
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_symbols()
@@ -110,6 +114,10 @@ class ConstrainedSystem:
         columns = [require_name(_KIND, name) for name in (*self.names, *self.observe)]
         if len(set(columns)) < len(columns):
             raise BeamdaeError(f"{_KIND}: names must differ, got {', '.join(columns)}.")
+        keep(self, events=tuple(entries(_KIND, "events", self.events, "a list of events")))
+        for event in self.events:
+            if not isinstance(event, Event):
+                raise BeamdaeError(f"{_KIND}: events must be Event(...), got {shown(event)}.")
         if self.time_scale is not None:
             keep(self, time_scale=positive(_KIND, "time_scale", self.time_scale))
         if self.scales is not None:
@@ -141,6 +149,7 @@ class ConstrainedSystem:
             forces=[self._force_statement(piece)],
             constraints=self._constraint_statements(piece),
             observables=observables,
+            events=self.events,
             owners=Owners({id(self): n}),
         )
 

@@ -59,6 +59,27 @@ class Observable:
         ]
 
 
+@dataclass(frozen=True)
+class EventTerm:
+    """What a run watches: a column of an observable, the value it crosses, and what is done then.
+
+    `direction` is 1 for up, -1 for down and 0 for both.
+    """
+
+    name: str
+    observable: Observable
+    column: int
+    crosses: float
+    direction: int
+    do: Any
+
+    def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
+        """How far the column is beyond its value, at rows of states."""
+        o = self.observable
+        local = (np.asarray(o.operator @ x.T).T for x in (q, v))
+        return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
+
+
 class PartCoordinates(NamedTuple):
     """Coordinates that move together.
 
@@ -105,6 +126,8 @@ class EquationsOfMotion:
         The kernels of forces and joints, without numbers.
     laws
         Those that change with time, with the parts that follow them.
+    events
+        What a run watches for.
     """
 
     coordinates: tuple[Named, ...]
@@ -121,6 +144,7 @@ class EquationsOfMotion:
     scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
+    events: tuple[EventTerm, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

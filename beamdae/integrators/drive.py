@@ -17,11 +17,13 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.amplitudes import Amplitudes
+from beamdae.integrators.events import STEPS_AT_ONCE, Watch, output_times
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import LoopMethod, Method, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
+from beamdae.results.occurrences import Occurrence
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
@@ -70,6 +72,8 @@ class _Run:
         start, end = route.intervals[0]
         self._legs = [(Rows(start, route.state), branch_of(start, end))]
         self.steps = 0
+        self._watch = Watch(route.equations) if route.equations.events else None
+        self._at_once = STEPS_AT_ONCE if self._watch and self._watch.may_stop else None
 
     def through(self) -> tuple[Trajectory, Status]:
         """Go through the intervals until one does not end."""
@@ -83,6 +87,11 @@ class _Run:
         """What was reached when the user would not wait."""
         sentence = f"interrupted at t = {self._rows.end:.6g} s{self._whose}"
         return self._reached(Status("interrupted", sentence))
+
+    @property
+    def occurred(self) -> tuple[Occurrence, ...]:
+        """The events that happened."""
+        return () if self._watch is None else tuple(self._watch.occurred)
 
     @property
     def _rows(self) -> Rows:
@@ -107,7 +116,7 @@ class _Run:
                     return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
                 self._legs.append((Rows(start, state), branch))
             status = self._over(start, end, branch)
-            if not (status.success and self._rows.is_finite):
+            if status is not REACHED_END or not self._rows.is_finite:
                 return status
             state = self._rows.last
         return REACHED_END
@@ -125,7 +134,11 @@ class _Run:
         try:
             method.begin(start, end, branch, rows.last)
             while rows.end < end:
-                self.steps += self._taken(limits.steps_left(self.steps, between_looks), end)
+                first = rows.count
+                most = limits.steps_left(self.steps, between_looks)
+                self.steps += self._taken(min(most, self._at_once or most), end)
+                if self._watch and (event := self._watch.after(rows, first, branch)):
+                    return Status("ok", f"stopped by event {event.name} at t = {rows.end:.6g} s")
                 t = rows.end
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
@@ -182,7 +195,8 @@ def _scouted(
             limits = Limits(told, share, _MOST_SCOUTING_STEPS, of_run.begin, pace)
             run = _Run(route, scout_on(route), limits, _OF_SCOUT)
             trajectory, status = run.through()
-            if trajectory.end - start < _LEAST_WAY * route.duration:
+            stopped = status.success and status is not REACHED_END
+            if not stopped and trajectory.end - start < _LEAST_WAY * route.duration:
                 break
             seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
             much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS
@@ -269,11 +283,12 @@ def _driven(
     return Solution(
         equations,
         trajectory,
-        times[times <= trajectory.end * (1.0 + 1e-12)],
+        output_times(times, trajectory.end, status),
         status,
         replace(
             run.method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time
         ),
         {"integrator": integrator.method, **settings, **run.method.resolved, **seen},
         made_by=integrator,
+        occurred=run.occurred,
     )

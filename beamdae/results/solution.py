@@ -18,6 +18,7 @@ from beamdae.results.branches import SingularPosition, branch_warnings, singular
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
+from beamdae.results.occurrences import Occurrence, table_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
 from beamdae.symbolic.statements import Named
@@ -96,6 +97,8 @@ class Solution:
         Settings of the integrator, including what "auto" came to.
     made_by
         The integrator itself.
+    occurred
+        The events that happened, in the order of time.
     """
 
     equations: EquationsOfMotion
@@ -106,6 +109,7 @@ class Solution:
     integrator: dict[str, Any]
     model: dict[str, Any] = field(default_factory=dict)
     made_by: Any = field(default=None, repr=False)
+    occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -146,6 +150,13 @@ class Solution:
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
+
+    @property
+    def events(self) -> pd.DataFrame:
+        """The events that happened: name, direction, time, and the observed columns there."""
+        import pandas as pd
+
+        return pd.DataFrame(table_of(self.equations, self.occurred))
 
     def _looked_at(self) -> tuple[dict[str, Array], Array]:
         """Observed columns and times, some thousands of them where there are more."""
@@ -272,6 +283,7 @@ class Solution:
             "result": self.summary(),
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(passed) for passed in self.singular_positions],
+            "events": [one.plain for one in self.occurred],
             "warnings": list(self.warnings),
             **further,
         }

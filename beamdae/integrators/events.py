@@ -1,0 +1,156 @@
+"""Events of a run under way: found in the rows just produced, located on the dense output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.formulations import State
+from beamdae.integrators.rows import Rows
+from beamdae.results.occurrences import DOWN, UP, Occurrence
+from beamdae.results.solution import Status
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+# Where in a step it is looked for a quantity that crosses its value: two crossings closer to each
+# other than a quarter of a step may go unseen.
+_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])
+# A quantity nearer to its value than this share of the largest it was is on it.
+_ROUNDING = 1e-13
+# Times are located to rounding, of themselves or of their step.
+_TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
+_SAME_TIME = 1e-12
+# Steps at once where an event may end them: those beyond it are taken for nothing.
+STEPS_AT_ONCE = 16
+
+
+@dataclass
+class _Side:
+    """On which side of its value a quantity is, where that is known (else 0).
+
+    `largest` is the largest it was, to tell rounding by.
+    """
+
+    sign: float = 0.0
+    largest: float = 0.0
+
+    def signs(self, beyond: Array) -> Array:
+        """Sides of further values; what is not finite is on none."""
+        finite = np.nan_to_num(beyond, nan=0.0)
+        self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
+        return np.where(np.abs(finite) > _ROUNDING * self.largest, np.sign(finite), 0.0)
+
+
+@dataclass
+class Watch:
+    """The events of a run."""
+
+    equations: EquationsOfMotion
+    occurred: list[Occurrence] = field(default_factory=list)
+    _sides: dict[str, _Side] = field(default_factory=dict)
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether there is one that ends the run of steps."""
+        return any(term.do != "record" for term in self.equations.events)
+
+    def after(self, rows: Rows, first: int, branch: float) -> EventTerm | None:
+        """Look through the rows from the one before `first` on; what stops the run there.
+
+        Rows beyond it are dropped, and one is added where it happens.
+        """
+        seen = rows.tail(first, branch)
+        if seen is None:
+            return None
+        interval, begin = seen
+        t = _looks(interval.t[interval.t >= begin])
+        state = interval.at(t)
+        found: list[tuple[float, int, EventTerm, str]] = []
+        signs = []
+        for k, term in enumerate(self.equations.events):
+            side = self._sides.setdefault(term.name, _Side())
+            values = self._beyond(term, t, branch, state)
+            signs.append(side.signs(values))
+            located = _crossings(t, values, signs[-1], side.sign, self._at(term, interval))
+            found += [(when, k, term, way) for when, way in located if _goes(term, way)]
+        found.sort(key=lambda one: one[:2])
+        end = next((when for when, _, term, _ in found if term.do != "record"), float(t[-1]))
+        for term, sign in zip(self.equations.events, signs, strict=True):
+            before = sign[(t <= end) & (sign != 0.0)]
+            if len(before):
+                self._sides[term.name].sign = float(before[-1])
+        for when, _, term, way in found:
+            if when > end:
+                break
+            self._sides[term.name].sign = 1.0 if way == UP else -1.0
+            state = State(*(x[0] for x in interval.at(np.array([when]))))
+            self.occurred.append(Occurrence(term.name, way, when, branch, state))
+            if term.do != "record":
+                rows.cut_back(interval, when)
+                return term
+        return None
+
+    def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
+        times = np.column_stack([t, np.full(len(t), branch)])
+        return term.beyond(self.equations.p, times, state.q, state.v, state.lam)
+
+    def _at(self, term: EventTerm, interval: Interval) -> Callable[[float], float]:
+        def beyond(t: float) -> float:
+            at = np.array([t])
+            return float(self._beyond(term, at, interval.branch, interval.at(at))[0])
+
+        return beyond
+
+
+def output_times(times: Array, end: float, status: Status) -> Array:
+    """The output times of a run that went to `end`; that of an event that stopped it is one."""
+    reached = times[times <= end * (1.0 + _SAME_TIME)]
+    if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
+        reached = np.append(reached, end)
+    return reached
+
+
+def _goes(term: EventTerm, way: str) -> bool:
+    return term.direction == 0 or (term.direction > 0) == (way == UP)
+
+
+def _looks(steps: Array) -> Array:
+    """Ascending times of the steps, the first one included, and between them."""
+    inside = steps[:-1, None] + np.diff(steps)[:, None] * _LOOKS
+    inside[:, -1] = steps[1:]
+    return np.concatenate([steps[:1], inside.ravel()])
+
+
+def _crossings(
+    t: Array, values: Array, signs: Array, before: float, beyond: Callable[[float], float]
+) -> list[tuple[float, str]]:
+    """When the side changes from the one it was on before, and which way."""
+    found = []
+    for k in np.flatnonzero(signs):
+        sign = float(signs[k])
+        if before == -sign:
+            found.append((_located(t, values, int(k), sign, beyond), UP if sign > 0.0 else DOWN))
+        before = sign
+    return found
+
+
+def _located(
+    t: Array, values: Array, k: int, sign: float, beyond: Callable[[float], float]
+) -> float:
+    """When a quantity that has changed sides at look `k` did so."""
+    if k == 0:
+        return float(t[0])
+    a, b = float(t[k - 1]), float(t[k])
+    # It was on its value there already, or jumped.
+    if not values[k - 1] * sign < 0.0:
+        return a
+    if beyond(a) * sign >= 0.0 or beyond(b) * sign <= 0.0:
+        return b
+    # Here, for importing it takes as long as a short run.
+    from scipy.optimize import brentq
+
+    return float(brentq(beyond, a, b, xtol=_TIME_ROUNDING * max(abs(b), b - a), rtol=1e-15))
