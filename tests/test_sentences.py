@@ -61,6 +61,7 @@ CALLS = {
     "Curve": (bd.Curve, {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)}),
     "Curve of points": (bd.Curve, {"points": POINTS}),
     "Driver": (bd.Driver, JOINED | {"law": 0.0}),
+    "Event": (bd.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
     "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
     "Law": (bd.Law, {"pieces": (np.sin,), "breakpoints": ()}),

@@ -70,6 +70,13 @@ def run_command(
             "--verify", metavar="", help="Compare with another method at a tighter tolerance."
         ),
     ] = False,
+    checkpoint: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write where the run ended to this file.")
+    ] = None,
+    go_on: Annotated[
+        Path | None,
+        typer.Option("--continue", metavar="FILE", help="Go on from the end told by this file."),
+    ] = None,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG.
 
@@ -91,12 +98,16 @@ def run_command(
     )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
+    if checkpoint is not None:
+        require_writable(checkpoint.parent, (checkpoint.name,))
     # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):
-        solution = _integrated(model, method, t_end, output_step)
+        solution = _integrated(model, method, t_end, output_step, go_on)
         with interrupts.held():
             told.written += [solution.to_csv(files.table), files.beside]
+            if checkpoint is not None:
+                told.written.append(solution.checkpoint(checkpoint))
         told.cut_short = interrupts.heard()
     if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
         with _to_the_end(told):
@@ -157,7 +168,9 @@ class _Told:
     cut_short: bool = False
 
 
-def _integrated(model: Model, method: Any, t_end: float | None, output_step: float | None) -> Any:
+def _integrated(
+    model: Model, method: Any, t_end: float | None, output_step: float | None, start: Path | None
+) -> Any:
     """The solution, also one that an interrupt ended."""
     from beamdae.simulation import simulate
 
@@ -172,7 +185,8 @@ def _integrated(model: Model, method: Any, t_end: float | None, output_step: flo
                 raise KeyboardInterrupt
 
         try:
-            return simulate(model, method, t_end, output_step, partial(reached, method.label))
+            told = partial(reached, method.label)
+            return simulate(model, method, t_end, output_step, told, start)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 

@@ -63,7 +63,8 @@ class Observable:
 class EventTerm:
     """What a run watches: a column of an observable, the value it crosses, and what is done then.
 
-    `direction` is 1 for up, -1 for down and 0 for both.
+    `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
+    the event, up to what a consistent start changes, and it does not happen there again.
     """
 
     name: str
@@ -72,6 +73,7 @@ class EventTerm:
     crosses: float
     direction: int
     do: Any
+    begins_there: bool = False
 
     def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
         """How far the column is beyond its value, at rows of states."""

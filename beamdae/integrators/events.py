@@ -24,6 +24,8 @@ _ROUNDING = 1e-13
 # Times are located to rounding, of themselves or of their step.
 _TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 _SAME_TIME = 1e-12
+# A quantity that begins on its value has left it at so many times what it was off by.
+_LEAVING = 4.0
 # Steps at once where an event may end them: those beyond it are taken for nothing.
 STEPS_AT_ONCE = 16
 
@@ -32,17 +34,30 @@ STEPS_AT_ONCE = 16
 class _Side:
     """On which side of its value a quantity is, where that is known (else 0).
 
-    `largest` is the largest it was, to tell rounding by.
+    Attributes
+    ----------
+    largest
+        The largest it was, to tell rounding by.
+    near
+        Within this much of its value it is on no side, until it has left it.
     """
 
     sign: float = 0.0
     largest: float = 0.0
+    near: float = 0.0
 
     def signs(self, beyond: Array) -> Array:
         """Sides of further values; what is not finite is on none."""
         finite = np.nan_to_num(beyond, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
-        return np.where(np.abs(finite) > _ROUNDING * self.largest, np.sign(finite), 0.0)
+        away = np.abs(finite) > max(_ROUNDING * self.largest, self.near)
+        if away.any():
+            self.near = 0.0
+        return np.where(away, np.sign(finite), 0.0)
+
+    def begin_at(self, beyond: float) -> None:
+        """Begin on the value itself, up to rounding and what a consistent start changes."""
+        self.sign, self.near = 0.0, _LEAVING * abs(beyond)
 
 
 @dataclass
@@ -72,8 +87,12 @@ class Watch:
         found: list[tuple[float, int, EventTerm, str]] = []
         signs = []
         for k, term in enumerate(self.equations.events):
-            side = self._sides.setdefault(term.name, _Side())
             values = self._beyond(term, t, branch, state)
+            if term.name not in self._sides:
+                side = self._sides[term.name] = _Side()
+                if term.begins_there:
+                    side.begin_at(float(values[0]))
+            side = self._sides[term.name]
             signs.append(side.signs(values))
             located = _crossings(t, values, signs[-1], side.sign, self._at(term, interval))
             found += [(when, k, term, way) for when, way in located if _goes(term, way)]

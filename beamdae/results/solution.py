@@ -15,9 +15,11 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
+from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
+from beamdae.results.joining import joined
 from beamdae.results.occurrences import Occurrence, table_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
@@ -161,9 +163,7 @@ class Solution:
     def _looked_at(self) -> tuple[dict[str, Array], Array]:
         """Observed columns and times, some thousands of them where there are more."""
         apart = len(self.t) // _LOOKED_AT + 1
-        if apart == 1:
-            return self.columns, self.t
-        some = replace(self, t=self.t[::apart])
+        some = self if apart == 1 else replace(self, t=self.t[::apart])
         return some.columns, some.t
 
     def _measured(self, rows: Callable[..., Array]) -> Array:
@@ -272,6 +272,14 @@ class Solution:
         if not self.status.success:
             columns["status"] = [self.status.kind] * len(self.t)
         return write(Path(path), columns, self.beside(**further))
+
+    def checkpoint(self, path: str | Path) -> Path:
+        """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""
+        return Checkpoint.of(self).write(path)
+
+    def followed_by(self, later: Solution) -> Solution:
+        """Join the run and one that went on from its end."""
+        return joined(self, later)
 
     def beside(self, **further: Any) -> dict[str, Any]:
         """What `to_csv` writes as JSON beside the table, as plain values."""
