@@ -26,6 +26,8 @@ from .parts.attachments import Attachment as Attachment
 from .parts.bodies import PointMass as PointMass
 from .parts.bodies import RigidBody as RigidBody
 from .parts.events import Event as Event
+from .parts.events import activate as activate
+from .parts.events import deactivate as deactivate
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
 from .parts.joints import Driver as Driver

@@ -95,6 +95,8 @@ CALLS = {
     ),
     "Segment": (bd.Segment, {"curve": ARC, "start": 0.1, "end": 0.9}),
     "Weld": (bd.Weld, JOINED),
+    "activate": (lambda part: bd.activate(part), {"part": DISK}),
+    "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.equations.configurations import Configurations, configurations_of
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,
@@ -71,6 +72,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"equations_of_motion: expected a Mechanism, got {shown(mechanism)}.")
+    configurations = configurations_of(mechanism, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
@@ -114,6 +116,7 @@ def equations_of_motion(mechanism: Mechanism) -> EquationsOfMotion:
         owners=owners,
         laws=laws_of(parts),
         events=mechanism.events,
+        configurations=configurations,
     )
 
 
@@ -173,6 +176,7 @@ def build(
     scales: Array | None = None,
     laws: tuple[LawOfPart, ...] = (),
     events: Sequence[Event] = (),
+    configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -225,6 +229,7 @@ def build(
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
         events=watched,
+        configurations=configurations,
     )
 
 

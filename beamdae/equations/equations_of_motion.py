@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,6 +16,9 @@ from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
+
+if TYPE_CHECKING:
+    from beamdae.equations.configurations import Configurations
 
 Array = np.ndarray
 
@@ -130,6 +133,8 @@ class EquationsOfMotion:
         Those that change with time, with the parts that follow them.
     events
         What a run watches for.
+    configurations
+        `Configurations` of a mechanism whose parts are switched; None: all are always active.
     """
 
     coordinates: tuple[Named, ...]
@@ -147,6 +152,7 @@ class EquationsOfMotion:
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
+    configurations: Configurations | None = field(default=None, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from beamdae.equations.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations import State
 from beamdae.integrators.rows import Rows
@@ -60,6 +61,38 @@ class _Side:
         self.sign, self.near = 0.0, _LEAVING * abs(beyond)
 
 
+@dataclass(frozen=True)
+class Leg:
+    """Rows of a run between breakpoints and switches, and what was active of its parts then."""
+
+    rows: Rows
+    branch: float
+    configuration: Configuration | None
+
+    def interval(self, m: int) -> Interval:
+        """All of the rows, with all `m` multipliers there are."""
+        return self._of_all(self.rows.interval(self.branch), m)
+
+    def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
+        """The last rows from `first` on, see `Rows.tail`."""
+        seen = self.rows.tail(first, self.branch)
+        return None if seen is None else (self._of_all(seen[0], m), seen[1])
+
+    def _of_all(self, interval: Interval, m: int) -> Interval:
+        active, rows = self.configuration, interval.rows
+        if active is None:
+            return interval
+        rows = rows._replace(lam=active.among_all(rows.lam, m))
+        return replace(interval, rows=rows, configuration=active)
+
+    def cut_back(self, interval: Interval, t: float) -> None:
+        """End the rows at time `t`, on the polynomials of their tail, see `Rows.cut_back`."""
+        if self.configuration is not None:
+            rows = interval.rows._replace(lam=self.configuration.own(interval.rows.lam))
+            interval = replace(interval, rows=rows)
+        self.rows.cut_back(interval, t)
+
+
 @dataclass
 class Watch:
     """The events of a run."""
@@ -73,12 +106,25 @@ class Watch:
         """Whether there is one that ends the run of steps."""
         return any(term.do != "record" for term in self.equations.events)
 
-    def after(self, rows: Rows, first: int, branch: float) -> EventTerm | None:
-        """Look through the rows from the one before `first` on; what stops the run there.
+    @property
+    def fired(self) -> EventTerm:
+        """The event that happened last."""
+        name = self.occurred[-1].name
+        return next(term for term in self.equations.events if term.name == name)
+
+    def switched(self, leg: Leg, impulses: dict[str, float], energy_lost: float) -> None:
+        """What the event did that happened last; `leg` is the one that begins there."""
+        self.occurred[-1] = replace(self.occurred[-1], impulses=impulses, energy_lost=energy_lost)
+        begin = leg.interval(self.equations.m)
+        value = self._beyond(self.fired, begin.nodes, leg.branch, begin.rows)
+        self._sides[self.fired.name].begin_at(float(value[0]))
+
+    def after(self, leg: Leg, first: int) -> EventTerm | None:
+        """Look through the rows from the one before `first` on; what ends the leg there.
 
         Rows beyond it are dropped, and one is added where it happens.
         """
-        seen = rows.tail(first, branch)
+        seen, branch = leg.tail(first, self.equations.m), leg.branch
         if seen is None:
             return None
         interval, begin = seen
@@ -109,7 +155,7 @@ class Watch:
             state = State(*(x[0] for x in interval.at(np.array([when]))))
             self.occurred.append(Occurrence(term.name, way, when, branch, state))
             if term.do != "record":
-                rows.cut_back(interval, when)
+                leg.cut_back(interval, when)
                 return term
         return None
 

@@ -40,6 +40,7 @@ class Mechanism:
         self.parts: dict[str, Part] = {}
         self.observables: dict[str, Quantity] = {}
         self.events: list[Event] = []
+        self.inactive: set[str] = set()
 
     def add(self, part: P) -> P:
         """Add a body, joint, point mass or load and return it.
@@ -107,6 +108,16 @@ class Mechanism:
                 self._require_member(str(event.name), piece.owner)
         self.events.append(event)
         return event
+
+    def deactivate(self, *parts: Part) -> None:
+        """Have joints and forces not act until an event makes them active; see `Event`."""
+        for part in parts:
+            if not isinstance(part, Part):
+                raise BeamdaeError(
+                    f"Mechanism.deactivate: expected joints and forces, got {shown(part)}."
+                )
+            self._require_member("Mechanism.deactivate", part)
+            self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:
         """The part of that name."""

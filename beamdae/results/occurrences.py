@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,11 @@ class Occurrence:
     t, branch
         When [s], and a time inside the interval, by which laws choose their piece.
     state
-        The state there, on the polynomials of the dense output.
+        The state there, on the polynomials of the dense output, before parts are switched.
+    impulses
+        By multiplier, where parts were switched: what changed the velocities at once [N s].
+    energy_lost
+        Kinetic energy that this took [J].
     """
 
     name: str
@@ -36,11 +40,15 @@ class Occurrence:
     t: float
     branch: float
     state: State
+    impulses: dict[str, float] = field(default_factory=dict)
+    energy_lost: float = 0.0
 
     @property
     def plain(self) -> dict[str, Any]:
         """What happened when."""
-        return {"event": self.name, "direction": self.direction, measures.TIME: self.t}
+        told = {"event": self.name, "direction": self.direction, measures.TIME: self.t}
+        switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
+        return told | (switched if self.impulses else {})
 
 
 def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:
@@ -50,6 +58,10 @@ def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> di
         "direction": [one.direction for one in occurred],
         measures.TIME: np.array([one.t for one in occurred]),
     }
+    if any(one.impulses for one in occurred):
+        columns["energy lost [J]"] = np.array([one.energy_lost for one in occurred])
+        for name in equations.lam_names:
+            columns[f"impulse.{name}"] = np.array([one.impulses.get(name, 0.0) for one in occurred])
     headers = [header for o in equations.observables for header in o.headers]
     times = np.array([(one.t, one.branch) for one in occurred]).reshape(-1, 2)
     sizes = (equations.n, equations.n, equations.n, equations.m)
