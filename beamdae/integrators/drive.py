@@ -178,8 +178,7 @@ class _Run:
         if stall := self.methods.stall(event, t, self._route.duration):
             return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
         try:
-            time, before = np.array([t, branch]), self._rows.last
-            now = self._configuration
+            time, before, now = np.array([t, branch]), self._rows.last, self._configuration
             now, done = switched(self._whole, now, self._route, event, time, before)
             self._configuration, self._route = now, done.route
             self.method = self.methods.on(done.route, now)

@@ -25,8 +25,9 @@ _ROUNDING = 1e-13
 # Times are located to rounding, of themselves or of their step.
 _TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 _SAME_TIME = 1e-12
-# A quantity that begins on its value has left it at so many times what it was off by.
-_LEAVING = 4.0
+# A quantity that begins on its value has left it at so many times what it was off by, and at this
+# share of its size: joints that hold it there do so to the tolerance of the run.
+_LEAVING, _HELD = 4.0, 1e-6
 # Steps at once where an event may end them: those beyond it are taken for nothing.
 STEPS_AT_ONCE = 16
 
@@ -38,7 +39,7 @@ class _Side:
     Attributes
     ----------
     largest
-        The largest it was, to tell rounding by.
+        The largest it was, or what is natural, to tell rounding by.
     near
         Within this much of its value it is on no side, until it has left it.
     """
@@ -56,9 +57,9 @@ class _Side:
             self.near = 0.0
         return np.where(away, np.sign(finite), 0.0)
 
-    def begin_at(self, beyond: float) -> None:
-        """Begin on the value itself, up to rounding and what a consistent start changes."""
-        self.sign, self.near = 0.0, _LEAVING * abs(beyond)
+    def begin_near(self, beyond: float) -> None:
+        """Begin on the value, up to rounding and what a consistent start changes."""
+        self.near = max(_LEAVING * abs(beyond), _HELD * self.largest)
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,26 @@ class Leg:
         self.rows.cut_back(interval, t)
 
 
+@dataclass(frozen=True)
+class _Crossing:
+    """A quantity goes through its value, whether its event asks for this direction or not."""
+
+    t: float
+    term: EventTerm
+    way: str
+
+    @property
+    def counts(self) -> bool:
+        """Whether the event happens."""
+        asked = self.term.direction
+        return asked == 0 or (asked > 0) == (self.way == UP)
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends a leg."""
+        return self.counts and self.term.do != "record"
+
+
 @dataclass
 class Watch:
     """The events of a run."""
@@ -100,6 +121,8 @@ class Watch:
     equations: EquationsOfMotion
     occurred: list[Occurrence] = field(default_factory=list)
     _sides: dict[str, _Side] = field(default_factory=dict)
+    # Events that cross their values where the rows end.
+    _there: set[str] = field(default_factory=set)
 
     @property
     def may_stop(self) -> bool:
@@ -116,8 +139,14 @@ class Watch:
         """What the event did that happened last; `leg` is the one that begins there."""
         self.occurred[-1] = replace(self.occurred[-1], impulses=impulses, energy_lost=energy_lost)
         begin = leg.interval(self.equations.m)
-        value = self._beyond(self.fired, begin.nodes, leg.branch, begin.rows)
-        self._sides[self.fired.name].begin_at(float(value[0]))
+        for term in self.equations.events:
+            side = self._sides[term.name]
+            beyond = float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0])
+            if term.name in self._there:
+                side.begin_near(beyond)
+        if self.fired.direction == 0:
+            # Whichever way it goes on: it was on its value.
+            self._sides[self.fired.name].sign = 0.0
 
     def after(self, leg: Leg, first: int) -> EventTerm | None:
         """Look through the rows from the one before `first` on; what ends the leg there.
@@ -130,34 +159,54 @@ class Watch:
         interval, begin = seen
         t = _looks(interval.t[interval.t >= begin])
         state = interval.at(t)
-        found: list[tuple[float, int, EventTerm, str]] = []
+        found: list[_Crossing] = []
         signs = []
-        for k, term in enumerate(self.equations.events):
+        for term in self.equations.events:
             values = self._beyond(term, t, branch, state)
-            if term.name not in self._sides:
-                side = self._sides[term.name] = _Side()
-                if term.begins_there:
-                    side.begin_at(float(values[0]))
-            side = self._sides[term.name]
+            side = self._side(term, float(values[0]))
             signs.append(side.signs(values))
             located = _crossings(t, values, signs[-1], side.sign, self._at(term, interval))
-            found += [(when, k, term, way) for when, way in located if _goes(term, way)]
-        found.sort(key=lambda one: one[:2])
-        end = next((when for when, _, term, _ in found if term.do != "record"), float(t[-1]))
+            found += [_Crossing(when, term, way) for when, way in located]
+        found.sort(key=lambda one: (one.t, one.ends))
+        end = next((one.t for one in found if one.ends), float(t[-1]))
         for term, sign in zip(self.equations.events, signs, strict=True):
             before = sign[(t <= end) & (sign != 0.0)]
             if len(before):
                 self._sides[term.name].sign = float(before[-1])
-        for when, _, term, way in found:
-            if when > end:
-                break
-            self._sides[term.name].sign = 1.0 if way == UP else -1.0
-            state = State(*(x[0] for x in interval.at(np.array([when]))))
-            self.occurred.append(Occurrence(term.name, way, when, branch, state))
-            if term.do != "record":
-                leg.cut_back(interval, when)
-                return term
-        return None
+        fired = self._occur([one for one in found if one.t <= end], end, interval)
+        if fired is not None:
+            leg.cut_back(interval, end)
+        return fired
+
+    def _occur(self, found: list[_Crossing], end: float, interval: Interval) -> EventTerm | None:
+        """Note what happened up to `end`, and on which sides that leaves quantities; what ends."""
+        fired: EventTerm | None = None
+        self._there.clear()
+        for one in found:
+            side, beyond = self._sides[one.term.name], 1.0 if one.way == UP else -1.0
+            if one.t == end:
+                self._there.add(one.term.name)
+            if fired is not None and one.ends:
+                # Its turn comes when what the first one did is done.
+                side.sign = -beyond
+                continue
+            side.sign = beyond
+            if one.counts:
+                at = State(*(x[0] for x in interval.at(np.array([one.t]))))
+                name = one.term.name
+                self.occurred.append(Occurrence(name, one.way, one.t, interval.branch, at))
+            if one.ends:
+                fired = one.term
+        return fired
+
+    def _side(self, term: EventTerm, begin: float) -> _Side:
+        if term.name not in self._sides:
+            o, e = term.observable, self.equations
+            natural = {"rad": 1.0, "m": e.length}.get(o.columns[term.column].unit, 0.0)
+            side = self._sides[term.name] = _Side(largest=max(abs(term.crosses), natural))
+            if term.begins_there:
+                side.begin_near(begin)
+        return self._sides[term.name]
 
     def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
         times = np.column_stack([t, np.full(len(t), branch)])
@@ -177,10 +226,6 @@ def output_times(times: Array, end: float, status: Status) -> Array:
     if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
         reached = np.append(reached, end)
     return reached
-
-
-def _goes(term: EventTerm, way: str) -> bool:
-    return term.direction == 0 or (term.direction > 0) == (way == UP)
 
 
 def _looks(steps: Array) -> Array:

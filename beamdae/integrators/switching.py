@@ -26,7 +26,7 @@ Array = np.ndarray
 # the accuracy of the run.
 _OPEN = 1e-3
 # So many switches within this share of the run are no progress.
-_MOST_SWITCHES, _WITHIN = 200, 1e-6
+_MOST_SWITCHES, _WITHIN = 200, 1e-4
 
 
 @dataclass(frozen=True)

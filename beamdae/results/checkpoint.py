@@ -31,6 +31,8 @@ class Checkpoint:
         Coordinates and velocities by the name of the coordinate.
     events
         Events that happened at that very time: they are not to happen there again.
+    inactive
+        Joints and forces that events have switched off.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
     """
@@ -39,6 +41,7 @@ class Checkpoint:
     q: dict[str, float]
     v: dict[str, float]
     events: tuple[str, ...] = ()
+    inactive: tuple[str, ...] = ()
     model: str = ""
     parameters: dict[str, str] | None = None
 
@@ -46,12 +49,15 @@ class Checkpoint:
     def of(cls, solution: Solution) -> Checkpoint:
         """Where a run ended, whatever ended it."""
         end, names = solution.trajectory.end, solution.equations.q_names
-        q, v = (x[-1].tolist() for x in solution.trajectory.intervals[-1].state[:2])
+        last = solution.trajectory.intervals[-1]
+        q, v = (x[-1].tolist() for x in last.state[:2])
+        inactive = () if last.configuration is None else sorted(last.configuration.inactive)
         return cls(
             end,
             dict(zip(names, q, strict=True)),
             dict(zip(names, v, strict=True)),
             tuple(one.name for one in solution.occurred if one.t == end),
+            tuple(inactive),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
         )
@@ -79,13 +85,13 @@ class Checkpoint:
             t, states = float(told["t"]), told["states"]
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
-            events = tuple(map(str, told["events"]))
+            events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
             model = str(told["model"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        return cls(t, q, v, events, model, parameters)
+        return cls(t, q, v, events, inactive, model, parameters)
 
     def write(self, path: str | Path) -> Path:
         """Write it as JSON; the file appears whole or not at all.
@@ -124,7 +130,10 @@ class Checkpoint:
             replace(term, begins_there=term.name in self.events) for term in equations.events
         )
         q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
-        return replace(equations, q0=q, v0=v, events=events)
+        known = equations.configurations
+        if known is not None:
+            known = replace(known, first=frozenset(self.inactive))
+        return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
     def differences(self, parameters: dict[str, Any]) -> list[str]:
         """Parameters that are others than in the run it is of, with what they were."""

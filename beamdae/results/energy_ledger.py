@@ -85,10 +85,11 @@ class EnergyLedger:
         keepers: dict[int, measures.BalanceRows] = {}
         rows: list[tuple[Array, ...]] = []
         works: list[Array] = []
-        work, before = np.zeros(3), trajectory.intervals[0].configuration
+        work, before = np.zeros(3), None
         for interval in trajectory.intervals:
             active, state = interval.configuration, interval.rows
             own = equations if active is None else active.equations
+            inactive = None if active is None else active.inactive
             if active is not None:
                 state = state._replace(lam=active.own(state.lam))
             if id(own) not in keepers:
@@ -98,13 +99,13 @@ class EnergyLedger:
             energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
-                if active is before:
+                if inactive == before:
                     # A law whose rate jumps at a breakpoint changes the velocities at once.
                     work = work + np.array([0.0, jump[0], 0.0])
                 else:
                     # So do joints that are switched on; springs take along what they have stored.
                     work = work - np.array([0.0, 0.0, jump.sum()])
-            before = active
+            before = inactive
             rows.append((energies, powers, norms))
             works.append(work + interval.sums(powers))
             work = works[-1][-1]
