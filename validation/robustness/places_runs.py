@@ -133,6 +133,7 @@ MODELS: dict[str, Base] = {
             "t_end": T_END,
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
+            "start": None,
         },
         itself,
     ),
