@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from beamdae.equations.equations_of_motion import EventTerm, Observable
-from beamdae.errors import BeamdaeError, nearest
+from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.symbolic.statements import Quantity
 
@@ -42,7 +42,7 @@ def event_terms(
         if isinstance(event.what, str):
             if event.what not in columns:
                 raise BeamdaeError(
-                    f"{name}: no column {event.what!r} is observed{nearest(event.what, columns)}."
+                    f"{name}: no column {shown(event.what)} is observed{nearest(event.what, columns)}."
                 )
             observable, column = columns[event.what]
         else:
