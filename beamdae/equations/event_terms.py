@@ -41,9 +41,8 @@ def event_terms(
             raise BeamdaeError(f"event: the name {name!r} is taken, every event needs its own.")
         if isinstance(event.what, str):
             if event.what not in columns:
-                raise BeamdaeError(
-                    f"{name}: no column {shown(event.what)} is observed{nearest(event.what, columns)}."
-                )
+                near = nearest(event.what, columns)
+                raise BeamdaeError(f"{name}: no column {shown(event.what)} is observed{near}.")
             observable, column = columns[event.what]
         else:
             if len(event.what.columns) != 1:
