@@ -38,6 +38,9 @@ from .parts.contact import Contact as Contact
 from .parts.distance import Distance as Distance
 from .parts.drivers import Driver as Driver
 from .parts.drivers import TranslationalDriver as TranslationalDriver
+from .parts.events import Event as Event
+from .parts.events import activate as activate
+from .parts.events import deactivate as deactivate
 from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM
+from beamdae.results.checkpoint import checkpoint_of
 from beamdae.results.solution import Solution, Status
 from beamdae.symbolic.memory import require_memory
 
 _MOST_ROWS = 1e7
+_SAME_TIME = 1e-12
 
 
 def simulate(
@@ -30,9 +34,9 @@ def simulate(
     t_end: float | None = None,
     output_step: float | None = None,
     progress: Progress | None = None,
-    start: str | Mapping[str, float] | None = None,
+    start: Solution | Path | str | Mapping[str, float] | None = None,
 ) -> Solution:
-    """Integrate a model from t = 0.
+    """Integrate a model from t = 0, or on from where another run ended.
 
     Parameters
     ----------
@@ -50,7 +54,9 @@ def simulate(
         text it answers ends the run there.
     start
         "as drawn", "equilibrium" (under the loads at t = 0, at rest), or positions and velocities
-        by name such as {"crank.angle": 0.3, "crank.angle_dot": 5.0}; default the model's own.
+        by name such as {"crank.angle": 0.3, "crank.angle_dot": 5.0}; default the model's own. A run
+        of the same model, or the path of a checkpoint, see `Solution.checkpoint`: the run goes on
+        from its last state. `Solution.followed_by` makes one of the two.
 
     Returns
     -------
@@ -77,13 +83,17 @@ def simulate(
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
-    times = _output_times(t_end, output_step)
+    begun = checkpoint_of(start) if _goes_on(start) else None
+    times = _output_times(t_end, output_step, 0.0 if begun is None else begun.t)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
     try:
-        equations = as_equations(model, start)
+        if begun is None:
+            equations = as_equations(model, start)
+        else:
+            equations = begun.starting(as_equations(model, AS_DRAWN))
         _require_room(equations, len(times))
         solution = method.integrate(equations, times, progress=progress)
     except (MemoryError, RuntimeError) as problem:
@@ -98,14 +108,28 @@ def simulate(
         )
     solution = replace(solution, model={**information, "t_end": float(times[-1])})
     solution, sentences = _looked_through(name, solution)
+    if begun and (changed := begun.differences(information.get("parameters", {}))):
+        told = f"{name}: it goes on from a run with other parameters, {', '.join(changed)}."
+        sentences = (told, *sentences)
     for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return solution
 
 
-def _output_times(t_end: Any, output_step: Any) -> np.ndarray:
-    """Times of the rows from 0 to `t_end` [s]."""
+def _goes_on(start: Any) -> bool:
+    """Whether a start is the end of another run: texts but two are paths."""
+    if isinstance(start, str):
+        return start not in (AS_DRAWN, EQUILIBRIUM)
+    return isinstance(start, Solution | Path)
+
+
+def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
+    """Times of the rows to `t_end` [s]: `begin`, and those after it that a run from 0 has."""
     t_end = positive("simulate", "t_end", t_end)
+    if not t_end > begin:
+        raise BeamdaeError(
+            f"simulate: t_end = {t_end:g} s must be later than the start, t = {begin:g} s."
+        )
     step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
     if t_end / step > _MOST_ROWS:
         raise BeamdaeError(
@@ -115,7 +139,7 @@ def _output_times(t_end: Any, output_step: Any) -> np.ndarray:
     rows = max(int(np.ceil(t_end / step - 1e-9)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
-    return times
+    return np.append(begin, times[times > begin * (1.0 + _SAME_TIME)])
 
 
 def _require_room(equations: EquationsOfMotion, rows: int) -> None:

@@ -213,6 +213,10 @@ def _again(solution: Solution, integrator: Integrator) -> Solution | None:
 
 def _difference(solution: Solution, other: Solution | None, fraction: float) -> Measured:
     """Half the range of each column, and this fraction of the largest difference over it."""
+    if other is not None and other.t[-1] < solution.t[-1]:
+        # An event ended it a little earlier.
+        common = solution.t[solution.t <= other.t[-1]]
+        solution, other = replace(solution, t=common), replace(other, t=common)
     rows = _rows(solution)
     rows = np.where(np.isfinite(rows).all(axis=0), rows, np.nan)
     amplitude = 0.5 * np.ptp(rows, axis=0)

@@ -95,6 +95,7 @@ CALLS = {
     "Curve of points": (bd.Curve, {"points": POINTS}),
     "Distance": (bd.Distance, APART | {"length": 1.0}),
     "Driver": (bd.Driver, JOINED | {"law": 0.0}),
+    "Event": (bd.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
     "Force": (bd.Force, {"name": "f", "on": DISK.at(0.0, 0.0), "law": (1.0, 0.0)}),
     "Friction": (
         bd.Friction,
@@ -192,6 +193,8 @@ CALLS = {
         JOINED | {"law": 0.0, "direction": (1.0, 0.0)},
     ),
     "Weld": (bd.Weld, JOINED),
+    "activate": (lambda part: bd.activate(part), {"part": DISK}),
+    "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "frame": (
         lambda **given: bd.frame(bd.Mechanism(), **given),

@@ -73,6 +73,13 @@ def run_command(
             "--verify", metavar="", help="Compare with another method at a tighter tolerance."
         ),
     ] = False,
+    checkpoint: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write where the run ended to this file.")
+    ] = None,
+    go_on: Annotated[
+        Path | None,
+        typer.Option("--continue", metavar="FILE", help="Go on from the end told by this file."),
+    ] = None,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG.
 
@@ -94,12 +101,17 @@ def run_command(
     )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
+    if checkpoint is not None:
+        require_writable(checkpoint.parent, (checkpoint.name,))
     # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):
-        solution = _integrated(model, method, t_end, output_step, start_of(start))
+        begin = start_of(start) if go_on is None else go_on
+        solution = _integrated(model, method, t_end, output_step, begin)
         with interrupts.held():
             told.written += [solution.to_csv(files.table), files.beside]
+            if checkpoint is not None:
+                told.written.append(solution.checkpoint(checkpoint))
         told.cut_short = interrupts.heard()
     if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
         with _to_the_end(told):

@@ -12,12 +12,14 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.equations.configurations import Configurations, configurations_of
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,
     PartCoordinates,
     RangeTerm,
 )
+from beamdae.equations.event_terms import event_terms
 from beamdae.equations.fit import (
     asked,
     asked_multipliers,
@@ -38,6 +40,7 @@ from beamdae.equations.structure import (
     interned,
 )
 from beamdae.errors import BeamdaeError, shown
+from beamdae.parts.events import Event
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.alike import Alike, by_kernel, recognized
@@ -75,6 +78,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"equations_of_motion: expected a Mechanism, got {shown(mechanism)}.")
+    configurations = configurations_of(mechanism, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
@@ -119,6 +123,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         observables=mechanism.observables,
         owners=owners,
         laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
+        events=mechanism.events,
+        configurations=configurations,
     )
     if mechanism.redundant == MINIMUM_NORM:
         drawn_equations = replace(drawn_equations, redundant=True)
@@ -180,6 +186,8 @@ def build(
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
     laws: tuple[LawOfPart, ...] = (),
+    events: Sequence[Event] = (),
+    configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
     numbers = _Numbers()
@@ -214,6 +222,9 @@ def build(
         _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
     _require_headers(coordinates, held, observed)
+    watched = event_terms(
+        events, observed, lambda name, what: _observable(name, what, owners, numbers, rows)
+    )
     terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
@@ -230,6 +241,8 @@ def build(
         structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
+        events=watched,
+        configurations=configurations,
     )
 
 

@@ -130,6 +130,10 @@ class Starter:
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
 
+    def gaps(self, time: Array, q: Array) -> Array:
+        """How far each joint is open, g."""
+        return self._own.levels(time, q)[0]
+
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""
         e = self.equations

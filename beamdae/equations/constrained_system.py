@@ -20,6 +20,7 @@ from beamdae.equations.owners import Owners
 from beamdae.equations.poles import varying_laws
 from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
 from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
+from beamdae.parts.events import Event
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
     ConstraintStatement,
@@ -78,6 +79,8 @@ class ConstrainedSystem:
     scales
         How far each coordinate moves, about half its range: what `rtol` is relative to. Default:
         adaptive integrators go ahead with a loose tolerance to see.
+    events
+        What runs watch for: `Event`s on coordinates and observed columns, by name.
 
     Examples
     --------
@@ -112,6 +115,7 @@ class ConstrainedSystem:
     gravity_energy: Any = 0.0
     dissipated_power: Any = 0.0
     velocity_constraints: Any = None
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         given = self._expressions
@@ -131,6 +135,10 @@ class ConstrainedSystem:
         columns += [x.name for x in self._observed]
         if len(set(columns)) < len(columns):
             raise BeamdaeError(f"{KIND}: names must differ, got {', '.join(columns)}.")
+        keep(self, events=tuple(entries(KIND, "events", self.events, "a list of events")))
+        for event in self.events:
+            if not isinstance(event, Event):
+                raise BeamdaeError(f"{KIND}: events must be Event(...), got {shown(event)}.")
         if self.time_scale is not None:
             keep(self, time_scale=positive(KIND, "time_scale", self.time_scale))
         if self.scales is not None:
@@ -165,6 +173,7 @@ class ConstrainedSystem:
             forces=[self._force_statement(piece)],
             constraints=held,
             observables=self._observables(coordinates, piece, held),
+            events=self.events,
             owners=Owners({id(self): n}),
             laws=varying_laws(laws),
         )

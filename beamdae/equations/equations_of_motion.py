@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,6 +16,9 @@ from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
+
+if TYPE_CHECKING:
+    from beamdae.equations.configurations import Configurations
 
 Array = np.ndarray
 
@@ -57,6 +60,29 @@ class Observable:
             Named(".".join(filter(None, (self.name, column.name))), column.unit).header
             for column in self.columns
         ]
+
+
+@dataclass(frozen=True)
+class EventTerm:
+    """What a run watches: a column of an observable, the value it crosses, and what is done then.
+
+    `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
+    the event, up to what a consistent start changes, and it does not happen there again.
+    """
+
+    name: str
+    observable: Observable
+    column: int
+    crosses: float
+    direction: int
+    do: Any
+    begins_there: bool = False
+
+    def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
+        """How far the column is beyond its value, at rows of states."""
+        o = self.observable
+        local = (np.asarray(o.operator @ x.T).T for x in (q, v))
+        return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
 
 
 class PartCoordinates(NamedTuple):
@@ -129,6 +155,10 @@ class EquationsOfMotion:
     redundant
         Whether constraints that follow from others are spared, see `reduced.reduced`; they are
         refused if not.
+    events
+        What a run watches for.
+    configurations
+        `Configurations` of a mechanism whose parts are switched; None: all are always active.
     """
 
     coordinates: tuple[Named, ...]
@@ -147,6 +177,8 @@ class EquationsOfMotion:
     laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
     start: Start | None = field(default=None, repr=False)
     redundant: bool = False
+    events: tuple[EventTerm, ...] = field(default=(), repr=False)
+    configurations: Configurations | None = field(default=None, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

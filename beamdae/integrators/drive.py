@@ -17,13 +17,17 @@ from beamdae.equations.blame import blame
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.amplitudes import Amplitudes
+from beamdae.integrators.events import STEPS_AT_ONCE, Leg, Watch, output_times
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import LoopMethod, Method, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
+from beamdae.integrators.scouting import OF_SCOUT, scouted
+from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.spared import spared, with_all
+from beamdae.integrators.switching import Methods, first_configuration, switched
+from beamdae.results.occurrences import Occurrence
 from beamdae.results.solution import REACHED_END, Solution, Status
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
@@ -37,16 +41,10 @@ _PAST = "past the end of its interval; a method must stop there"
 _STAGES = "a method must give the stages inside a step in the order of time, in every step as many"
 _NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
-# The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
-# is, and what is much less motion than it was tolerant of.
-SCOUTING_RTOL = 1e-2
-_OF_SCOUT = f" of the scout, which goes before the run with rtol = {SCOUTING_RTOL:g}"
-_MOST_SCOUTS = 4
-_MOST_SCOUTING_STEPS = 20_000
-_SCOUTING_TIME = 0.25
-_MUCH_LESS = 0.3
-# A scout that did not go this share of the way has seen too little.
-_LEAST_WAY = 0.2
+
+
+# Events switched parts where the rows end.
+ACTED = Status("ok", "an event switched parts")
 
 
 class StepError(ArithmeticError):
@@ -75,12 +73,28 @@ class _Run:
     Wherever it is interrupted, the rows of its legs, one an interval, are good.
     """
 
-    def __init__(self, route: Route, method: Method, limits: Limits, whose: str = "") -> None:
-        """Prepare a run; `whose` it is goes into the sentence if it is interrupted."""
-        self.method, self._route, self._limits, self._whose = method, route, limits, whose
+    def __init__(
+        self,
+        whole: EquationsOfMotion,
+        route: Route,
+        method_on: Callable[[Route], Method],
+        limits: Limits,
+        whose: str = "",
+    ) -> None:
+        """Prepare a run of the `whole` equations.
+
+        `whose` it is goes into the sentence if it is interrupted.
+        """
+        self._whole, self._route, self._limits, self._whose = whole, route, limits, whose
+        self.method = method_on(route)
+        self._configuration = first_configuration(whole)
+        self.methods = Methods(method_on, self.method, self._configuration)
         start, end = route.intervals[0]
-        self._legs = [(Rows(start, route.state), branch_of(start, end))]
+        self._legs: list[Leg] = []
+        self._begin_leg(start, branch_of(start, end), route.state)
         self.steps = 0
+        self._watch = Watch(whole) if whole.events else None
+        self._at_once = STEPS_AT_ONCE if self._watch and self._watch.may_stop else None
 
     def through(self) -> tuple[Trajectory, Status]:
         """Go through the intervals until one does not end."""
@@ -96,13 +110,21 @@ class _Run:
         return self._reached(Status("interrupted", sentence))
 
     @property
+    def occurred(self) -> tuple[Occurrence, ...]:
+        """The events that happened."""
+        return () if self._watch is None else tuple(self._watch.occurred)
+
+    @property
     def _rows(self) -> Rows:
-        return self._legs[-1][0]
+        return self._legs[-1].rows
+
+    def _begin_leg(self, t: float, branch: float, state: State) -> None:
+        self._legs.append(Leg(Rows(t, state), branch, self._configuration))
 
     def _reached(self, status: Status) -> tuple[Trajectory, Status]:
         if not self._rows.cut_to_finite():
             status = self._failed(_NOT_FINITE)
-        return Trajectory(tuple(rows.interval(branch) for rows, branch in self._legs)), status
+        return Trajectory(tuple(leg.interval(self._whole.m) for leg in self._legs)), status
 
     def _failed(self, reason: object) -> Status:
         return Status("failed", f"stopped at t = {self._rows.end:.6g} s: {reason}")
@@ -116,9 +138,11 @@ class _Run:
                     state = self._restarted(start, branch, state)
                 except BeamdaeError as problem:
                     return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
-                self._legs.append((Rows(start, state), branch))
+                self._begin_leg(start, branch, state)
             status = self._over(start, end, branch)
-            if not (status.success and self._rows.is_finite):
+            while status is ACTED:
+                status = self._acted(end, branch)
+            if status is not REACHED_END or not self._rows.is_finite:
                 return status
             state = self._rows.last
         return REACHED_END
@@ -126,7 +150,7 @@ class _Run:
     def _restarted(self, start: float, branch: float, state: State) -> State:
         """A state consistent with the laws that begin at `start`."""
         time, starter = np.array([start, branch]), self._route.starter
-        starter.require_continuous(self._legs[-1][1], time, state.q)
+        starter.require_continuous(self._legs[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
 
     def _over(self, start: float, end: float, branch: float) -> Status:
@@ -136,7 +160,12 @@ class _Run:
         try:
             method.begin(start, end, branch, rows.last)
             while rows.end < end:
-                self.steps += self._taken(limits.steps_left(self.steps, between_looks), end)
+                first = rows.count
+                most = limits.steps_left(self.steps, between_looks)
+                self.steps += self._taken(min(most, self._at_once or most), end)
+                if self._watch and (event := self._watch.after(self._legs[-1], first)):
+                    stopped = f"stopped by event {event.name} at t = {rows.end:.6g} s"
+                    return Status("ok", stopped) if event.do == "stop" else ACTED
                 t = rows.end
                 if t < end and (stop := limits.reason(t, self.steps, between_looks)):
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
@@ -153,6 +182,24 @@ class _Run:
             told = problem if isinstance(problem, NoRoomError) else _NO_MEMORY
             return Status("limited", f"{told}, stopped at t = {rows.end:.6g} s")
         return REACHED_END
+
+    def _acted(self, end: float, branch: float) -> Status:
+        """Switch the parts of the event that happened, and step over what is left."""
+        assert self._watch is not None
+        assert self._configuration is not None
+        event, t = self._watch.fired, self._rows.end
+        if stall := self.methods.stall(event, t, self._route.duration):
+            return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
+        try:
+            time, before, now = np.array([t, branch]), self._rows.last, self._configuration
+            now, done = switched(self._whole, now, self._route, event, time, before)
+            self._configuration, self._route = now, done.route
+            self.method = self.methods.on(done.route, now)
+        except BeamdaeError as problem:
+            return self._failed(f"event {event.name}: {problem}")
+        self._begin_leg(t, branch, done.state)
+        self._watch.switched(self._legs[-1], done.impulses, done.energy_lost)
+        return self._over(t, end, branch) if t < end else REACHED_END
 
     def _taken(self, most: int, end: float) -> int:
         """Take up to so many steps; how many they were."""
@@ -175,39 +222,6 @@ class _Run:
             raise StepError(STUCK)
         if not t <= end:
             raise StepError(f"a step went to t = {t:g} s, {_PAST}")
-
-
-def _scouted(
-    route: Route, scout_on: Callable[[Route], Method], of_run: Limits
-) -> tuple[Route, _Run, Trajectory, Status]:
-    """The route with the amplitudes that a scout sees, and its last run.
-
-    It goes again as long as it sees much less motion than it was tolerant of. Progress hears of it,
-    so that it may end it, but of no time: the run itself has not begun.
-    """
-    share = None if of_run.time_limit is None else _SCOUTING_TIME * of_run.time_limit
-    start, progress = route.intervals[0][0], of_run.progress
-    told = None if progress is None else lambda _: progress(start)
-    run: _Run | None = None
-    try:
-        for _ in range(_MOST_SCOUTS):
-            pace = Pace(route.intervals[-1][1])
-            limits = Limits(told, share, _MOST_SCOUTING_STEPS, of_run.begin, pace)
-            run = _Run(route, scout_on(route), limits, _OF_SCOUT)
-            trajectory, status = run.through()
-            if trajectory.end - start < _LEAST_WAY * route.duration:
-                break
-            seen = replace(route, amplitudes=Amplitudes.of(route.equations, trajectory))
-            much_less = float(np.min(seen.scales / route.scales)) < _MUCH_LESS
-            route = seen
-            if not (much_less and status.success):
-                break
-    except KeyboardInterrupt:
-        if run is None:
-            raise
-        trajectory, status = run.interrupted()
-    assert run is not None
-    return route, run, trajectory, status
 
 
 def drive(
@@ -257,7 +271,8 @@ def _driven(
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
     setup = clock.perf_counter()
-    route = plan(equations, times)
+    first = first_configuration(equations)
+    route = plan(equations if first is None else first.equations, times)
     setup_time = clock.perf_counter() - setup
 
     begin = clock.perf_counter()
@@ -265,15 +280,19 @@ def _driven(
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
         limits.pace = Pace(route.intervals[-1][1])
     run: _Run | None = None
+
+    def scouting(route: Route, limits: Limits) -> _Run:
+        assert scout_on is not None
+        return _Run(equations, route, scout_on, limits, OF_SCOUT)
+
     status, setup = REACHED_END, 0.0
     try:
         if scout_on is not None and equations.scales is None:
-            route, run, trajectory, status = _scouted(route, scout_on, limits)
+            route, run, trajectory, status = scouted(route, scouting, limits)
         if status.kind != "interrupted":
             setup = clock.perf_counter()
-            method = method_on(route)
+            run = _Run(equations, route, method_on, limits)
             setup = clock.perf_counter() - setup
-            run = _Run(route, method, limits)
             trajectory, status = run.through()
     except KeyboardInterrupt:
         if run is None:
@@ -285,11 +304,12 @@ def _driven(
     return Solution(
         equations,
         trajectory,
-        times[times <= trajectory.end * (1.0 + 1e-12)],
+        output_times(times, trajectory.end, status),
         status,
         replace(
-            run.method.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time
+            run.methods.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time
         ),
-        {"integrator": integrator.method, **settings, **run.method.resolved, **seen},
+        {"integrator": integrator.method, **settings, **run.methods.first.resolved, **seen},
         made_by=integrator,
+        occurred=run.occurred,
     )

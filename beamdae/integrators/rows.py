@@ -15,6 +15,10 @@ Array = np.ndarray
 
 # Rows of a block, or as many as make this many bytes where they are long.
 _ROWS_AT_ONCE, _BLOCK = 8192, 1e7
+# Steps before those in question that the polynomials of these go through, with some to spare.
+_BEFORE = 8
+# Times nearer to each other than this share of themselves are one.
+_SAME = 1e-13
 # So many bytes are there; to ask takes as long as hundreds of steps.
 _LITTLE = 1e8
 # What a result makes of its rows while it is put together, in rows.
@@ -39,6 +43,7 @@ class Rows:
         self._count = 0
         self._per_step = 1
         self._is_finite = True
+        self._tail_begin = 0
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
@@ -126,15 +131,55 @@ class Rows:
             self._count = max(int(bad[0]) - 1, 0) // self._per_step * self._per_step + 1
         return len(bad) == 0
 
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return self._count
+
+    def tail(self, first: int, branch: float) -> tuple[Interval, float] | None:
+        """Those from `first` on that are finite, and those their polynomials go through.
+
+        With the time of the one before `first`; None if there are none.
+        """
+        begin = self._tail_begin = max(first - 1 - _BEFORE * self._per_step, 0)
+        blocks = self._used[begin // self._at_once :]
+        rows = np.concatenate(blocks)[begin % self._at_once :]
+        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+        count = int(bad[0]) if len(bad) else len(rows)
+        count = (count - 1) // self._per_step * self._per_step + 1
+        if count <= first - begin:
+            return None
+        return self._interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
+
+    def cut_back(self, interval: Interval, t: float) -> None:
+        """Drop the steps that go beyond time `t`, and add one that ends there.
+
+        Its rows lie on the polynomials of `interval`, the `tail` of these rows.
+        """
+        steps, per_step = interval.t, self._per_step
+        apart = _SAME * max(abs(t), steps[-1] - steps[0])
+        whole = int(np.searchsorted(steps, t + apart, side="right")) - 1
+        self._count = self._tail_begin + whole * per_step + 1
+        self._is_finite = True
+        if t - steps[whole] > apart:
+            nodes = interval.nodes[whole * per_step : (whole + 1) * per_step + 1]
+            share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
+            at = nodes[0] + share * (t - nodes[0])
+            at[-1] = t
+            self._write(np.column_stack([at, *interval.at(at)]))
+
     def _state(self, row: Array) -> State:
         return State(*np.split(row[1:], [e - 1 for e in self._ends[1:-1]]))
 
     def interval(self, branch: float) -> Interval:
         """All of them, of one block as they lie there: to copy them takes as long as short runs."""
+        return self._interval(self._used, branch)
+
+    def _interval(self, blocks: Sequence[Array], branch: float) -> Interval:
         t, *state = (
             np.concatenate(parts) if len(parts) > 1 else parts[0]
             for first, last in pairwise([0, *self._ends])
-            for parts in [[rows[:, first:last] for rows in self._used]]
+            for parts in [[rows[:, first:last] for rows in blocks]]
         )
         per_step = self._per_step if len(t) > 1 else 1
         return Interval(t[:, 0].copy(), State(*state), branch, per_step)

@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
+from beamdae.parts.events import Event
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import motion
@@ -62,6 +63,8 @@ class Mechanism:
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
         self.observables: dict[str, Quantity] = {}
+        self.events: list[Event] = []
+        self.inactive: set[str] = set()
 
     def add(self, part: P) -> P:
         """Add a body, joint, point mass or load and return it.
@@ -104,6 +107,41 @@ class Mechanism:
         if quantity.joint is not None and quantity.joint not in self.parts:
             raise BeamdaeError(f"{name}: the joint {quantity.joint!r} must be added first.")
         self.observables[name] = quantity
+
+    def when(
+        self,
+        what: str | Quantity,
+        crosses: float = 0.0,
+        direction: str = "both",
+        do: Any = "stop",
+        name: str | None = None,
+    ) -> Event:
+        """Watch for an event: what an observed column or a quantity crosses; see `Event`.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+        >>> mech.observe("ball", ball.point)
+        >>> impact = mech.when("ball.y", crosses=0.0, direction="down", do="stop", name="impact")
+        """
+        event = Event(what, crosses, direction, do, name)
+        if isinstance(what, Quantity):
+            for piece in what.pieces:
+                self._require_member(str(event.name), piece.owner)
+        self.events.append(event)
+        return event
+
+    def deactivate(self, *parts: Part) -> None:
+        """Have joints and forces not act until an event makes them active; see `Event`."""
+        for part in parts:
+            if not isinstance(part, Part):
+                raise BeamdaeError(
+                    f"Mechanism.deactivate: expected joints and forces, got {shown(part)}."
+                )
+            self._require_member("Mechanism.deactivate", part)
+            self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:
         """The part of that name."""

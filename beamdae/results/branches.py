@@ -55,10 +55,11 @@ def singular_positions(
     """Singular positions of a run: dips of the smallest singular value of G to nothing.
 
     It is looked at up to 400 times of the run; dips are then seen through. A beam in a loop that
-    its elasticity decides loses no rank.
+    its elasticity decides loses no rank. Mechanisms whose parts are switched are not looked at.
     """
     start, end = trajectory.intervals[0].t[0], trajectory.end
-    if end <= start or not has_loops(equations):
+    switched = equations.configurations is not None
+    if end <= start or switched or not has_loops(equations):
         return ()
     matrix = joint_matrix(equations)
     looks = int(np.clip(_WORK / equations.m**3, _LEAST_LOOKS, _MOST_LOOKS))

@@ -82,16 +82,30 @@ class EnergyLedger:
     @classmethod
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> EnergyLedger:
         """Keep the books of a run."""
-        function = measures.books_of(equations)
+        keepers: dict[int, measures.BalanceRows] = {}
         rows: list[tuple[Array, ...]] = []
         works: list[Array] = []
-        work = np.zeros(3)
+        work, before = np.zeros(3), None
         for interval in trajectory.intervals:
-            values = np.split(function(interval.times, *interval.rows), [3, 6], axis=1)
+            active, state = interval.configuration, interval.rows
+            own = equations if active is None else active.equations
+            inactive = None if active is None else active.inactive
+            if active is not None:
+                state = state._replace(lam=active.own(state.lam))
+            if id(own) not in keepers:
+                keepers[id(own)] = measures.books_of(own)
+            function = keepers[id(own)]
+            values = np.split(function(interval.times, *state), [3, 6], axis=1)
             energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
-                # A law whose rate jumps at a breakpoint changes the velocities at once.
-                work = work + np.array([0.0, energies[0, 0] - rows[-1][0][-1, 0], 0.0])
+                jump = energies[0] - rows[-1][0][-1]
+                if inactive == before:
+                    # A law whose rate jumps at a breakpoint changes the velocities at once.
+                    work = work + np.array([0.0, jump[0], 0.0])
+                else:
+                    # So do joints that are switched on; springs take along what they have stored.
+                    work = work - np.array([0.0, 0.0, jump.sum()])
+            before = inactive
             rows.append((energies, powers, norms))
             works.append(work + interval.sums(powers))
             work = works[-1][-1]

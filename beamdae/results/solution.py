@@ -15,9 +15,12 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
+from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
+from beamdae.results.joining import joined
+from beamdae.results.occurrences import Occurrence, table_of
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
@@ -97,6 +100,8 @@ class Solution:
         Settings of the integrator, including what "auto" came to.
     made_by
         The integrator itself.
+    occurred
+        The events that happened, in the order of time.
     """
 
     equations: EquationsOfMotion
@@ -107,6 +112,7 @@ class Solution:
     integrator: dict[str, Any]
     model: dict[str, Any] = field(default_factory=dict)
     made_by: Any = field(default=None, repr=False)
+    occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -148,12 +154,17 @@ class Solution:
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
 
+    @property
+    def events(self) -> pd.DataFrame:
+        """The events that happened: name, direction, time, and the observed columns there."""
+        import pandas as pd
+
+        return pd.DataFrame(table_of(self.equations, self.occurred))
+
     def _looked_at(self) -> tuple[dict[str, Array], Array]:
         """Observed columns and times, some thousands of them where there are more."""
         apart = len(self.t) // _LOOKED_AT + 1
-        if apart == 1:
-            return self.columns, self.t
-        some = replace(self, t=self.t[::apart])
+        some = self if apart == 1 else replace(self, t=self.t[::apart])
         return some.columns, some.t
 
     def _measured(self, rows: Callable[..., Array]) -> Array:
@@ -279,6 +290,14 @@ class Solution:
             columns["status"] = [self.status.kind] * len(self.t)
         return write(Path(path), columns, self.beside(**further))
 
+    def checkpoint(self, path: str | Path) -> Path:
+        """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""
+        return Checkpoint.of(self).write(path)
+
+    def followed_by(self, later: Solution) -> Solution:
+        """Join the run and one that went on from its end."""
+        return joined(self, later)
+
     def beside(self, **further: Any) -> dict[str, Any]:
         """What `to_csv` writes as JSON beside the table, as plain values."""
         return {
@@ -293,6 +312,7 @@ class Solution:
             },
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(passed) for passed in self.singular_positions],
+            "events": [one.plain for one in self.occurred],
             "warnings": list(self.warnings),
             **further,
         }

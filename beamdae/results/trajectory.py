@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.equations.configurations import Configuration
 from beamdae.equations.formulations import State
 
 Array = np.ndarray
@@ -44,12 +45,15 @@ class Interval:
         A time inside the interval; laws choose their piece by it.
     per_step
         Nodes a step, its end among them.
+    configuration
+        What was active of a mechanism whose parts are switched.
     """
 
     nodes: Array
     rows: State
     branch: float
     per_step: int = 1
+    configuration: Configuration | None = None
 
     @cached_property
     def t(self) -> Array:

@@ -217,6 +217,21 @@ def test_run_writes_table_settings_and_picture(command):
         assert word in result.stdout
 
 
+def test_run_goes_on_from_a_checkpoint(command):
+    result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")
+    assert result.exit_code == 0
+    assert "end.json" in result.stdout
+    result = command("run", ARM, "--no-estimate", "--continue", "at/end.json")
+    assert result.exit_code == 0
+    table = pd.read_csv("results/arm.csv")
+    assert table["t [s]"].iloc[[0, -1]].tolist() == [0.01, 0.02]
+    assert table["tip.y [m]"].iloc[0] < 0.0
+    result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")
+    assert_mistake(result, "start: it is of another model, coordinate")
+    assert_mistake(command("run", ARM, "--continue", "nothing.json"), "nothing.json", "read")
+    assert_mistake(command("run", ARM, "--checkpoint", "at"), "at", "is a folder")
+
+
 @pytest.mark.slow(reason="runs of the command with their estimates")
 def test_run_tells_how_far_beams_bent_and_warns_once(command):
     bent = more('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')

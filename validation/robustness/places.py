@@ -57,6 +57,7 @@ def _constrained(world: World) -> dict[str, Any]:
         "breakpoints": (0.005,),
         "time_scale": 1.0,
         "scales": [1.0, 1.0],
+        "events": (bd.Event("x", 5.0, name="event"),),
     }
 
 
@@ -127,6 +128,20 @@ PARTS: dict[str, Base] = {
     "Beam": Base(_beam, added),
     "Distance": Base(lambda w: {**_apart(w, "link"), "length": 1.0}, added),
     "Driver": Base(lambda w: {**_pair(w, "motor"), "law": 0.0}, added),
+    "Event": Base(
+        lambda w: {"what": "x", "crosses": 5.0, "direction": "up", "do": "stop", "name": "event"},
+        lambda w, event: w.run(bd.ConstrainedSystem(**(_constrained(w) | {"events": [event]}))),
+    ),
+    "activate": Base(
+        lambda w: {"part": bd.Moment("load", w.bar.at(*KNEE), 1.0)},
+        itself,
+        lambda w, part: bd.activate(part),
+    ),
+    "deactivate": Base(
+        lambda w: {"part": bd.Moment("load", w.bar.at(*KNEE), 1.0)},
+        itself,
+        lambda w, part: bd.deactivate(part),
+    ),
     "Force": Base(
         lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": (1.0, 0.0), "axes": "body"}, added
     ),

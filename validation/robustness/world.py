@@ -26,6 +26,7 @@ KNEE = (1.0, 0.0)
 _MADE = (
     *("torque", "mass", "watched", "end", "swing", "bob", "pin", "few", "place", "ground"),
     *("beam", "odd", "system", "constraint", "x", "y", "compare", "simulate", "Law", "Study"),
+    *("event", "start"),
 )
 
 

@@ -1,0 +1,266 @@
+"""Events of a run under way: found in the rows just produced, located on the dense output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from beamdae.equations.configurations import Configuration
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.formulations import State
+from beamdae.integrators.rows import Rows
+from beamdae.results.occurrences import DOWN, UP, Occurrence
+from beamdae.results.solution import Status
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+# Where in a step it is looked for a quantity that crosses its value: two crossings closer to each
+# other than a quarter of a step may go unseen.
+_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])
+# A quantity nearer to its value than this share of the largest it was is on it.
+_ROUNDING = 1e-13
+# Times are located to rounding, of themselves or of their step.
+_TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
+_SAME_TIME = 1e-12
+# A quantity that begins on its value has left it at so many times what it was off by, and at this
+# share of its size: joints that hold it there do so to the tolerance of the run.
+_LEAVING, _HELD = 4.0, 1e-6
+# Steps at once where an event may end them: those beyond it are taken for nothing.
+STEPS_AT_ONCE = 16
+
+
+@dataclass
+class _Side:
+    """On which side of its value a quantity is, where that is known (else 0).
+
+    Attributes
+    ----------
+    largest
+        The largest it was, or what is natural, to tell rounding by.
+    near
+        Within this much of its value it is on no side, until it has left it.
+    """
+
+    sign: float = 0.0
+    largest: float = 0.0
+    near: float = 0.0
+
+    def signs(self, beyond: Array) -> Array:
+        """Sides of further values; what is not finite is on none."""
+        finite = np.nan_to_num(beyond, nan=0.0)
+        self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
+        away = np.abs(finite) > max(_ROUNDING * self.largest, self.near)
+        if away.any():
+            self.near = 0.0
+        return np.where(away, np.sign(finite), 0.0)
+
+    def begin_near(self, beyond: float) -> None:
+        """Begin on the value, up to rounding and what a consistent start changes."""
+        self.near = max(_LEAVING * abs(beyond), _HELD * self.largest)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Rows of a run between breakpoints and switches, and what was active of its parts then."""
+
+    rows: Rows
+    branch: float
+    configuration: Configuration | None
+
+    def interval(self, m: int) -> Interval:
+        """All of the rows, with all `m` multipliers there are."""
+        return self._of_all(self.rows.interval(self.branch), m)
+
+    def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
+        """The last rows from `first` on, see `Rows.tail`."""
+        seen = self.rows.tail(first, self.branch)
+        return None if seen is None else (self._of_all(seen[0], m), seen[1])
+
+    def _of_all(self, interval: Interval, m: int) -> Interval:
+        active, rows = self.configuration, interval.rows
+        if active is None:
+            return interval
+        rows = rows._replace(lam=active.among_all(rows.lam, m))
+        return replace(interval, rows=rows, configuration=active)
+
+    def cut_back(self, interval: Interval, t: float) -> None:
+        """End the rows at time `t`, on the polynomials of their tail, see `Rows.cut_back`."""
+        if self.configuration is not None:
+            rows = interval.rows._replace(lam=self.configuration.own(interval.rows.lam))
+            interval = replace(interval, rows=rows)
+        self.rows.cut_back(interval, t)
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """A quantity goes through its value, whether its event asks for this direction or not."""
+
+    t: float
+    term: EventTerm
+    way: str
+
+    @property
+    def counts(self) -> bool:
+        """Whether the event happens."""
+        asked = self.term.direction
+        return asked == 0 or (asked > 0) == (self.way == UP)
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends a leg."""
+        return self.counts and self.term.do != "record"
+
+
+@dataclass
+class Watch:
+    """The events of a run."""
+
+    equations: EquationsOfMotion
+    occurred: list[Occurrence] = field(default_factory=list)
+    _sides: dict[str, _Side] = field(default_factory=dict)
+    # Events that cross their values where the rows end.
+    _there: set[str] = field(default_factory=set)
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether there is one that ends the run of steps."""
+        return any(term.do != "record" for term in self.equations.events)
+
+    @property
+    def fired(self) -> EventTerm:
+        """The event that happened last."""
+        name = self.occurred[-1].name
+        return next(term for term in self.equations.events if term.name == name)
+
+    def switched(self, leg: Leg, impulses: dict[str, float], energy_lost: float) -> None:
+        """What the event did that happened last; `leg` is the one that begins there."""
+        self.occurred[-1] = replace(self.occurred[-1], impulses=impulses, energy_lost=energy_lost)
+        begin = leg.interval(self.equations.m)
+        for term in self.equations.events:
+            side = self._sides[term.name]
+            beyond = float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0])
+            if term.name in self._there:
+                side.begin_near(beyond)
+        if self.fired.direction == 0:
+            # Whichever way it goes on: it was on its value.
+            self._sides[self.fired.name].sign = 0.0
+
+    def after(self, leg: Leg, first: int) -> EventTerm | None:
+        """Look through the rows from the one before `first` on; what ends the leg there.
+
+        Rows beyond it are dropped, and one is added where it happens.
+        """
+        seen, branch = leg.tail(first, self.equations.m), leg.branch
+        if seen is None:
+            return None
+        interval, begin = seen
+        t = _looks(interval.t[interval.t >= begin])
+        state = interval.at(t)
+        found: list[_Crossing] = []
+        signs = []
+        for term in self.equations.events:
+            values = self._beyond(term, t, branch, state)
+            side = self._side(term, float(values[0]))
+            signs.append(side.signs(values))
+            located = _crossings(t, values, signs[-1], side.sign, self._at(term, interval))
+            found += [_Crossing(when, term, way) for when, way in located]
+        found.sort(key=lambda one: (one.t, one.ends))
+        end = next((one.t for one in found if one.ends), float(t[-1]))
+        for term, sign in zip(self.equations.events, signs, strict=True):
+            before = sign[(t <= end) & (sign != 0.0)]
+            if len(before):
+                self._sides[term.name].sign = float(before[-1])
+        fired = self._occur([one for one in found if one.t <= end], end, interval)
+        if fired is not None:
+            leg.cut_back(interval, end)
+        return fired
+
+    def _occur(self, found: list[_Crossing], end: float, interval: Interval) -> EventTerm | None:
+        """Note what happened up to `end`, and on which sides that leaves quantities; what ends."""
+        fired: EventTerm | None = None
+        self._there.clear()
+        for one in found:
+            side, beyond = self._sides[one.term.name], 1.0 if one.way == UP else -1.0
+            if one.t == end:
+                self._there.add(one.term.name)
+            if fired is not None and one.ends:
+                # Its turn comes when what the first one did is done.
+                side.sign = -beyond
+                continue
+            side.sign = beyond
+            if one.counts:
+                at = State(*(x[0] for x in interval.at(np.array([one.t]))))
+                name = one.term.name
+                self.occurred.append(Occurrence(name, one.way, one.t, interval.branch, at))
+            if one.ends:
+                fired = one.term
+        return fired
+
+    def _side(self, term: EventTerm, begin: float) -> _Side:
+        if term.name not in self._sides:
+            o, e = term.observable, self.equations
+            natural = {"rad": 1.0, "m": e.length}.get(o.columns[term.column].unit, 0.0)
+            side = self._sides[term.name] = _Side(largest=max(abs(term.crosses), natural))
+            if term.begins_there:
+                side.begin_near(begin)
+        return self._sides[term.name]
+
+    def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
+        times = np.column_stack([t, np.full(len(t), branch)])
+        return term.beyond(self.equations.p, times, state.q, state.v, state.lam)
+
+    def _at(self, term: EventTerm, interval: Interval) -> Callable[[float], float]:
+        def beyond(t: float) -> float:
+            at = np.array([t])
+            return float(self._beyond(term, at, interval.branch, interval.at(at))[0])
+
+        return beyond
+
+
+def output_times(times: Array, end: float, status: Status) -> Array:
+    """The output times of a run that went to `end`; that of an event that stopped it is one."""
+    reached = times[times <= end * (1.0 + _SAME_TIME)]
+    if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
+        reached = np.append(reached, end)
+    return reached
+
+
+def _looks(steps: Array) -> Array:
+    """Ascending times of the steps, the first one included, and between them."""
+    inside = steps[:-1, None] + np.diff(steps)[:, None] * _LOOKS
+    inside[:, -1] = steps[1:]
+    return np.concatenate([steps[:1], inside.ravel()])
+
+
+def _crossings(
+    t: Array, values: Array, signs: Array, before: float, beyond: Callable[[float], float]
+) -> list[tuple[float, str]]:
+    """When the side changes from the one it was on before, and which way."""
+    found = []
+    for k in np.flatnonzero(signs):
+        sign = float(signs[k])
+        if before == -sign:
+            found.append((_located(t, values, int(k), sign, beyond), UP if sign > 0.0 else DOWN))
+        before = sign
+    return found
+
+
+def _located(
+    t: Array, values: Array, k: int, sign: float, beyond: Callable[[float], float]
+) -> float:
+    """When a quantity that has changed sides at look `k` did so."""
+    if k == 0:
+        return float(t[0])
+    a, b = float(t[k - 1]), float(t[k])
+    # It was on its value there already, or jumped.
+    if not values[k - 1] * sign < 0.0:
+        return a
+    if beyond(a) * sign >= 0.0 or beyond(b) * sign <= 0.0:
+        return b
+    # Here, for importing it takes as long as a short run.
+    from scipy.optimize import brentq
+
+    return float(brentq(beyond, a, b, xtol=_TIME_ROUNDING * max(abs(b), b - a), rtol=1e-15))

@@ -1,0 +1,164 @@
+"""Where a run ended, to go on from there: in memory, or in a file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.results.files import write_text
+
+if TYPE_CHECKING:
+    from beamdae.results.solution import Solution
+
+_FORMAT, _VERSION = "beamdae checkpoint", 1
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The last state of a run.
+
+    Attributes
+    ----------
+    t
+        Its time [s].
+    q, v
+        Coordinates and velocities by the name of the coordinate.
+    events
+        Events that happened at that very time: they are not to happen there again.
+    inactive
+        Joints and forces that events have switched off.
+    model, parameters
+        What ran: the name of the model, and its parameters as texts.
+    """
+
+    t: float
+    q: dict[str, float]
+    v: dict[str, float]
+    events: tuple[str, ...] = ()
+    inactive: tuple[str, ...] = ()
+    model: str = ""
+    parameters: dict[str, str] | None = None
+
+    @classmethod
+    def of(cls, solution: Solution) -> Checkpoint:
+        """Where a run ended, whatever ended it."""
+        end, names = solution.trajectory.end, solution.equations.q_names
+        last = solution.trajectory.intervals[-1]
+        q, v = (x[-1].tolist() for x in last.state[:2])
+        inactive = () if last.configuration is None else sorted(last.configuration.inactive)
+        return cls(
+            end,
+            dict(zip(names, q, strict=True)),
+            dict(zip(names, v, strict=True)),
+            tuple(one.name for one in solution.occurred if one.t == end),
+            tuple(inactive),
+            str(solution.model.get("name", "")),
+            {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Checkpoint:
+        """One that `write` wrote.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be read, or is no checkpoint of this version.
+        """
+        try:
+            told = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as problem:
+            why = problem.strerror or problem
+            raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
+        except ValueError:
+            told = None
+        kind = told.get("format") if isinstance(told, dict) else None
+        if kind != _FORMAT or told.get("version") != _VERSION:
+            raise BeamdaeError(f"{path}: it is no checkpoint of version {_VERSION}.")
+        try:
+            t, states = float(told["t"]), told["states"]
+            q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
+            parameters = {str(k): str(x) for k, x in told["parameters"].items()}
+            events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
+            model = str(told["model"])
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+            raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
+        if not np.isfinite([t, *q.values(), *v.values()]).all():
+            raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
+        return cls(t, q, v, events, inactive, model, parameters)
+
+    def write(self, path: str | Path) -> Path:
+        """Write it as JSON; the file appears whole or not at all.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        text = str(path) if isinstance(path, (str, Path)) else ""
+        if not (may_be_path(text) and Path(text).name):
+            raise BeamdaeError(f"checkpoint: path must be that of a file, got {shown(path)}.")
+        told = asdict(self)
+        q, v = told.pop("q"), told.pop("v")
+        states = {name: [q[name], v[name]] for name in q}
+        whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
+        return write_text(Path(path), json.dumps(whole, indent=2) + "\n")
+
+    def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:
+        """The equations, to start from here.
+
+        Raises
+        ------
+        BeamdaeError
+            If it is of another model, naming the first coordinate that differs.
+        """
+        own, others = list(self.q), list(equations.q_names)
+        for k in range(max(len(own), len(others))):
+            has, wants = (x[k] if k < len(x) else None for x in (own, others))
+            if has != wants:
+                raise BeamdaeError(
+                    f"start: it is of another model, coordinate {k + 1} is "
+                    f"{shown(has)} there and {shown(wants)} here."
+                )
+        events = tuple(
+            replace(term, begins_there=term.name in self.events) for term in equations.events
+        )
+        q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
+        known = equations.configurations
+        if known is not None:
+            known = replace(known, first=frozenset(self.inactive))
+        return replace(equations, q0=q, v0=v, events=events, configurations=known)
+
+    def differences(self, parameters: dict[str, Any]) -> list[str]:
+        """Parameters that are others than in the run it is of, with what they were."""
+        before = self.parameters or {}
+        return [
+            f"{name} was {before[name]}"
+            for name, value in parameters.items()
+            if name in before and before[name] != str(value)
+        ]
+
+
+def checkpoint_of(start: Any) -> Checkpoint:
+    """The checkpoint of a solution, of a file, or itself.
+
+    Raises
+    ------
+    BeamdaeError
+        If it is none of these.
+    """
+    if isinstance(start, Checkpoint):
+        return start
+    if isinstance(start, (str, Path)) and may_be_path(str(start)):
+        return Checkpoint.read(start)
+    if hasattr(start, "trajectory"):
+        return Checkpoint.of(start)
+    raise BeamdaeError(
+        f"simulate: start must be a solution or the path of a checkpoint, got {shown(start)}."
+    )

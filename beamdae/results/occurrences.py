@@ -1,0 +1,71 @@
+"""Events that happened in a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from beamdae.equations import measures
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
+
+Array = np.ndarray
+
+UP, DOWN = "up", "down"
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """An event that happened.
+
+    Attributes
+    ----------
+    name, direction
+        Of the event, and "up" or "down".
+    t, branch
+        When [s], and a time inside the interval, by which laws choose their piece.
+    state
+        The state there, on the polynomials of the dense output, before parts are switched.
+    impulses
+        By multiplier, where parts were switched: what changed the velocities at once [N s].
+    energy_lost
+        Kinetic energy that this took [J].
+    """
+
+    name: str
+    direction: str
+    t: float
+    branch: float
+    state: State
+    impulses: dict[str, float] = field(default_factory=dict)
+    energy_lost: float = 0.0
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What happened when."""
+        told = {"event": self.name, "direction": self.direction, measures.TIME: self.t}
+        switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
+        return told | (switched if self.impulses else {})
+
+
+def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:
+    """Columns: which events happened when, and what was observed then."""
+    columns: dict[str, Any] = {
+        "event": [one.name for one in occurred],
+        "direction": [one.direction for one in occurred],
+        measures.TIME: np.array([one.t for one in occurred]),
+    }
+    if any(one.impulses for one in occurred):
+        columns["energy lost [J]"] = np.array([one.energy_lost for one in occurred])
+        for name in equations.lam_names:
+            columns[f"impulse.{name}"] = np.array([one.impulses.get(name, 0.0) for one in occurred])
+    headers = [header for o in equations.observables for header in o.headers]
+    times = np.array([(one.t, one.branch) for one in occurred]).reshape(-1, 2)
+    sizes = (equations.n, equations.n, equations.n, equations.m)
+    states = zip(*(one.state for one in occurred), strict=True) if occurred else [()] * 4
+    rows = (np.reshape(list(x), (-1, n)) for x, n in zip(states, sizes, strict=True))
+    values = measures.ObservedRows(equations)(times, *rows)
+    return columns | dict(zip(headers, values.T, strict=True))

@@ -1,0 +1,294 @@
+"""Events: located on the dense output, recorded, and what ends a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from scipy.special import ellipk
+from support import by_class
+
+import beamdae as bd
+from beamdae.integrators.drive import drive, fitted
+from beamdae.integrators.integrator import Accuracy
+from beamdae.results.solution import Statistics
+
+# From a height of 2 m, and from the horizontal to the bottom of a pendulum of 1 m.
+FALL = np.sqrt(4.0 / 9.81)
+QUARTER = np.sqrt(1.0 / 9.81) * ellipk(0.5)
+
+
+def falling(*events, height=2.0, gravity=-9.81):
+    mech = bd.Mechanism(gravity=(0.0, gravity))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), velocity=(1.0, 0.0)))
+    mech.observe("ball", ball.point)
+    for event in events:
+        mech.when(*event[:1], **event[1])
+    return mech
+
+
+def particle(force, q0, v0, *events, observe=None, breakpoints=()):
+    """One coordinate x under force(t, x, v)."""
+    t, q, v = (ca.SX.sym(name) for name in "tqv")
+    observe = {} if observe is None else {k: f(t, q, v) for k, f in observe.items()}
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0], force=force(t, q, v), q0=[q0], v0=[v0], names=("x",),
+        units=("m",), observe=observe, events=events, breakpoints=breakpoints,
+    )  # fmt: skip
+
+
+def pendulum(*events):
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, -9.81),
+        constraints=ca.dot(q, q) - 1.0, q0=[1.0, 0.0], v0=[0.0, 0.0], names=("x", "y"),
+        units=("m", "m"), events=events,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ballistic(bd.Integrator):
+    """A user's own method: exact steps where the force is constant."""
+
+    step: float = 0.05
+
+    @property
+    def accuracy(self):
+        return Accuracy("step", self.step)
+
+    @property
+    def order(self):
+        return 1
+
+    def integrate(self, equations, times, progress=None):
+        return drive(self, equations, times, lambda route: _Ballistic(self.step), progress)
+
+
+class _Ballistic:
+    steps_between_looks, resolved, counts = 64, {}, Statistics()
+
+    def __init__(self, step):
+        self.at_most = step
+
+    def begin(self, start, end, branch, state):
+        self.t, self.end, self.state = start, end, state
+
+    def step(self):
+        h = fitted(self.at_most, self.end - self.t)
+        self.t = self.end if h == self.end - self.t else self.t + h
+        q, v, a, _ = self.state
+        self.state = self.state._replace(q=q + h * v + 0.5 * h**2 * a, v=v + h * a)
+        return self.t, self.state
+
+
+ALL = integrators(1e-6, 1e-3, {"own": Ballistic()})
+RUNS = integrators(1e-6, 1e-3)
+HIT = ("ball.y", {"direction": "down", "name": "impact"})
+
+
+@ALL
+def test_a_fall_stops_at_the_impact(integrator):
+    solution = bd.simulate(falling(HIT), integrator, 5.0)
+    # Steps with an error of rtol of the motion, 2 m, at 6 m/s; the others are exact.
+    assert_allclose(solution.t[-1], FALL, atol=1e-6)
+    assert solution.status.kind == "ok"
+    assert solution.status.sentence == f"stopped by event impact at t = {solution.t[-1]:.6g} s"
+    assert_allclose(solution.q[-1, 1], 0.0, atol=1e-12)
+    assert solution.trajectory.end == solution.t[-1]
+    assert np.all(np.diff(solution.t) > 0.0)
+    assert solution.quality.energy_imbalance < 1e-6
+
+
+def test_a_fall_stops_where_libraries_cannot_be_had(monkeypatch):
+    by_class(monkeypatch)
+    solution = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
+    assert_allclose(solution.t[-1], FALL, atol=1e-6)
+
+
+@RUNS
+@pytest.mark.parametrize("direction", ["up", "down", "both"])
+def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrator, direction):
+    bottom = bd.Event("x", 0.0, direction, "record", name="bottom")
+    solution = bd.simulate(pendulum(bottom), integrator, 6.5 * QUARTER)
+    every = QUARTER * np.array([1.0, 3.0, 5.0])
+    expected = {"up": every[1:2], "down": every[::2], "both": every}[direction]
+    found = solution.events
+    # 100 rtol of the motion, 2 m at 4.4 m/s; of the fixed step 2e-6 each quarter.
+    assert_allclose(found["t [s]"], expected, atol=1e-4)
+    assert_allclose(found["x [m]"], 0.0, atol=1e-12)
+    assert_allclose(found["y [m]"], -1.0, atol=1e-4)
+    assert set(found["direction"]) == ({"up", "down"} if direction == "both" else {direction})
+    assert solution.status.sentence == "reached the end"
+    assert solution.beside()["events"][0]["event"] == "bottom"
+
+
+def test_events_of_generalized_alpha_are_of_order_two():
+    bottom = bd.Event("x", 0.0, do="record", name="bottom")
+    errors = []
+    for step in (4e-3, 2e-3, 1e-3):
+        solution = bd.simulate(pendulum(bottom), bd.GeneralizedAlpha(step=step), 6.5 * QUARTER)
+        errors.append(solution.occurred[2].t - 5.0 * QUARTER)
+    assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@RUNS
+def test_a_stop_is_where_the_same_run_records_the_event(integrator):
+    recorded = bd.simulate(falling((HIT[0], {**HIT[1], "do": "record"})), integrator, 0.7)
+    stopped = bd.simulate(falling(HIT), integrator, 0.7)
+    assert_allclose(stopped.t[-1], recorded.occurred[0].t, atol=1e-6)
+
+
+def test_several_events_within_one_step_come_in_their_order():
+    levels = {f"at {y}": y for y in (0.55, 0.6, 0.5, 0.45, 0.65)}
+    events = [("ball.y", {"crosses": y, "name": n, "do": "record"}) for n, y in levels.items()]
+    events.insert(1, ("ball.y", {"crosses": 0.42, "name": "stop"}))
+    solution = bd.simulate(falling(*events), bd.GeneralizedAlpha(step=0.4), 5.0)
+    assert [one.name for one in solution.occurred] == [
+        "at 0.65", "at 0.6", "at 0.55", "at 0.5", "at 0.45", "stop",
+    ]  # fmt: skip
+    times = [one.t for one in solution.occurred]
+    assert_allclose(
+        times, np.sqrt(2.0 * (2.0 - np.array([0.65, 0.6, 0.55, 0.5, 0.45, 0.42])) / 9.81)
+    )
+    assert solution.t[-1] == times[-1]
+
+
+def test_two_crossings_within_a_step_are_seen():
+    thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.04, do="record"))
+    # Above 0.04 m for 94 ms about the top at 102 ms: inside the step from 0 to 200 ms.
+    solution = bd.simulate(thrown, bd.GeneralizedAlpha(step=0.2), 0.4)
+    expected = (1.0 + np.array([-1.0, 1.0]) * np.sqrt(1.0 - 0.08 * 9.81)) / 9.81
+    assert_allclose([one.t for one in solution.occurred], expected, rtol=1e-9)
+    assert [one.direction for one in solution.occurred] == ["up", "down"]
+    assert solution.occurred[0].name == "x crosses 0.04"
+
+
+@ALL
+def test_what_begins_on_its_value_crosses_it_when_it_comes_back(integrator):
+    thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
+    solution = bd.simulate(thrown, integrator, 1.0)
+    assert_allclose(solution.t[-1], 2.0 / 9.81, atol=1e-6)
+    assert [one.direction for one in solution.occurred] == ["down"]
+
+
+@RUNS
+def test_a_value_that_is_kept_or_touched_is_not_crossed(integrator):
+    events = (
+        bd.Event("still", 3.0, do="stop"),
+        bd.Event("x", 0.5, do="stop", name="over the top"),
+    )
+    thrown = particle(
+        lambda t, x, v: -1.0,
+        0.0,
+        1.0 - 1e-4,
+        *events,
+        observe={"still": lambda t, x, v: 3.0 + 0.0 * x},
+    )
+    solution = bd.simulate(thrown, integrator, 2.0)
+    assert solution.occurred == ()
+    assert solution.status.sentence == "reached the end"
+
+
+@RUNS
+@pytest.mark.parametrize("at", [0.5, 0.5 + 1e-9])
+def test_an_event_at_a_breakpoint_happens_once(integrator, at):
+    # x = t.
+    moving = particle(
+        lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at, do="record"), breakpoints=(0.5,)
+    )
+    solution = bd.simulate(moving, integrator, 1.0)
+    assert_allclose([one.t for one in solution.occurred], [at], atol=1e-12)
+    moving = particle(lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at), breakpoints=(0.5,))
+    solution = bd.simulate(moving, integrator, 1.0)
+    assert_allclose(solution.t[-1], at, atol=1e-12)
+    assert np.isfinite(solution.table().to_numpy(float)).all()
+
+
+def test_an_observable_that_is_not_finite_crosses_nothing():
+    root = bd.Event("root", 0.0)
+    falls = particle(
+        lambda t, x, v: -1.0, 1.0, 0.0, root, bd.Event("x", -1.0, name="later"),
+        observe={"root": lambda t, x, v: ca.sqrt(x) + 1.0},
+    )  # fmt: skip
+    with pytest.warns(bd.BeamdaeWarning, match="root"):
+        solution = bd.simulate(falls, bd.Ida(1e-6), 5.0)
+    assert [one.name for one in solution.occurred] == ["later"]
+    assert_allclose(solution.t[-1], 2.0, atol=1e-5)
+
+
+def test_an_event_before_states_that_are_not_finite_stops_the_run():
+    class Breaking(_Ballistic):
+        def step(self):
+            t, state = super().step()
+            return t, state if t < 0.6 else state._replace(q=state.q * np.nan)
+
+    @dataclass(frozen=True)
+    class Breaks(Ballistic):
+        def integrate(self, equations, times, progress=None):
+            return drive(self, equations, times, lambda route: Breaking(self.step), progress)
+
+    solution = bd.simulate(falling(("ball.y", {"crosses": 1.0})), Breaks(), 5.0)
+    assert_allclose(solution.t[-1], np.sqrt(2.0 / 9.81), rtol=1e-9)
+    assert solution.status.kind == "ok"
+    with pytest.warns(bd.BeamdaeWarning, match="not finite"):
+        solution = bd.simulate(falling(HIT), Breaks(), 5.0)
+    assert solution.status.kind == "failed"
+    assert solution.occurred == ()
+
+
+def test_an_event_of_a_rate():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=1e-12, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    mech.when("bob.y_dot", 0.0, "down", "record", name="turns")
+    solution = bd.simulate(mech, bd.Radau(1e-7), 2.5 * QUARTER)
+    assert_allclose([one.t for one in solution.occurred], [2.0 * QUARTER], atol=1e-6)
+
+
+def test_estimates_and_verification_go_to_the_earlier_end():
+    solution = bd.simulate(falling(HIT), bd.Ida(1e-5), 5.0)
+    estimate = bd.error_estimate(solution)
+    assert estimate["error over half the range"].notna().all()
+    verdicts = bd.verify(solution)["verdict"]
+    assert set(verdicts[:2]) == {"agrees"}
+
+
+def test_the_table_ends_at_the_event(tmp_path):
+    solution = bd.simulate(falling(HIT), bd.Radau(), 5.0)
+    path = solution.to_csv(tmp_path / "fall.csv")
+    lines = path.read_text().splitlines()
+    assert "status" not in lines[0]
+    assert float(lines[-1].split(",")[0]) == solution.trajectory.end
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"what": "ball.z"}, "no column 'ball.z' is observed .did you mean"),
+        ({"what": 3}, "event: it must watch an observed column"),
+        ({"what": "ball.y", "direction": "left"}, "direction must be"),
+        ({"what": "ball.y", "do": "jump"}, "do must be"),
+        ({"what": "ball.y", "crosses": np.nan}, "crosses must be"),
+        ({"what": "ball.y", "name": "impact"}, "the name 'impact' is taken"),
+        ({"what": "ball.y", "name": ""}, "the name must be"),
+    ],
+)
+def test_a_wrong_event_is_refused(arguments, sentence):
+    def stated():
+        mech = falling(HIT)
+        mech.when(**arguments)
+        return bd.equations_of_motion(mech)
+
+    with pytest.raises(bd.BeamdaeError, match=sentence):
+        stated()
+
+
+def test_a_system_takes_events_alone():
+    with pytest.raises(bd.BeamdaeError, match=r"events must be Event\(...\)"):
+        particle(lambda t, x, v: 0.0, 0.0, 1.0, SimpleNamespace(what="x"))

@@ -1,0 +1,155 @@
+"""Runs that go on where others ended: in memory, from a file, and joined."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+from test_events import FALL, HIT, falling, pendulum
+
+import beamdae as bd
+
+RUNS = integrators(1e-7, 1e-4)
+
+
+def slider():
+    """A rigid bar driven from one side with a breakpoint on the way."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bar = mech.add(bd.RigidBody("bar", mass=1.0, inertia=0.1, center=(0.5, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.add(bd.Moment("motor", bar.at(0.5, 0.0), bd.piecewise((0.5, 5.0), 3.0)))
+    mech.observe("tip", bar.at(1.0, 0.0))
+    return mech
+
+
+@RUNS
+def test_a_run_goes_on_as_if_it_had_not_ended(integrator):
+    whole = bd.simulate(slider(), integrator, 1.0, 0.01)
+    first = bd.simulate(slider(), integrator, 0.4, 0.01)
+    later = bd.simulate(slider(), integrator, 1.0, 0.01, start=first)
+    assert later.t[0] == first.trajectory.end
+    both = first.followed_by(later)
+    assert_allclose(both.t, whole.t, atol=1e-15)
+    # Two runs with errors of 100 rtol of 1 m at most; fixed steps are exact to 1e-7.
+    assert_allclose(both.q, whole.q, atol=2e-5)
+    assert both.quality.energy_imbalance < 1e-5
+    assert both.statistics.steps == first.statistics.steps + later.statistics.steps
+
+
+def test_what_a_limit_ended_goes_on_between_two_rows():
+    with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
+        first = bd.simulate(pendulum(), bd.Radau(1e-7, max_steps=30), 2.0, 0.01)
+    later = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01, start=first)
+    both = first.followed_by(later)
+    assert_allclose(both.t, 0.01 * np.arange(201), atol=1e-14)
+    whole = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01)
+    assert_allclose(both.q, whole.q, atol=2e-5)
+
+
+def test_what_the_user_interrupted_goes_on():
+    def stop(t):
+        if t > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
+        first = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, progress=stop)
+    assert 0.5 < first.trajectory.end < 2.0
+    later = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, start=first)
+    assert later.status.sentence == "reached the end"
+
+
+def test_a_file_holds_the_last_state_exactly(tmp_path):
+    first = bd.simulate(slider(), bd.Radau(), 0.4)
+    path = first.checkpoint(tmp_path / "end.json")
+    from_file = bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+    from_memory = bd.simulate(slider(), bd.Radau(), 1.0, start=first)
+    assert np.array_equal(from_file.q, from_memory.q)
+    assert np.array_equal(from_file.v, from_memory.v)
+
+
+def test_a_run_goes_on_through_the_event_that_ended_it(tmp_path):
+    stopped = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
+    path = stopped.checkpoint(tmp_path / "impact.json")
+    for start in (stopped, path):
+        later = bd.simulate(falling(HIT), bd.Ida(1e-6), 1.0, start=start)
+        assert later.status.sentence == "reached the end"
+        assert later.occurred == ()
+        both = stopped.followed_by(later)
+        assert_allclose(both.q[-1, 1], 2.0 - 0.5 * 9.81, atol=1e-5)
+        assert [one.name for one in both.occurred] == ["impact"]
+
+
+def test_a_ball_bounces_by_stops_and_restarts():
+    """Times of impact in closed form, with a restitution of 0.8."""
+    t, times, height, velocity = 0.0, [], 2.0, 0.0
+    for _ in range(6):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), velocity=(0.0, velocity)))
+        mech.observe("ball", ball.point)
+        mech.when("ball.y", 0.0, "down", name="impact")
+        flight = bd.simulate(mech, bd.Radau(1e-8), 2.0)
+        t += flight.trajectory.end
+        times.append(t)
+        height, velocity = 0.0, -0.8 * float(flight.v[-1, 1])
+    flights = 2.0 * FALL * 0.8 ** np.arange(1, 6)
+    assert_allclose(times, FALL + np.cumsum([0.0, *flights]), rtol=1e-12)
+
+
+def test_a_checkpoint_of_another_model_is_refused(tmp_path):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    with pytest.raises(bd.BeamdaeError, match=r"coordinate 1 is 'bar\..*' there and 'x' here"):
+        bd.simulate(pendulum(), bd.Radau(), 1.0, start=path)
+    with pytest.raises(bd.BeamdaeError, match=r"t_end = 0\.1 s must be later than the start"):
+        bd.simulate(slider(), bd.Radau(), 0.1, start=path)
+    with pytest.raises(bd.BeamdaeError, match="start must be a solution or the path"):
+        bd.simulate(slider(), bd.Radau(), 0.1, start=3)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda told: told | {"version": 2}, "no checkpoint of version 1"),
+        (lambda told: [1], "no checkpoint of version 1"),
+        (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
+        (lambda told: told | {"t": float("nan")}, "not finite"),
+    ],
+)
+def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    with pytest.raises(bd.BeamdaeError, match=sentence):
+        bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+
+
+def test_files_that_cannot_be_had_are_told(tmp_path):
+    with pytest.raises(bd.BeamdaeError, match="cannot be read"):
+        bd.simulate(slider(), bd.Radau(), 1.0, start=tmp_path / "none.json")
+    solution = bd.simulate(slider(), bd.Radau(), 0.1)
+    with pytest.raises(bd.BeamdaeError, match="path must be that of a file"):
+        solution.checkpoint(3)
+
+
+def test_runs_that_do_not_meet_are_not_joined():
+    first = bd.simulate(slider(), bd.Radau(), 0.1)
+    with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
+        first.followed_by(first)
+    with pytest.raises(bd.BeamdaeError, match="must be a solution"):
+        first.followed_by(3)
+
+
+def test_other_parameters_are_told(tmp_path):
+    @bd.model(t_end=1.0)
+    def thrown(gravity=-9.81):
+        return falling(gravity=gravity)
+
+    @bd.model(t_end=1.0)
+    def thrown_on_the_moon(gravity=-1.62):
+        return falling(gravity=gravity)
+
+    first = bd.simulate(thrown, bd.Radau(), 0.5)
+    path = first.checkpoint(tmp_path / "end.json")
+    with pytest.warns(bd.BeamdaeWarning, match=r"other parameters, gravity was -9\.81"):
+        bd.simulate(thrown_on_the_moon, bd.Radau(), start=path)
