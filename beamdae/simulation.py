@@ -19,8 +19,8 @@ from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM
-from beamdae.results.checkpoint import checkpoint_of
+from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.results.checkpoint import Checkpoint, checkpoint_of
 from beamdae.results.solution import Solution, Status
 from beamdae.symbolic.memory import require_memory
 
@@ -84,6 +84,8 @@ def simulate(
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
     begun = checkpoint_of(start) if _goes_on(start) else None
+    if begun is None and start is not None:
+        require_start("simulate", start, ", a solution or the path of a checkpoint")
     times = _output_times(t_end, output_step, 0.0 if begun is None else begun.t)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
@@ -117,10 +119,11 @@ def simulate(
 
 
 def _goes_on(start: Any) -> bool:
-    """Whether a start is the end of another run: texts but two are paths."""
+    """Whether a start is the end of another run."""
     if isinstance(start, str):
-        return start not in (AS_DRAWN, EQUILIBRIUM)
-    return isinstance(start, Solution | Path)
+        # Words have no suffix.
+        return start not in (AS_DRAWN, EQUILIBRIUM) and Path(start).suffix != ""
+    return isinstance(start, Solution | Checkpoint | Path)
 
 
 def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:

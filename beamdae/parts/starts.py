@@ -14,10 +14,10 @@ _ALLOWED = (
 )
 
 
-def require_start(part: str, start: Any) -> Any:
-    """Return `start` if it is one that can be asked for."""
+def require_start(part: str, start: Any, more: str = "") -> Any:
+    """Return `start` if it is one that can be asked for; `more` is what may be besides."""
     if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
         return start
     if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
         return {name: finite(part, f"start[{shown(name)}]", start[name]) for name in start}
-    raise BeamdaeError(f"{part}: start must be {_ALLOWED}, got {shown(start)}.")
+    raise BeamdaeError(f"{part}: start must be {_ALLOWED}{more}, got {shown(start)}.")

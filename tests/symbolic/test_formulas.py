@@ -32,7 +32,7 @@ def machine():
     disk = mech.add(bd.RigidBody("disk", 2.0, 0.1, center=(0.2, 0.5)))
     mech.add(bd.RollingOnLine("rolling", mech.ground.at(0.0, 0.0), disk.at(0.2, 0.5), 0.5))
     other = mech.add(bd.RigidBody("other", 2.0, 0.1, center=(1.0, 0.7)))
-    mech.add(bd.RollingOnCircle("gear", body.at(1.0, 0.3), other.at(1.0, 0.7), (0.3, 0.1)))
+    mech.add(bd.RollingOnCircle("rolling on it", body.at(1.0, 0.3), other.at(1.0, 0.7), (0.3, 0.1)))
     mech.add(bd.Skate("skate", body.at(1.2, 0.1), direction=(0.3, 0.4)))
     mech.add(bd.Friction("bearing", hinge, 0.3, 0.2, static=0.4, stribeck=0.3, radius=0.1))
     rubbing = mech.add(bd.Friction("slide", guide, 0.3, 0.2))
