@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assemble import build
+from beamdae.equations.building import build
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.expressions import KIND, Expressions, column, numbers, texts
 from beamdae.equations.fit import require_unit
