@@ -119,7 +119,6 @@ PARTS: dict[str, Base] = {
     "PointMass on": Base(
         lambda w: {"name": "mass", "mass": 0.1, "on": w.bar.at(*KNEE)},
         added,
-        lambda w, **given: bd.PointMass(**given),
     ),
     "RayleighDamping": Base(
         lambda w: {"name": "oil", "beam": w.beam, "mass": 0.1, "stiffness": 1e-5}, added
@@ -135,6 +134,17 @@ PARTS: dict[str, Base] = {
             "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
         },
         added,
+    ),
+    "RigidBody.rod": Base(
+        lambda w: {
+            "name": "rod",
+            "a": (3.0, 0.0),
+            "b": (4.0, 0.0),
+            "density": 7850.0,
+            "area": 1e-4,
+        },
+        added,
+        lambda w, **given: bd.RigidBody.rod(**given),
     ),
     "welded_beams": Base(
         lambda w: {
@@ -166,12 +176,10 @@ NUMBERS: dict[str, Base] = {
     "Curve": Base(
         lambda w: {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)},
         bent,
-        lambda w, **given: bd.Curve(**given),
     ),
     "Curve of points": Base(
         lambda w: {"points": [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0)], "noise": 1e-3},
         bent,
-        lambda w, **given: bd.Curve(**given),
     ),
     "IntrinsicCurve": Base(
         lambda w: {"law": lambda s: 0.1 * s, "length": 1.0, "start": (0.0, 1.0), "angle": 0.0},
@@ -196,6 +204,11 @@ NUMBERS: dict[str, Base] = {
         lambda w: {"material": w.material, "diameter": 0.01, "damping": 0.0},
         made_of,
         lambda w, **given: bd.Section.circle(**given),
+    ),
+    "Section.pipe": Base(
+        lambda w: {"material": w.material, "diameter": 0.01, "wall": 0.001, "damping": 0.0},
+        made_of,
+        lambda w, **given: bd.Section.pipe(**given),
     ),
     "taper": Base(
         lambda w: {"shape": bd.Section.circle, "material": w.material, "diameter": (0.01, 0.02)},

@@ -55,7 +55,6 @@ JOINTS: dict[str, Base] = {
     "Friction in a guide": Base(
         lambda w: {"name": "rub", "joint": _rail(w), "coefficient": 0.2, "regularization": 0.1},
         added,
-        lambda w, **given: bd.Friction(**given),
     ),
     "Gear": Base(
         lambda w: {**_pair(w, "gear"), "ratio": -0.5, "carrier": w.mech.ground.at(0.0, 0.0)}, added

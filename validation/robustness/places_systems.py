@@ -55,7 +55,6 @@ SYSTEMS: dict[str, Base] = {
     "ConstrainedSystem of velocities": Base(
         _sleigh,
         lambda w, system: w.run(system),
-        lambda w, **given: bd.ConstrainedSystem(**given),
     ),
     "ConstrainedSystem of a parameter": Base(
         lambda w: {"m": 2.0}, lambda w, system: w.run(system), _with_parameter
