@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import Structure, once
 from beamdae.equations.sums import BOOKED, Places, balance_sum
 from beamdae.native.codes import DONE
-from beamdae.native.loops import Loop
-from beamdae.native.machine import MachineError
+from beamdae.native.loops import prepared
 from beamdae.native.vectors import combine, largest
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
@@ -133,13 +131,9 @@ class BalanceRows:
     """Keeps the books of one run, in machine code where that can be had."""
 
     def __init__(self, balance: Balance, p: Array) -> None:
-        self._loop: Loop | None = None
-        if balance.total.is_native:
-            self._run = balance.buffers(True, p)
-            with suppress(MachineError):
-                self._loop = Loop(keep_books, self._run)
-        if self._loop is None:
-            self._run = balance.buffers(False, p)
+        self._run, self._loop = prepared(
+            keep_books, lambda native: balance.buffers(native, p), balance.total.is_native
+        )
 
     def __call__(self, times: Array, *state: Array) -> Array:
         """Rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""

@@ -13,8 +13,7 @@ import scipy.sparse as sp
 from beamdae.linear.analysis import plans
 from beamdae.native.codes import NEW_PIVOTS
 from beamdae.native.elimination import Linear, Plan
-from beamdae.native.loops import Loop
-from beamdae.native.machine import MachineError
+from beamdae.native.loops import prepared
 from beamdae.symbolic.factorizations import SingularMatrixError, factorization
 
 Array = np.ndarray
@@ -122,16 +121,8 @@ class Running(Generic[W]):
             Whether machine code is possible.
         """
         self._function = function
-        self._loop: Loop | None = None
-        if native:
-            self.work = make(True)
-            try:
-                self._loop = Loop(function, self.work)
-            except MachineError:
-                native = False
-        if not native:
-            self.work = make(False)
-        self.is_native = native
+        self.work, self._loop = prepared(function, make, native)
+        self.is_native = self._loop is not None
         self._matrices = matrices(self.work)
 
     def __call__(self) -> int:

@@ -13,7 +13,7 @@ import gc
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -41,6 +41,19 @@ _BEHIND: dict[Any, Any] = {
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 # Symbol, function and arguments of what is compiled into one module.
 _Entries = tuple[tuple[str, tuple[Any, str]], ...]
+
+
+def prepared(function: Any, make: Any, native: bool) -> tuple[Any, Loop | None]:
+    """What a loop works on, and the loop; None where plain Python has to do.
+
+    `make` makes the former, for machine code or for plain Python; `native` is whether the first is
+    possible.
+    """
+    if native:
+        work = make(True)
+        with suppress(MachineError):
+            return work, Loop(function, work)
+    return make(False), None
 
 
 class Loop:

@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.integrators import looping, radau_loop, radau_stages
+from beamdae.integrators import radau_loop, radau_stages
 from beamdae.integrators.error_control import Scales
 from beamdae.integrators.radau_coefficients import GAMMA, PAIR, A, C, T
 from beamdae.integrators.radau_method import Tolerance
 from beamdae.integrators.radau_stages import estimate_error, solve_stages
 from beamdae.integrators.route import plan
-from beamdae.native import vectors
+from beamdae.native import loops, vectors
 from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.native.machine import MachineError
 
@@ -42,7 +42,7 @@ def plain(monkeypatch):
     def none(*_):
         raise MachineError("it is not wanted")
 
-    monkeypatch.setattr(looping, "Loop", none)
+    monkeypatch.setattr(loops, "Loop", none)
 
 
 def one_step(equations, h):
