@@ -14,13 +14,13 @@ from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.given_start import started
-from beamdae.errors import BeamdaeError, BeamdaeWarning, positive, shown
+from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.checkpoint import Checkpoint, checkpoint_of
+from beamdae.parts.starts import AS_DRAWN, require_start
+from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.solution import Solution, Status
 from beamdae.symbolic.memory import require_memory
 
@@ -83,7 +83,7 @@ def simulate(
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
-    begun = checkpoint_of(start) if _goes_on(start) else None
+    begun = _end_of_another(start)
     if begun is None and start is not None:
         require_start("simulate", start, ", a solution or the path of a checkpoint")
     times = _output_times(t_end, output_step, 0.0 if begun is None else begun.t)
@@ -118,12 +118,15 @@ def simulate(
     return solution
 
 
-def _goes_on(start: Any) -> bool:
-    """Whether a start is the end of another run."""
-    if isinstance(start, str):
-        # Words have no suffix.
-        return start not in (AS_DRAWN, EQUILIBRIUM) and Path(start).suffix != ""
-    return isinstance(start, Solution | Checkpoint | Path)
+def _end_of_another(start: Any) -> Checkpoint | None:
+    """The end of another run, if that is what a start is."""
+    if isinstance(start, Solution):
+        return Checkpoint.of(start)
+    # Words have no suffix.
+    named = isinstance(start, str) and Path(start).suffix != ""
+    if (named or isinstance(start, Path)) and may_be_path(str(start)):
+        return Checkpoint.read(start)
+    return start if isinstance(start, Checkpoint) else None
 
 
 def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:

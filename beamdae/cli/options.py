@@ -64,13 +64,13 @@ def start_of(given: list[str] | None) -> str | dict[str, float] | None:
     return values
 
 
-def require_writable(folder: Path, files: tuple[str, ...] = ()) -> None:
+def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "--out") -> None:
     """Refuse a folder that cannot be made or written, or such files in it, before the work is done.
 
     Folders in the place of files count as such.
     """
     if not str(folder).isprintable():
-        raise BeamdaeError(f"--out: no folder of results can be called {shown(str(folder))}.")
+        raise BeamdaeError(f"{option}: no folder of results can be called {shown(str(folder))}.")
     try:
         there = folder.absolute()
         while not there.exists():
@@ -78,10 +78,10 @@ def require_writable(folder: Path, files: tuple[str, ...] = ()) -> None:
         taken = next((folder / name for name in files if (folder / name).is_dir()), None)
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {reason}.") from None
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {reason}.") from None
     if not there.is_dir():
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} is not a folder.")
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} is not a folder.")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {there} allows no files.")
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} allows no files.")
     if taken is not None:
-        raise BeamdaeError(f"--out {folder}: it cannot be written, {taken} is a folder.")
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {taken} is a folder.")

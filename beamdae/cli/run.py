@@ -99,10 +99,14 @@ def run_command(
             "time_limit": time_limit,
         },
     )
+    if start and go_on is not None:
+        raise BeamdaeError(
+            f"run: --start {start[0]} and --continue {go_on} each say where it begins, give one."
+        )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
     if checkpoint is not None:
-        require_writable(checkpoint.parent, (checkpoint.name,))
+        require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
     # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):

@@ -143,22 +143,3 @@ class Checkpoint:
             for name, value in parameters.items()
             if name in before and before[name] != str(value)
         ]
-
-
-def checkpoint_of(start: Any) -> Checkpoint:
-    """The checkpoint of a solution, of a file, or itself.
-
-    Raises
-    ------
-    BeamdaeError
-        If it is none of these.
-    """
-    if isinstance(start, Checkpoint):
-        return start
-    if isinstance(start, (str, Path)) and may_be_path(str(start)):
-        return Checkpoint.read(start)
-    if hasattr(start, "trajectory"):
-        return Checkpoint.of(start)
-    raise BeamdaeError(
-        f"simulate: start must be a solution or the path of a checkpoint, got {shown(start)}."
-    )

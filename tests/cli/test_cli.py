@@ -229,7 +229,9 @@ def test_run_goes_on_from_a_checkpoint(command):
     result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")
     assert_mistake(result, "start: it is of another model, coordinate")
     assert_mistake(command("run", ARM, "--continue", "nothing.json"), "nothing.json", "read")
-    assert_mistake(command("run", ARM, "--checkpoint", "at"), "at", "is a folder")
+    assert_mistake(command("run", ARM, "--checkpoint", "at"), "--checkpoint", "at", "is a folder")
+    both = ("--continue", "at/end.json", "--start", "equilibrium")
+    assert_mistake(command("run", ARM, *both), "--start equilibrium and --continue", "give one")
 
 
 @pytest.mark.slow(reason="runs of the command with their estimates")
