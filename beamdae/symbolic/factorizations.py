@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import get_lapack_funcs
 from scipy.sparse.linalg import SuperLU, splu
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from beamdae.symbolic.orderings import bordered
 
@@ -44,7 +45,7 @@ class _OneThread(contextlib.ContextDecorator):
     def __enter__(self) -> None:
         with self._lock:
             if self._inside == 0:
-                self._limits = threadpool_limits(limits=1, user_api="blas")
+                self._limits = _libraries().limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *problem: object) -> None:
@@ -52,6 +53,12 @@ class _OneThread(contextlib.ContextDecorator):
             self._inside -= 1
             if self._inside == 0 and self._limits is not None:
                 self._limits.restore_original_limits()
+
+
+def _libraries() -> ThreadpoolController:
+    # An interrupt comes to the main thread: elsewhere the search is not left with files open.
+    with ThreadPoolExecutor(1) as searching:
+        return searching.submit(ThreadpoolController).result()
 
 
 single_threaded = _OneThread()
