@@ -130,6 +130,7 @@ class Bdf:
             size.rate,
             STIFF_FOR_BDF,
             route.fastest_modes,
+            any(force.rows is not None for force in route.equations.structure.forces),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = route.longest_step("Ida", settings.max_step)

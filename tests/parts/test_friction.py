@@ -239,3 +239,29 @@ def test_its_joint_must_be_part_of_the_mechanism():
     line = bd.PointOnLine("line", mech.ground.at(0, 0), body.at(0, 0))
     with pytest.raises(bd.BeamdaeError, match="it refers to 'line', which must be added"):
         mech.add(bd.Friction("f", line, 0.1, 1e-3))
+
+
+def test_ida_finds_reactions_in_rubbing_guides_of_what_is_driven_throughout():
+    """Nothing but Newton's iteration tells these reactions, and the friction turns round in them.
+
+    They came out 1e8 times too large, and three quarters of the energy out of nothing.
+    """
+    mech = bd.Mechanism()
+    center, pin = (0.0, 0.3), (0.0, 0.42)
+    crank = mech.add(bd.RigidBody("crank", 12.0, 0.1, center=center))
+    ram = mech.add(bd.RigidBody("ram", 25.0, 1.0, center=(0.7, 0.65)))
+    link = mech.add(bd.RigidBody.rod("link", pin, (0.6, 0.65), mass=1.5))
+    mech.add(bd.Revolute("bearing", mech.ground.at(*center), crank.at(*center)))
+    law = bd.run_up(2.0 * np.pi, 0.5)
+    mech.add(bd.Driver("motor", mech.ground.at(*center), crank.at(*center), law))
+    mech.add(bd.Revolute("crank pin", crank.at(*pin), link.at(*pin)))
+    mech.add(bd.Revolute("ram pin", link.at(0.6, 0.65), ram.at(0.6, 0.65)))
+    guide = mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.65), ram.at(0.7, 0.65)))
+    mech.add(bd.Friction("rubbing", guide, 0.1, regularization=0.02, radius=0.2, smoothing=1.0))
+    mech.observe("guide", guide.reaction)
+    ida, radau = (bd.simulate(mech, i, t_end=3.0) for i in (bd.Ida(1e-5), bd.Radau(1e-8)))
+    assert ida.quality.energy_imbalance < 1e-4
+    assert ida.quality.max_residual < 1e-3
+    exact = radau.observed["guide.F [N]"]
+    # Rows between steps lie on polynomials, over which the friction turns round.
+    assert_allclose(ida.observed["guide.F [N]"], exact, rtol=0, atol=1e-2 * np.ptp(exact))
