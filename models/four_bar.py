@@ -7,7 +7,7 @@ import beamdae as bd
 
 @bd.model(t_end=2.0)
 def four_bar(elements=6, speed=2.0 * np.pi, rise=0.12, height=0.004, stiffness=150.0, damping=1e-4):
-    """Crank of 0.25 m run up to `speed` [rad/s] in 0.5 s, coupler bowed by `rise` [m].
+    """Crank of 0.25 m run up to `speed` [rad/s] in 0.5 s, coupler bowed by `rise` [m]; from rest.
 
     Coupler of 0.8 m from pin to pin, a steel strip of 20 mm x `height`; rocker of 0.6 m, ground
     0.9 m. The spring of `stiffness` [N/m] draws the middle of the rocker back.
@@ -21,7 +21,7 @@ def four_bar(elements=6, speed=2.0 * np.pi, rise=0.12, height=0.004, stiffness=1
     turn += np.arccos((0.8**2 + span**2 - 0.6**2) / (2.0 * 0.8 * span))
     rocker_end = (0.8 * np.cos(turn), 0.25 + 0.8 * np.sin(turn))
 
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     ground = mech.ground
     crank = mech.add(bd.RigidBody.rod("crank", shaft, crank_end, density=steel.rho, area=bar.area))
     rocker = mech.add(bd.RigidBody.rod("rocker", foot, rocker_end, density=7850.0, area=bar.area))

@@ -3,7 +3,7 @@
 import beamdae as bd
 
 
-@bd.model(t_end=1.5)
+@bd.model(t_end=1.0)
 def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.05):
     """A mainspring barrel drives the rotor by a gear of `ratio`, with `torque` [N m] at the start.
 
@@ -22,7 +22,7 @@ def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.
     )
     gear = mech.add(bd.Gear("gear", barrel.at(*away), rotor.at(*axis), ratio=-ratio))
     mech.add(bd.Friction("rubbing", bearing, 0.1, regularization=0.005, radius=0.004))
-    drum, shoes = bd.CircleSurface(ground.at(*axis), radius=0.045, side="inside"), []
+    drum = bd.CircleSurface(ground.at(*axis), radius=0.045, side="inside")
     for name, side in (("right", 1.0), ("left", -1.0)):
         pivot, shoe = (side * 0.028, 0.0), (side * 0.024, side * 0.036)
         weight = mech.add(bd.RigidBody.rod(f"{name} weight", pivot, shoe, mass=0.04))
@@ -38,8 +38,9 @@ def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.
             friction_speed=0.05,
             **lining,
         )
-        shoes.append(mech.add(touch))
-        mech.observe(f"{name} weight", weight.at(*shoe))
+        mech.add(touch)
+        swing = bd.relative_displacement(of=weight.at(*shoe), on=rotor.at(*axis))
+        mech.observe(f"{name} weight", swing)
         mech.observe(f"{name} shoe", touch.force)
 
     mech.observe("rotor", rotor.at(*axis))

@@ -12,7 +12,7 @@ def leaf_spring_vehicle(
     """Drives over a `bump` [m] that lasts `duration` [s], from rest under its own weight.
 
     The leaf spring, drawn free, has `leaves` of 60 mm x 7 mm that slide on each other, 1.2 m from
-    eye to eye with a camber of 0.16 m; its axle of 35 kg hits the bump stop where it is 60 mm
+    eye to eye with a camber of 0.16 m; its axle of 35 kg hits the bump stop where it is 0.13 m
     nearer to the chassis than in the drawing. `damping` [N s/m] is that of the damper.
     """
     steel = bd.Material.of("steel")
@@ -41,7 +41,7 @@ def leaf_spring_vehicle(
     mech.add(
         bd.TranslationalDriver("road", ground.at(0.0, -0.46), patch.point, profile, (0.0, 1.0))
     )
-    rubber = bd.LineSurface(chassis.at(0.0, hub[1] + 0.06), direction=(-1.0, 0.0))
+    rubber = bd.LineSurface(chassis.at(0.0, hub[1] + 0.13), direction=(-1.0, 0.0))
     stop = mech.add(
         bd.Contact("bump stop", axle.at(*hub), rubber, 4e6, restitution=0.4, impact_speed=1.0)
     )
