@@ -217,6 +217,21 @@ def test_starts_by_name_know_of_spared_constraints():
     assert_allclose([q[f"bar {k}.angle"] for k in range(3)], 0.2, atol=1e-10)
 
 
+def test_regression_upright_bars_are_redundant_not_singular():
+    """Beside the upright position further constraints belong to the set; it was called singular."""
+    mech = linkage(3, lean=0.0, redundant="minimum norm")
+    (found,) = mech.check().dependent
+    assert found.everywhere
+    assert bd.simulate(mech, bd.Radau(), 0.05, start={"bar 0.angle": 0.2}).status.success
+
+
+def test_spared_constraints_do_not_go_with_switched_parts():
+    mech = linkage(3, redundant="minimum norm")
+    mech.when("coupler.x", crosses=5.0, do=bd.deactivate(mech.part("head 2")))
+    with pytest.raises(bd.BeamdaeError, match="needs parts that are always active"):
+        mech.check()
+
+
 def test_a_redundant_joint_in_a_singular_position_is_told_apart():
     """Two welds in one place are redundant wherever the straight chain they hold goes to."""
     mech, last = bd.Mechanism(), None

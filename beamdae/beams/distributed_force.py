@@ -21,6 +21,9 @@ from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
+# No force moves as slowly: times beyond this one [s] are no numbers of laws.
+_LONGEST = 1e30
+
 
 @dataclass(frozen=True)
 class _PerLength:
@@ -202,6 +205,10 @@ class MovingForce(Part):
         )
         if self.speed == 0.0:
             raise BeamdaeError(f"{self.name}: speed must not be zero, take a Force on beam.at(s).")
+        if (abs(self.start) + self.beam.length) / abs(self.speed) > _LONGEST:
+            raise BeamdaeError(
+                f"{self.name}: speed must pass the beam within {_LONGEST:g} s, got {self.speed:g}."
+            )
 
     @cached_property
     def _shares(self) -> list[tuple[Law, Law]]:

@@ -102,6 +102,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         configurations=configurations,
     )
     if mechanism.redundant == MINIMUM_NORM:
+        if configurations is not None:
+            raise BeamdaeError(
+                f"Mechanism: redundant={MINIMUM_NORM!r} needs parts that are always active, events "
+                "must not switch any; leave out the constraints that follow from others."
+            )
         drawn_equations = replace(drawn_equations, redundant=True)
     return started(drawn_equations, mechanism.start if start is None else start)
 

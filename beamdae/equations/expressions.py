@@ -114,12 +114,16 @@ class Expressions:
         values = {"t": local.time[0], "q": local.q, "v": local.v, "lam": local.lam}
         inputs = [*(values[symbol] for symbol in on), *self._values(local)]
         try:
-            return ca.Function("stated", given, [found])(*inputs)
+            value = ca.Function("stated", given, [found])(*inputs)
         except Exception:
             raise BeamdaeError(
                 f"{KIND}: {name} uses a function without a formula, such as a "
                 "solver of equations, it must be an expression that SX can hold."
             ) from None
+        for entry in ca.vertsplit(value.nz[:]):
+            if entry.is_constant():
+                finite(KIND, name, float(entry))
+        return value
 
     def _values(self, local: Local) -> list[SX]:
         """What stands for each parameter."""
@@ -164,11 +168,18 @@ def _value(name: str, value: Any) -> float | Law:
 def _stacked(expression: Any) -> Any:
     """An expression from a list of entries, or of rows."""
     if not isinstance(expression, (list, tuple)):
-        if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
-            raise TypeError
-        return expression
-    rows = [ca.horzcat(*row) if isinstance(row, (list, tuple)) else row for row in expression]
+        return _entry(expression)
+    rows = [
+        ca.horzcat(*map(_entry, row)) if isinstance(row, (list, tuple)) and row else _entry(row)
+        for row in expression
+    ]
     return ca.vertcat(*rows)
+
+
+def _entry(expression: Any) -> Any:
+    if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
+        raise TypeError
+    return expression
 
 
 def _key(symbol: Any) -> int:

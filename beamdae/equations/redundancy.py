@@ -181,8 +181,14 @@ def _dependent_set(
         tuple(dict.fromkeys(_part(name) for name in named)),
         _blocked(e, q, joints.matrix, chosen, weights),
         (gap, rate),
-        len(independent_rows(beside[chosen]).kept) < len(chosen),
+        _follows(beside, joints.split.kept, row),
     )
+
+
+def _follows(matrix: Array, kept: Array, row: int) -> bool:
+    """Whether a row is a sum of those kept, of more of them perhaps than where they were chosen."""
+    found = independent_rows(matrix[[*kept, row]])
+    return len(found.kept) <= len(kept)
 
 
 def _beside(starter: Starter, time: Array, q: Array, joints: ScaledJoints) -> Array:

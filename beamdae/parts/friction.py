@@ -147,11 +147,12 @@ class Friction(Part):
             raise BeamdaeError(f"{self.name}: static and stribeck must be given both or neither.")
         if self.static is None:
             return
-        positive(self.name, "stribeck", self.stribeck)
-        if not finite(self.name, "static", self.static) >= self.coefficient > 0.0:
+        static = finite(self.name, "static", self.static)
+        keep(self, static=static, stribeck=positive(self.name, "stribeck", self.stribeck))
+        if not static >= self.coefficient > 0.0:
             raise BeamdaeError(
                 f"{self.name}: static must be at least the coefficient, which must be positive, "
-                f"got {self.static:g} and {self.coefficient:g}."
+                f"got {static:g} and {self.coefficient:g}."
             )
 
     def _check_radius(self) -> None:
@@ -164,7 +165,7 @@ class Friction(Part):
                 f"{self.name}: radius has no meaning for {self.joint.name}, which holds no moment."
             )
         if self.radius is not None:
-            positive(self.name, "radius", self.radius)
+            keep(self, radius=positive(self.name, "radius", self.radius))
 
     @property
     def _is_bearing(self) -> bool:

@@ -66,6 +66,6 @@ def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> di
     times = np.array([(one.t, one.branch) for one in occurred]).reshape(-1, 2)
     sizes = (equations.n, equations.n, equations.n, equations.m)
     states = zip(*(one.state for one in occurred), strict=True) if occurred else [()] * 4
-    rows = (np.reshape(list(x), (-1, n)) for x, n in zip(states, sizes, strict=True))
+    rows = (np.reshape(x, (len(occurred), n)) for x, n in zip(states, sizes, strict=True))
     values = measures.ObservedRows(equations)(times, *rows)
     return columns | dict(zip(headers, values.T, strict=True))

@@ -59,6 +59,8 @@ class RowFunction:
         shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
         rows = max(len(a) for a in arguments if np.ndim(a) == 2)
         result = np.empty((rows, self._function.nnz_out(0)))
+        if not rows:
+            return result
         count = min(rows, _ROWS_AT_ONCE)
         compiled = Compiled(self._map(count, shared))
         # The last rows come with some of those before them: another map would cost more.

@@ -153,6 +153,11 @@ def test_two_systems_of_one_statement_are_independent():
         ({"constraints": lambda t, q, v: q[0] - v[0]}, ["constraints", "v"]),
         ({"constraints": ca.SX.sym("stray")}, ["constraints", "stray"]),
         ({"observe": {"odd": ca.SX.sym("stray")}}, ["odd", "stray"]),
+        ({"strain_energy": np.inf}, ["strain_energy", "finite", "inf"]),
+        ({"dissipated_power": np.nan}, ["dissipated_power", "finite", "nan"]),
+        ({"force": [0.0, np.nan]}, ["force", "finite", "nan"]),
+        ({"force": [0.0, 1.0, []]}, ["force", "numbers", "[]"]),
+        ({"mass": [1.0, True]}, ["mass", "numbers", "True"]),
     ],
 )
 def test_a_wrong_statement_is_named(changes, words):

@@ -292,3 +292,12 @@ def test_a_wrong_event_is_refused(arguments, sentence):
 def test_a_system_takes_events_alone():
     with pytest.raises(bd.BeamdaeError, match=r"events must be Event\(...\)"):
         particle(lambda t, x, v: 0.0, 0.0, 1.0, SimpleNamespace(what="x"))
+
+
+def test_regression_events_of_what_nothing_holds_make_a_table():
+    """Rows without multipliers could not be put together."""
+    for height, count in ((2.0, 1), (200.0, 0)):
+        mech = falling(("ball.y", {"do": "record", "name": "impact"}), height=height)
+        events = bd.simulate(mech, bd.Radau(), 1.0).events
+        assert len(events) == count
+        assert "ball.y [m]" in events

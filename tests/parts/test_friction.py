@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -231,6 +233,12 @@ PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
 def test_refusals(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
+
+
+def test_numbers_of_any_kind_are_taken_as_floats():
+    given = {name: Decimal("0.3") for name in ("static", "stribeck", "radius")}
+    made = bd.Friction("f", PIN, 0.1, 1e-3, **given)
+    assert all(type(getattr(made, name)) is float for name in given)
 
 
 def test_its_joint_must_be_part_of_the_mechanism():

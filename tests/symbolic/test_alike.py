@@ -8,7 +8,7 @@ from chains import STRIP, chain, state
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
-from beamdae.equations import assemble
+from beamdae.equations import building
 from beamdae.equations.formulations import first_order
 from beamdae.symbolic.alike import Alike
 from beamdae.symbolic.statements import Named, Quantity
@@ -54,7 +54,7 @@ def numbers(equations, name):
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1"])
 def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
-    monkeypatch.setattr(assemble, "by_kernel", each_on_its_own)
+    monkeypatch.setattr(building, "by_kernel", each_on_its_own)
     alone = bd.equations_of_motion(workshop())
     # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
     assert (len(alone.joints), len(shared.joints)) == (12, 4)

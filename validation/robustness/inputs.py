@@ -124,7 +124,7 @@ def _attempt(
                 bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
             words |= {str(bad), repr(bad).strip("'")} if isinstance(bad, (str, Path)) else set()
-        call = partial(base.call, world) if base.call else getattr(bd, key)
+        call = partial(base.call, world) if base.call else getattr(bd, key.partition(" ")[0])
         return base.use(world, call(**arguments))
 
     return attempt

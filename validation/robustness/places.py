@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
-
 import beamdae as bd
 from robustness.world import (
     KNEE,
@@ -48,19 +46,6 @@ def _attachment(world: World) -> dict[str, Any]:
     return {name: getattr(at, name) for name in names}
 
 
-def _constrained(world: World) -> dict[str, Any]:
-    _, q, _ = world.symbols
-    return world.circle | {
-        "names": ("x", "y"),
-        "units": ("m", "m"),
-        "observe": {"radius": ca.dot(q, q)},
-        "breakpoints": (0.005,),
-        "time_scale": 1.0,
-        "scales": [1.0, 1.0],
-        "events": (bd.Event("x", 5.0, name="event"),),
-    }
-
-
 def _beam(world: World) -> dict[str, Any]:
     return {
         "name": "beam",
@@ -78,20 +63,6 @@ def _beam(world: World) -> dict[str, Any]:
         "kinematics": None,
         "free_curve": bd.Line((0.0, 0.0), (1.0, 0.0)),
     }
-
-
-def _pair(world: World, name: str) -> dict[str, Any]:
-    post = world.mech.add(bd.RigidBody("post", 1.0, 0.1, KNEE))
-    return {"name": name, "a": world.bar.at(*KNEE), "b": post.at(*KNEE)}
-
-
-def _apart(world: World, name: str) -> dict[str, Any]:
-    post = world.mech.add(bd.RigidBody("post", 1.0, 0.1, KNEE))
-    return {"name": name, "a": world.bar.at(*KNEE), "b": post.at(KNEE[0] + 1.0, KNEE[1])}
-
-
-def _bead(world: World) -> bd.Attachment:
-    return world.mech.add(bd.PointMass("bead", 0.1, at=world.beam.at(0.5).point)).point
 
 
 def _section(world: World) -> dict[str, Any]:
@@ -126,12 +97,6 @@ PARTS: dict[str, Base] = {
     "AirDrag": Base(lambda w: {"name": "drag", "beam": w.beam, "coefficient": 0.1}, added),
     "Attachment": Base(_attachment, held),
     "Beam": Base(_beam, added),
-    "Distance": Base(lambda w: {**_apart(w, "link"), "length": 1.0}, added),
-    "Driver": Base(lambda w: {**_pair(w, "motor"), "law": 0.0}, added),
-    "Event": Base(
-        lambda w: {"what": "x", "crosses": 5.0, "direction": "up", "do": "stop", "name": "event"},
-        lambda w, event: w.run(bd.ConstrainedSystem(**(_constrained(w) | {"events": [event]}))),
-    ),
     "activate": Base(
         lambda w: {"part": bd.Moment("load", w.bar.at(*KNEE), 1.0)},
         itself,
@@ -154,20 +119,10 @@ PARTS: dict[str, Base] = {
     "PointMass on": Base(
         lambda w: {"name": "mass", "mass": 0.1, "on": w.bar.at(*KNEE)},
         added,
-        lambda w, **given: bd.PointMass(**given),
-    ),
-    "Gear": Base(
-        lambda w: {**_pair(w, "gear"), "ratio": -0.5, "carrier": w.mech.ground.at(0.0, 0.0)}, added
-    ),
-    "PointOnLine": Base(lambda w: {**_pair(w, "guide"), "direction": (1.0, 0.0)}, added),
-    "Prismatic": Base(lambda w: {**_pair(w, "rail"), "direction": (1.0, 0.0)}, added),
-    "RackAndPinion": Base(
-        lambda w: {**_pair(w, "rack"), "radius": 0.2, "direction": (1.0, 0.0)}, added
     ),
     "RayleighDamping": Base(
         lambda w: {"name": "oil", "beam": w.beam, "mass": 0.1, "stiffness": 1e-5}, added
     ),
-    "Revolute": Base(lambda w: _pair(w, "pin"), added),
     "RigidBody": Base(
         lambda w: {
             "name": "disk",
@@ -180,14 +135,17 @@ PARTS: dict[str, Base] = {
         },
         added,
     ),
-    "SlidingOnBeam": Base(
-        lambda w: {"name": "slide", "a": _bead(w), "beam": w.beam},
+    "RigidBody.rod": Base(
+        lambda w: {
+            "name": "rod",
+            "a": (3.0, 0.0),
+            "b": (4.0, 0.0),
+            "density": 7850.0,
+            "area": 1e-4,
+        },
         added,
+        lambda w, **given: bd.RigidBody.rod(**given),
     ),
-    "TranslationalDriver": Base(
-        lambda w: {**_pair(w, "motor"), "law": 0.0, "direction": (1.0, 0.0)}, added
-    ),
-    "Weld": Base(lambda w: _pair(w, "weld"), added),
     "welded_beams": Base(
         lambda w: {
             "mechanism": w.mech,
@@ -218,12 +176,10 @@ NUMBERS: dict[str, Base] = {
     "Curve": Base(
         lambda w: {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)},
         bent,
-        lambda w, **given: bd.Curve(**given),
     ),
     "Curve of points": Base(
         lambda w: {"points": [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0)], "noise": 1e-3},
         bent,
-        lambda w, **given: bd.Curve(**given),
     ),
     "IntrinsicCurve": Base(
         lambda w: {"law": lambda s: 0.1 * s, "length": 1.0, "start": (0.0, 1.0), "angle": 0.0},
@@ -248,6 +204,11 @@ NUMBERS: dict[str, Base] = {
         lambda w: {"material": w.material, "diameter": 0.01, "damping": 0.0},
         made_of,
         lambda w, **given: bd.Section.circle(**given),
+    ),
+    "Section.pipe": Base(
+        lambda w: {"material": w.material, "diameter": 0.01, "wall": 0.001, "damping": 0.0},
+        made_of,
+        lambda w, **given: bd.Section.pipe(**given),
     ),
     "taper": Base(
         lambda w: {"shape": bd.Section.circle, "material": w.material, "diameter": (0.01, 0.02)},
@@ -277,7 +238,6 @@ NUMBERS: dict[str, Base] = {
 }
 
 MECHANISMS: dict[str, Base] = {
-    "ConstrainedSystem": Base(_constrained, lambda w, system: w.run(system)),
     "Mechanism": Base(
         lambda w: {"gravity": (0.0, -9.81), "start": "as drawn", "redundant": "refuse"},
         lambda w, mech: _falling(w, mech),

@@ -63,13 +63,19 @@ def _contact(world: World) -> dict[str, Any]:
 
 FORCES: dict[str, Base] = {
     "Bushing": Base(lambda w: _with(w, **_HELD), added),
-    "Bushing of a law": Base(lambda w: _with(w, law=_bushing_law, energy=_bushing_energy), added),
+    "Bushing of a law": Base(
+        lambda w: _with(w, law=_bushing_law, energy=_bushing_energy),
+        added,
+        lambda w, **given: bd.Bushing(**given),
+    ),
     "CircleSurface": Base(
         lambda w: {"on": w.mech.ground.at(0.0, 9.0), "radius": 1.0, "side": "outside"}, itself
     ),
     "Contact": Base(_contact, added),
     "Damper": Base(lambda w: _with(w, damping=0.1), added),
-    "Damper of a law": Base(lambda w: _with(w, law=_law), added),
+    "Damper of a law": Base(
+        lambda w: _with(w, law=_law), added, lambda w, **given: bd.Damper(**given)
+    ),
     "DistributedForce": Base(
         lambda w: {"name": "load", "beam": w.beam, "law": (0.0, 1.0), "axes": "section"}, added
     ),
@@ -97,13 +103,21 @@ FORCES: dict[str, Base] = {
         added,
     ),
     "Spring": Base(lambda w: _with(w, **_LINEAR), added),
-    "Spring of a law": Base(lambda w: _with(w, **_LAWFUL), added),
+    "Spring of a law": Base(
+        lambda w: _with(w, **_LAWFUL), added, lambda w, **given: bd.Spring(**given)
+    ),
     "SpringDamper": Base(lambda w: _with(w, damping=0.1, **_LINEAR), added),
-    "SpringDamper of a law": Base(lambda w: _with(w, **_LAWFUL), added),
+    "SpringDamper of a law": Base(
+        lambda w: _with(w, **_LAWFUL), added, lambda w, **given: bd.SpringDamper(**given)
+    ),
     "TorsionDamper": Base(lambda w: _with(w, damping=0.1), added),
-    "TorsionDamper of a law": Base(lambda w: _with(w, law=_law), added),
+    "TorsionDamper of a law": Base(
+        lambda w: _with(w, law=_law), added, lambda w, **given: bd.TorsionDamper(**given)
+    ),
     "TorsionSpring": Base(lambda w: _with(w, **_TURNED), added),
-    "TorsionSpring of a law": Base(lambda w: _with(w, **_LAWFUL), added),
+    "TorsionSpring of a law": Base(
+        lambda w: _with(w, **_LAWFUL), added, lambda w, **given: bd.TorsionSpring(**given)
+    ),
     "positive_part": Base(lambda w: {"x": 1.0}, itself),
     "smooth_sign": Base(lambda w: {"x": 1.0, "scale": 1.0}, itself),
 }

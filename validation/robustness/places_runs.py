@@ -9,6 +9,8 @@ from typing import Any
 import beamdae as bd
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
+from robustness.places_joints import JOINTS
+from robustness.places_systems import SYSTEMS
 from robustness.world import (
     OUTPUT_STEP,
     T_END,
@@ -234,7 +236,9 @@ def _limits() -> Any:
     return Limits(time=10.0)
 
 
-BASES: dict[str, Base] = PARTS | FORCES | NUMBERS | MECHANISMS | MODELS | INTEGRATING | RESULTS
+BASES: dict[str, Base] = (
+    PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS | MODELS | INTEGRATING | RESULTS
+)
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
