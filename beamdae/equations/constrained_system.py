@@ -248,7 +248,7 @@ class ConstrainedSystem:
             return Quantity(
                 (Named("", unit),),
                 (piece,),
-                lambda local: given.stated(local, expression, name, on),
+                lambda local: given.stated(local, expression, name, on, observed=True),
                 given.numbers,
                 joint,
             )

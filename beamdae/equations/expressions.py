@@ -86,9 +86,16 @@ class Expressions:
         return Local(self.q.numel(), len(self.numbers), n_multipliers)
 
     def stated(
-        self, local: Local, expression: Any, name: str, on: tuple[str, ...] = ("t", "q", "v")
+        self,
+        local: Local,
+        expression: Any,
+        name: str,
+        on: tuple[str, ...] = ("t", "q", "v"),
+        observed: bool = False,
     ) -> SX:
         """An expression in the symbols of `local`, if it depends on those named alone.
+
+        Numbers in it must be finite, unless it is `observed`: runs tell of columns that are not.
 
         Raises
         ------
@@ -121,7 +128,7 @@ class Expressions:
                 "solver of equations, it must be an expression that SX can hold."
             ) from None
         for entry in ca.vertsplit(value.nz[:]):
-            if entry.is_constant():
+            if entry.is_constant() and not observed:
                 finite(KIND, name, float(entry))
         return value
 

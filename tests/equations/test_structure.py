@@ -1,5 +1,6 @@
 """Models that differ in numbers alone share what is built of them, and none of their numbers."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -131,5 +132,9 @@ def test_threads_that_share_a_structure_do_not_meet(method, forgetful):
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda case: rows(method, case), cases))
     expected = [rows(method, case) for case in range(4)]
+    # Without machine code LAPACK and NumPy round by where arrays lie in memory, which is elsewhere
+    # in other threads: some 1e-7, where another case is off by everything.
+    allowed = 1e-4 if os.environ.get("BEAMDAE_NATIVE") == "off" else 0.0
     for case, got in zip(cases, found, strict=True):
-        assert np.array_equal(got, expected[case])
+        size = np.max(np.abs(expected[case]))
+        assert np.all(np.abs(got - expected[case]) <= allowed * size)

@@ -197,6 +197,7 @@ def compare(solution, own, t, y):
     also={"ida ggl": bd.Ida(formulation="ggl")},
     error_control="velocities",
     linear_solver="dense",
+    newton_tolerance=1e-11,
 )
 def test_dense_and_sparse_factors_give_the_same_run(integrator):
     runs = [
