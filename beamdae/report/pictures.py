@@ -161,8 +161,15 @@ def _moving(table: Columns) -> list[str]:
     values = {c: np.asarray(table[c], float) for c in columns}
     columns = [c for c in columns if not np.isnan(values[c]).all()]
     size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
-    largest = max(size.values(), default=0.0)
-    return [c for c in columns if size[c] > 1e-9 * largest] or columns
+    # A stress in Pa is 1e10 times a way in m: only what has the same unit tells how small is small,
+    # and where nothing in a unit moves, what is left of it by rounding.
+    largest = {c: max(size[x] for x in columns if _unit(x) == _unit(c)) for c in columns}
+    rounding = 1e-15 * max(size.values(), default=0.0)
+    return [c for c in columns if size[c] > max(1e-9 * largest[c], rounding)] or columns
+
+
+def _unit(column: str) -> str:
+    return Header.of(column).unit
 
 
 def _drawable(table: Columns) -> dict[str, Array]:

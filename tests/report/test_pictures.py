@@ -61,6 +61,13 @@ def test_picture_of_comparison_of_odd_data(tmp_path, data, seen):
         assert ink(path) > 0.0, "not even the legend"
 
 
+def test_a_stress_in_pascal_does_not_make_ways_in_meters_still():
+    moving = {"axle.y [m]": 0.1 * T, "stress [Pa]": 5e8 * T}
+    still = {"axle.x [m]": 1e-19 * T, "axle.angle [rad]": 1e-16 * T}
+    data = table(**moving, **still)
+    assert pictures.characteristic_columns(data) == ["axle.y [m]"]
+
+
 def test_of_forty_observables_twelve_are_drawn_and_the_picture_says_so(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr(pictures, "saved", lambda figure, path: figures.append(figure))

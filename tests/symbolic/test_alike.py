@@ -86,6 +86,12 @@ NUMBERS = {
     "pendulum": {"tip_mass": 0.07, "damping": 2e-4},
     "slider_crank": {"speed": 3.0, "density": 2800.0},
     "spin_up": {"speed": 3.0},
+    "four_bar": {"speed": 3.0, "stiffness": 100.0},
+    "quick_return": {"speed": 3.0, "coefficient": 0.2},
+    "leaf_spring_vehicle": {"sprung_mass": 350.0, "damping": 1500.0},
+    "sliding_mass": {"mass": 0.1, "height": 0.004},
+    "ring_mount": {"motor_mass": 2.0, "frequency": 15.0},
+    "governor": {"torque": 0.5, "coefficient": 0.2, "preload": 0.03},
 }
 CURVES = {
     "hub_beam": {"subtended": 61.0, "length": 5.0},
