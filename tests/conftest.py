@@ -6,6 +6,9 @@ import signal
 import pytest
 from hypothesis import settings
 
+# Before numpy is imported: workers of xdist share the cores, threads of BLAS would fight for them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Workers of xdist are told of a terminal with 80 columns, which is none of theirs.
 os.environ.pop("COLUMNS", None)
 

@@ -76,6 +76,7 @@ def test_a_law_of_place_sees_where_the_axis_is():
     assert_allclose(numeric.force(q)[:3], [0.0, force, moment], rtol=1e-12, atol=1e-10)
 
 
+@pytest.mark.slow(reason="runs of seconds")
 @pytest.mark.parametrize(
     "integrator", [bd.Ida(rtol=1e-5), bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=2e-3)]
 )

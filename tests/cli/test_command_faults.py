@@ -209,6 +209,7 @@ def test_interrupt_of_a_whole_group_of_processes_leaves_a_study_that_goes_on(her
     assert Path("results/arm_compare/report.html").exists()
 
 
+@pytest.mark.slow(reason="processes of their own")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_regression_an_interrupt_that_other_code_takes_ends_a_study_before_it_begins(here, number):
     """The whole study was run, and only then it was told that it was stopped."""

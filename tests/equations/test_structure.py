@@ -126,6 +126,7 @@ def test_no_number_of_one_model_is_left_in_another(method, forgetful):
     assert np.array_equal(rows(method, 1), other)
 
 
+@pytest.mark.slow(reason="many rounds of threads")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
 def test_threads_that_share_a_structure_do_not_meet(method, forgetful):
     cases = [0, 1, 2, 3] * 2

@@ -225,7 +225,6 @@ def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were():
         pools = threadpoolctl.threadpool_info()
         return {pool["filepath"]: pool["num_threads"] for pool in pools}
 
-    before = threads()
     inside, first_left = threading.Barrier(2), threading.Event()
 
     def run(number):
@@ -241,12 +240,15 @@ def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were():
         first_left.set()
 
     runs = [threading.Thread(target=run, args=(number,)) for number in range(2)]
-    for thread in runs:
-        thread.start()
-    for thread in runs:
-        thread.join()
+    with threadpoolctl.threadpool_limits(2):
+        before = threads()
+        for thread in runs:
+            thread.start()
+        for thread in runs:
+            thread.join()
+        after = threads()
     assert not inside.broken
-    assert before.items() <= threads().items()
+    assert before.items() <= after.items()
 
 
 def test_regression_an_interrupt_lets_the_search_for_blas_close_its_files(monkeypatch):

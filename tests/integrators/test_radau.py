@@ -170,6 +170,7 @@ def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
     assert np.all(1.0 / tolerance.of_iteration[0] >= 1e-14 * (1.0 - 1e-12))
 
 
+@pytest.mark.slow(reason="thousands of steps")
 def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
     usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
     for module in (radau_loop, radau_stages):

@@ -140,6 +140,7 @@ def test_a_joint_that_is_open_is_not_switched_on():
     assert_allclose(solution.trajectory.end, 0.25, rtol=1e-6)
 
 
+@pytest.mark.slow(reason="thousands of switches")
 def test_switching_without_end_ends_the_run_with_the_reason():
     """A mass is pushed back from the line x + v = 0 on either side: it slides along it."""
     mech = bd.Mechanism()

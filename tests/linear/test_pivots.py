@@ -181,6 +181,7 @@ def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
     assert backward_error(pattern, nonzeros, x, right) < 1e-10
 
 
+@pytest.mark.slow(reason="compiled anew")
 @pytest.mark.parametrize("kind", [float, complex])
 def test_compiled_it_finds_the_same(kind):
     numba = pytest.importorskip("numba")

@@ -25,6 +25,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.slow(reason="three integrators on each model")
 @pytest.mark.parametrize("name", MOTIONS)
 def test_integrators_agree_within_100_rtol(name):
     model, columns = MODELS[name], MOTIONS[name]

@@ -112,6 +112,7 @@ def test_all_operations_that_can_be_compiled_are_tried(every):
     assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tried
 
 
+@pytest.mark.slow(reason="all pairs of values in all operations")
 def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every):
     pairs = np.array(list(itertools.product(VALUES, VALUES))).T
     pairs = np.c_[pairs, np.zeros((2, padded(pairs.shape[1]) - pairs.shape[1]))]
@@ -121,6 +122,7 @@ def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every
         assert_same(*every, [0.3, second], pairs)
 
 
+@pytest.mark.slow(reason="thousands of values in all operations")
 @settings(max_examples=300)
 @given(st.lists(EVERYTHING, min_size=2 * WIDTH + 2, max_size=2 * WIDTH + 2))
 def test_every_operation_has_the_same_bits_anywhere(every, numbers):

@@ -66,6 +66,7 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
     )
 
 
+@pytest.mark.slow(reason="waits for an answer")
 @pytest.mark.usefixtures("distributed")
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
     monkeypatch.setattr("beamdae.studies.pool._PATIENCE", 0.2)

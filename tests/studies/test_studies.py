@@ -273,6 +273,7 @@ def test_whatever_a_model_raises_ends_its_case_alone(tmp_path):
     assert re.fullmatch("ZeroDivisionError: (float )?division by zero", table["reason"][1])
 
 
+@pytest.mark.slow(reason="runs up to their limits")
 @pytest.mark.parametrize(
     ("executor", "limits", "words"),
     [

@@ -104,6 +104,7 @@ def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
 # Order --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="processes of their own")
 def test_a_process_has_its_next_case_before_the_last_one_is_kept(tmp_path):
     markers = [str(tmp_path / f"{k}") for k in range(2)]
     study = sweep(*bd.grid(marker=markers))
@@ -178,6 +179,7 @@ def masses():
 """
 
 
+@pytest.mark.slow(reason="processes of their own")
 def test_the_command_tells_how_many_cases_of_a_sweep_reached_their_end(tmp_path):
     (tmp_path / "study.py").write_text(SWEEP_FILE)
     arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]

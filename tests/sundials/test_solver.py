@@ -35,6 +35,7 @@ def test_robertson_takes_the_same_steps(options):
     assert found[-1][2].sum() == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.slow(reason="runs of a beam twice")
 @pytest.mark.parametrize(
     ("equations", "settings"),
     [

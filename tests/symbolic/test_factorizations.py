@@ -144,6 +144,7 @@ class Sundials:
         return np.array(t), np.array(rows)
 
 
+@pytest.mark.slow(reason="runs of beams twice")
 @pytest.mark.parametrize("formulation", FIRST_ORDER)
 @pytest.mark.parametrize("case", [CAR_AXIS, PENDULUM, SLIDER_CRANK], ids=lambda c: c.name)
 def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulation, monkeypatch):
