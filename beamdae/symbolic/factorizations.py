@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import get_lapack_funcs
 from scipy.sparse.linalg import SuperLU, splu
-from threadpoolctl import ThreadpoolController, threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from beamdae.symbolic.orderings import bordered
 
@@ -40,25 +41,35 @@ class _OneThread(contextlib.ContextDecorator):
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._inside = 0
-        self._limits: threadpool_limits | None = None
+        self._limits: Any = None
 
     def __enter__(self) -> None:
         with self._lock:
-            if self._inside == 0:
-                self._limits = _libraries().limit(limits=1, user_api="blas")
+            if self._limits is None:
+                _in_a_thread_of_its_own(self._limit)
             self._inside += 1
 
     def __exit__(self, *problem: object) -> None:
         with self._lock:
             self._inside -= 1
-            if self._inside == 0 and self._limits is not None:
-                self._limits.restore_original_limits()
+            if self._inside == 0:
+                _in_a_thread_of_its_own(self._restore)
+
+    def _limit(self) -> None:
+        self._limits = ThreadpoolController().limit(limits=1, user_api="blas")
+
+    def _restore(self) -> None:
+        self._limits.restore_original_limits()
+        self._limits = None
 
 
-def _libraries() -> ThreadpoolController:
-    # An interrupt comes to the main thread: elsewhere the search is not left with files open.
-    with ThreadPoolExecutor(1) as searching:
-        return searching.submit(ThreadpoolController).result()
+def _in_a_thread_of_its_own(do: Callable[[], None]) -> None:
+    """Call what changes BLAS: its thread ends, and no interrupt comes in between.
+
+    Threadpoolctl takes changes from one thread only, from the first that makes one until it ends.
+    """
+    with ThreadPoolExecutor(1) as threads:
+        threads.submit(do).result()
 
 
 single_threaded = _OneThread()

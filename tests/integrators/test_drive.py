@@ -220,12 +220,31 @@ def test_regression_times_rounded_twice_are_one(breakpoints, t_end):
         assert_allclose(solution.q[-1, 0], pushed, rtol=1e-5)
 
 
-def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were():
-    def threads():
-        pools = threadpoolctl.threadpool_info()
-        return {pool["filepath"]: pool["num_threads"] for pool in pools}
+def threads_of_blas():
+    pools = threadpoolctl.threadpool_info()
+    return {pool["filepath"]: pool["num_threads"] for pool in pools if pool["user_api"] == "blas"}
 
+
+@pytest.fixture
+def two_threads_of_blas():
+    """As many as a machine of two cores gives a process; the tests themselves have one."""
+
+    def have(number):
+        # From a thread that ends: until then no other one could change them.
+        change = threading.Thread(target=threadpoolctl.threadpool_limits, args=(number,))
+        change.start()
+        change.join()
+
+    have(2)
+    before = threads_of_blas()
+    assert set(before.values()) == {2}
+    yield before
+    have(1)
+
+
+def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were(two_threads_of_blas):
     inside, first_left = threading.Barrier(2), threading.Event()
+    seen = []
 
     def run(number):
         met = []
@@ -235,35 +254,60 @@ def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were():
                 met.append(inside.wait(10.0))
                 if number == 1:
                     first_left.wait(10.0)
+                    seen.append(threads_of_blas())
 
         bd.simulate(PENDULUM.build().equations, bd.Ida(rtol=1e-7), 1.0, progress=meet)
         first_left.set()
 
     runs = [threading.Thread(target=run, args=(number,)) for number in range(2)]
-    with threadpoolctl.threadpool_limits(2):
-        before = threads()
-        for thread in runs:
-            thread.start()
-        for thread in runs:
-            thread.join()
-        after = threads()
+    for thread in runs:
+        thread.start()
+    for thread in runs:
+        thread.join()
     assert not inside.broken
-    assert before.items() <= after.items()
+    assert {seen[0][path] for path in two_threads_of_blas} == {1}
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
-def test_regression_an_interrupt_lets_the_search_for_blas_close_its_files(monkeypatch):
-    searched = threading.Event()
+def test_regression_a_thread_that_outlives_a_run_restores_the_threads_of_blas(two_threads_of_blas):
+    """Threadpoolctl takes changes from the thread alone that was the first to make one."""
+    entered, left = threading.Event(), threading.Event()
+
+    def stay():
+        with factorizations.single_threaded:
+            entered.set()
+            left.wait(10.0)
+
+    with factorizations.single_threaded:
+        assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
+        thread = threading.Thread(target=stay)
+        thread.start()
+        entered.wait(10.0)
+    left.set()
+    thread.join()
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
+
+
+def test_regression_an_interrupt_lets_the_search_for_blas_close_its_files(
+    monkeypatch, two_threads_of_blas
+):
+    begun, searched = [], []
 
     def interrupted_search():
+        begun.append(threading.current_thread())
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
-        searched.set()
+        searched.append(True)
         return threadpoolctl.ThreadpoolController()
 
     monkeypatch.setattr(factorizations, "ThreadpoolController", interrupted_search)
     with pytest.raises(KeyboardInterrupt), factorizations.single_threaded:
         pass
-    assert searched.wait(10.0)
+    begun[0].join()
+    assert searched
+    with factorizations.single_threaded:
+        pass
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
 @pytest.mark.parametrize("law", [lambda t: np.sqrt(1e-7 - t), lambda t: np.sqrt(0.2 - t)])
