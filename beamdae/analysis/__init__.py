@@ -1,0 +1,1 @@
+"""Questions beside time stepping: equilibria, natural modes, stresses, periodic motion."""
