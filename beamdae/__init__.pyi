@@ -62,7 +62,7 @@ from .parts.part import Part as Part
 from .parts.point_mass import PointMass as PointMass
 from .parts.rolling import RollingOnCircle as RollingOnCircle
 from .parts.rolling import RollingOnLine as RollingOnLine
-from .parts.rolling import Skate as Skate
+from .parts.skate import Skate as Skate
 from .parts.smooth import positive_part as positive_part
 from .parts.smooth import smooth_sign as smooth_sign
 from .parts.springs import Damper as Damper

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from beamdae.symbolic.statements import (
     Named,
     RangeStatement,
 )
+
+if TYPE_CHECKING:
+    from beamdae.parts.events import Event
 
 Array = np.ndarray
 
@@ -92,6 +95,11 @@ class Part:
 
     def ranges(self) -> Sequence[RangeStatement]:
         """What tells, after a run, whether it stayed where its strains hold."""
+        return ()
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Events of its own, besides those of `Mechanism.when`."""
         return ()
 
     @property

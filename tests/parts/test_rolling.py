@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from benchmarks.cases import pendulum_motion
-from conformance import IDA_FORMS, integrators, tuned
+from conformance import IDA_FORMS, NONHOLONOMIC, integrators, tuned
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric, assert_derivative, slope
 
@@ -24,22 +24,6 @@ def run(model, integrator, t_end, step=None):
 
 
 MASS, INERTIA = 1.3, 0.4
-# Of a mechanism with a disk centered at (0.5, 0.4) and a beam on ARC, each apart from the other.
-TIP = tuple(ARC.point(ARC.length))
-APART = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
-NONHOLONOMIC = {
-    "skate": lambda m, d, b: bd.Skate("j", d.at(0.1, 0.2), direction=(1.0, -0.3)),
-    "skate on a beam": lambda m, d, b: bd.Skate("j", b.at(0.7), direction=(0.0, 2.0)),
-    "outside a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", b.end, d.at(0.5, 0.4), (0.4 * APART, 0.6 * APART)
-    ),
-    "inside a ring": lambda m, d, b: bd.RollingOnCircle(
-        "j", m.ground.at(0.5, 0.1), d.at(0.5, 0.4), (0.8, 0.5)
-    ),
-    "ring around a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + APART)
-    ),
-}
 every_constraint = pytest.mark.parametrize("make", NONHOLONOMIC.values(), ids=list(NONHOLONOMIC))
 
 
