@@ -14,6 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
+from beamdae.equations.redundancy import dependent_sets, scaled_joints, sentences
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -25,6 +26,8 @@ _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
 # Joints are closed by rigid motion before anything faster than this [s] is bent.
 _RIGID_TIME = 1.0
+# Of so many constraints it is told what motions they block: that takes their number cubed.
+_MOST_EXPLAINED = 300
 
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 _MASS = (0.0, 0.0, 1.0)
@@ -253,7 +256,14 @@ class Starter:
     def _check_rank(self, time: Array, q: Array) -> None:
         e, pattern = self.equations, self._own.sums.gradient_pattern
         gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
-        require_independent(pattern, gradients, e.lam_names, float(time[0]))
+
+        def what_they_block() -> str:
+            if e.m > _MOST_EXPLAINED:
+                return ""
+            joints = scaled_joints(self, time, q)
+            return sentences(dependent_sets(self, time, q, np.zeros(e.n), joints))
+
+        require_independent(pattern, gradients, e.lam_names, float(time[0]), what_they_block)
 
 
 def _least_inertia(mass: sp.csc_array) -> tuple[float, int]:
