@@ -254,7 +254,7 @@ ELSEWHERE = {
         "Part",
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("study", "verify"),
+    *("Animation", "Plot", "animate", "plot", "study", "verify"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

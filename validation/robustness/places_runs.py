@@ -12,6 +12,7 @@ from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
+    KNEE,
     OUTPUT_STEP,
     T_END,
     TIME_LIMIT,
@@ -216,6 +217,16 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
+    "animate": Base(
+        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+    ),
+    "Solution.observe": Base(
+        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        itself,
+        lambda w, **given: w.solution.observe(**given),
+    ),
+    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
@@ -242,12 +253,14 @@ BASES: dict[str, Base] = (
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
+    "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
     "Check": "what check gives",
     "EquationsOfMotion": "what equations_of_motion gives",
+    "Plot": "what plot gives",
 }
 # Arguments users do not give.
 NOT_GIVEN = {"Solution": {"*"}}
