@@ -71,7 +71,9 @@ VARIANTS += [
     Variant("nonlinear", "curved", "reduced", f, 0.03, "local") for f in ("tangent", "chord")
 ]
 VARIANTS += [
-    Variant("green", "curved", "reduced", f, d) for f, d in (("tangent", 0.0), ("chord", 0.03))
+    Variant(strain, "curved", "reduced", f, d)
+    for strain in ("green", "exact")
+    for f, d in (("tangent", 0.0), ("chord", 0.03))
 ]
 # Fewer nodes are shorter sums of the same terms: a choice of the other settings shows them.
 VARIANTS += [
