@@ -13,6 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import books_of
+
 if TYPE_CHECKING:
     from beamdae.equations.consistent_start import Starter
 
@@ -48,7 +51,8 @@ def relaxed(
     """Positions near `q` that satisfy what is held, with the least of motion and elastic energy.
 
     M (q - begun) + T^2 (F(q) - F(free)) + R^T mu = 0, by Newton's method: elastic forces are those
-    beyond the ones at the positions `free`, such as the drawing.
+    beyond the ones at the positions `free`, such as the drawing. Loads on coordinates that turn
+    with a beam are among them where they change: what comes of it is taken if it strains less.
 
     Parameters
     ----------
@@ -70,7 +74,7 @@ def relaxed(
     Returns
     -------
     Array
-        `q` itself where the iteration does not end.
+        `q` itself where the iteration does not end, or ends at more strain energy.
     """
     still, scale = np.zeros(len(q)), starter.equations.position_scales
     at_free = starter.forces(time, starter.at_rest(free), still)
@@ -87,5 +91,10 @@ def relaxed(
             break
         found = found + change * min(1.0, _FARTHEST / max(far, _FARTHEST))
         if far < _STEADY:
-            return found
+            return min(q, found, key=lambda at: _strain_energy(starter.equations, time, at))
     return q
+
+
+def _strain_energy(equations: EquationsOfMotion, time: Array, q: Array) -> float:
+    still, loose = np.zeros((1, equations.n)), np.zeros((1, equations.m))
+    return float(books_of(equations)(time[None], q[None], still, still, loose)[0, 1])
