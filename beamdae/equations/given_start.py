@@ -14,6 +14,7 @@ from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations import first_order
 from beamdae.equations.reduced import reduced
+from beamdae.equations.relaxing import least_change, relaxed
 from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
 
@@ -23,8 +24,6 @@ _RATE = "_dot"
 # Given positions are approached by steps that keep Newton's iteration near the joints, in the
 # natural sizes of coordinates; closed to this much of them, in so many iterations.
 _APPROACH, _CLOSED, _ITERATIONS = 0.2, 1e-11, 30
-# Beside the largest entry: what lets rows that depend on each other be solved with.
-_DEPENDENT = 1e-13
 # Pseudo-time squared [s^2] of the way to equilibrium: where it begins, ends, and its growth.
 _FIRST, _LAST, _GROWTH = 1e-4, 1e8, 4.0
 _STEADY, _MOST_STEPS = 1e-10, 400
@@ -96,31 +95,19 @@ def _picked(columns: list[int], n: int) -> sp.csr_array:
     return sp.csr_array(rows, shape=(len(columns), n))
 
 
-def _least_change(weight: Any, rows: Any, wanted: Array) -> Array:
-    """The change x with rows @ x = wanted that is least as `weight` has it."""
-    n, count = weight.shape[0], rows.shape[0]
-    size = float(abs(weight).max()) or 1.0
-    inverse = sp.eye_array(count) * (_DEPENDENT / size)
-    matrix = sp.block_array([[weight, rows.T], [rows, -inverse]], format="csc")
-    try:
-        return splu(matrix).solve(np.concatenate([np.zeros(n), wanted]))[:n]
-    except RuntimeError:
-        return np.full(n, np.nan)
-
-
 def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Array:
     """Positions with the given ones among them, the others as the joints have them."""
     starter, held = Starter(e), _picked(list(given), e.n)
-    q = starter.state(time, e.q0, e.v0).q
+    q = drawn = starter.state(time, e.q0, e.v0).q
     if not given:
         return q
     begun, ends = held @ q, np.array(list(given.values()))
     change = np.max(np.abs(ends - begun) / (held @ e.position_scales))
     # On the way values that are given together may contradict each other.
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _APPROACH)) + 1)[1:-1]:
-        nearer, missed = _held(starter, time, q, held, begun + share * (ends - begun))
+        nearer, missed = _held(starter, time, q, drawn, held, begun + share * (ends - begun))
         q = nearer if _is_closed(e, missed) else q
-    q, missed = _held(starter, time, q, held, ends)
+    q, missed = _held(starter, time, q, drawn, held, ends)
     if not _is_closed(e, missed):
         told = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in given.items())
         raise BeamdaeError(
@@ -131,17 +118,26 @@ def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Ar
     return q
 
 
-def _held(starter: Starter, time: Array, q: Array, held: Any, wanted: Array) -> tuple[Array, Array]:
+def _held(
+    starter: Starter, time: Array, begun: Array, drawn: Array, held: Any, wanted: Array
+) -> tuple[Array, Array]:
     """Positions with these values of what is held, by Newton's method, and what they miss."""
-    e = starter.equations
+
+    def asked(q: Array) -> tuple[Array, Any]:
+        missed = np.concatenate([starter.gaps(time, q), held @ q - wanted])
+        return missed, sp.vstack([starter.constraint_matrix(time, q), held])
+
+    e, q = starter.equations, begun
     for _ in range(_ITERATIONS):
-        missed = np.concatenate([starter.levels(time, q)[0], held @ q - wanted])
+        missed, rows = asked(q)
         if _is_closed(e, missed) or not np.all(np.isfinite(missed)):
             break
         stiffness, _, mass = starter.linearized(time, starter.at_rest(q))
-        rows = sp.vstack([starter.constraint_matrix(time, q), held])
-        q = q + _least_change(stiffness + mass, rows, -missed)
-    return q, missed
+        q = q + least_change(stiffness + mass, rows, -missed)
+    if q is begun or not _is_closed(e, missed):
+        return q, missed
+    q = relaxed(starter, time, begun, q, drawn, asked, 1.0)
+    return q, asked(q)[0]
 
 
 def _is_closed(e: EquationsOfMotion, missed: Array) -> bool:
@@ -161,7 +157,7 @@ def _moving(e: EquationsOfMotion, time: Array, q: Array, asked: Array, held: lis
     _, _, mass = starter.linearized(time, starter.at_rest(q))
     rows = sp.vstack([starter.constraint_matrix(time, q), picked])
     off = np.concatenate([starter.levels(time, q, asked)[1], np.zeros(len(held))])
-    v = asked + _least_change(mass, rows, -off)
+    v = asked + least_change(mass, rows, -off)
     left = starter.levels(time, q, v)[1]
     size = max(1.0, e.length, float(np.max(np.abs(asked), initial=0.0)))
     kept = np.abs((v - asked)[held])
