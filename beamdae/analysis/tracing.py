@@ -214,17 +214,27 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
         return path.status
     end, told = path.end, path.status.sentence
     sentence = f"{told}; the last load factor that converged is {end.mu:.6g}"
-    if path.status.kind == "failed" and (asked is None or asked.control == LOAD):
-        before, now = (_softest(point) for point in (path.points[0], end))
-        if now < _SOFT * before:
-            coordinate = _most(system.equations, end.stability.mode(end.stability.negative))
-            sentence += (
-                f", where {coordinate} has lost {1.0 - now / before:.0%} of the stiffness against "
-                "it, as before a limit load: control='arc length' goes on"
-            )
-    elif path.status.kind == "failed" and asked is not None and asked.control == DISPLACEMENT:
-        sentence += ", control='arc length' goes on where a displacement turns back"
+    if path.status.kind == "failed":
+        control = LOAD if asked is None else asked.control
+        sentence += _hint(path, system.equations, control)
     return Status(path.status.kind, sentence)
+
+
+def _hint(path: Path, e: EquationsOfMotion, control: str) -> str:
+    """What may help, the end of a sentence."""
+    if control == DISPLACEMENT:
+        return ", control='arc length' goes on where a displacement turns back"
+    if control != LOAD:
+        return ""
+    end = path.end
+    before, now = (_softest(point) for point in (path.points[0], end))
+    if not 0.0 < now < _SOFT * before:
+        return ", control='arc length' goes on where a load can rise no more"
+    coordinate = _most(e, end.stability.mode(end.stability.negative))
+    return (
+        f", where {coordinate} has lost {1.0 - now / before:.0%} of the stiffness against it, as "
+        "before a limit load: control='arc length' goes on"
+    )
 
 
 def _softest(at: Point) -> float:
