@@ -30,11 +30,11 @@ Array = np.ndarray
 # Okabe & Ito's palette, readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
-_PANELS = 12
+PANELS = 12
 # What is larger could overflow when the range of an axis is taken.
 _HUGE = 1e300
 # Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
-_LINE, _NAME, _BESIDE, _AXIS, _ENTRY = 60, 40, 22, 28, 60
+_LINE, _NAME, _BESIDE, AXIS, _ENTRY = 60, 40, 22, 28, 60
 # About as wide is a letter of a legend below the panels, and the line beside its name [inches].
 _LETTER, _SIGN = 0.075, 0.8
 
@@ -54,9 +54,9 @@ def picture_of_run(path: Path, table: Columns, title: str) -> Path:
     """
     drawn = drawable(table)
     groups = _groups(drawn)
-    figure, axes = panels(min(len(groups), _PANELS), title)
-    if len(groups) > _PANELS:
-        figure.supxlabel(f"{_PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
+    figure, axes = panels(min(len(groups), PANELS), title)
+    if len(groups) > PANELS:
+        figure.supxlabel(f"{PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         for column, color in zip(columns, repeated(COLORS), strict=False):
@@ -67,7 +67,7 @@ def picture_of_run(path: Path, table: Columns, title: str) -> Path:
             _legend(axis, labels)
         else:
             label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
-            axis.set_ylabel(shortened(label, _AXIS))
+            axis.set_ylabel(shortened(label, AXIS))
     return saved(figure, path)
 
 
@@ -136,26 +136,26 @@ def _errors(
 def characteristic_columns(table: Columns) -> list[str]:
     """The columns a comparison is drawn in: a deformation, or else the first motion."""
     groups: dict[str, list[str]] = {}
-    for column in _moving(table):
+    for column in moving(table):
         groups.setdefault(Header.of(column).name, []).append(column)
     for columns in groups.values():
         if {Header.of(c).suffix for c in columns} & {"u", "v", "phi"}:
             return columns[:3]
-    moving = [column for columns in groups.values() for column in columns]
-    motions = [column for column in moving if Header.of(column).unit in ("m", "rad")]
-    return (motions or moving)[:3]
+    drawn = [column for columns in groups.values() for column in columns]
+    motions = [column for column in drawn if Header.of(column).unit in ("m", "rad")]
+    return (motions or drawn)[:3]
 
 
 def _groups(table: Columns) -> dict[tuple[str, str], list[str]]:
     """Columns that share a panel, by observable and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for column in _moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
+    for column in moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
     return groups
 
 
-def _moving(table: Columns) -> list[str]:
+def moving(table: Columns) -> list[str]:
     """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}
@@ -213,7 +213,7 @@ def wrapped(title: str, line: int = _LINE) -> str:
 def dressed(axis: Axes, title: str, ylabel: str) -> None:
     """Title, label and grid of an axis."""
     axis.set_title(title, fontsize=10)
-    axis.set_ylabel(shortened(ylabel, _AXIS))
+    axis.set_ylabel(shortened(ylabel, AXIS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":

@@ -45,7 +45,7 @@ def least_change(weight: Any, rows: Any, wanted: Array, force: Array | None = No
         return np.full(n, np.nan)
 
 
-def relaxed(
+def least_strained(
     starter: Starter, time: Array, begun: Array, q: Array, free: Array, held: Held, square: float
 ) -> Array:
     """Positions near `q` that satisfy what is held, with the least of motion and elastic energy.
