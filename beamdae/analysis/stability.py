@@ -20,6 +20,9 @@ Array = np.ndarray
 _DENSE, _DENSE_SKEW = 150, 600
 # Of the largest eigenvalue: what rounding leaves of zero, and of a matrix that is symmetric.
 _ZERO, _SKEW = 1e-14, 1e-9
+# Squares of frequencies over the lowest that are beyond rounding, over the highest that are not
+# zero, and the share of an imaginary part that is none.
+_FAST, _ENDLESS, _REAL = 1e-8, 1e14, 1e-7
 # Eigenvalues nearest to zero that are looked for in large matrices.
 _NEAREST = 4
 
@@ -102,10 +105,19 @@ def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
     starter = Starter(under.equations)
     mass = starter.linearized(under.time, starter.at_rest(x[: len(scale)]))[2].toarray()
     inertia = free.T @ (mass * scale * scale[:, None]) @ free
-    squares = la.eigvals(own, inertia)
-    rough = 1e-7 * np.abs(squares)
-    growing = int(np.sum((squares.real < -rough) | (np.abs(squares.imag) > rough)))
-    return Stability(np.zeros(0), np.zeros((len(scale), 0)), growing)
+    return Stability(np.zeros(0), np.zeros((len(scale), 0)), _growing(own, inertia))
+
+
+def _growing(stiffness: Array, inertia: Array) -> int:
+    """How many squares of natural frequencies are negative or complex, but for very fast modes."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # One over them: slow modes are what is exact of these.
+        over = la.eigvals(inertia, stiffness)
+        over = over[np.isfinite(over)]
+        over = over[np.abs(over) < _ENDLESS * np.min(np.abs(over), initial=np.inf)]
+        slow = over[np.abs(over) >= _FAST * np.max(np.abs(over), initial=0.0)]
+    rough = _REAL * np.abs(slow)
+    return int(np.sum((slow.real < -rough) | (np.abs(slow.imag) > rough)))
 
 
 def _told(
