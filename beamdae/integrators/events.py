@@ -12,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations import State
 from beamdae.integrators.rows import Rows
 from beamdae.results.occurrences import DOWN, UP, Occurrence
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

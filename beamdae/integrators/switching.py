@@ -18,7 +18,7 @@ from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.method import Method
 from beamdae.integrators.route import Route
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 

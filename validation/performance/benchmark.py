@@ -40,7 +40,7 @@ from timing import Times, in_turns, integrated, taken, within_loops
 from workers import Worker, checkout, exudyn
 
 import beamdae as bd
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 from beamdae.symbolic.factorizations import single_threaded
 
 MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
