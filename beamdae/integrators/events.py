@@ -11,6 +11,7 @@ from beamdae.equations.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations import State
 from beamdae.integrators.rows import Rows
+from beamdae.parts.events import impacts_of
 from beamdae.results.occurrences import DOWN, UP, Occurrence
 from beamdae.results.solution import Status
 from beamdae.results.trajectory import Interval
@@ -28,6 +29,9 @@ _SAME_TIME = 1e-12
 # A quantity that begins on its value has left it at so many times what it was off by, and at this
 # share of its size: joints that hold it there do so to the tolerance of the run.
 _LEAVING, _HELD = 4.0, 1e-6
+# Ways by which it is seen where a quantity goes, of the sizes of coordinates, and the least rate at
+# which they change [1/s].
+_AHEAD, _SLOW = 1e-6, 1e-3
 # Steps at once where an event may end them: those beyond it are taken for nothing.
 STEPS_AT_ONCE = 16
 
@@ -135,18 +139,55 @@ class Watch:
         name = self.occurred[-1].name
         return next(term for term in self.equations.events if term.name == name)
 
+    def begins(self, leg: Leg) -> bool:
+        """Whether the run begins with an event that is due; `leg` is its first one."""
+        begin = leg.interval(self.equations.m)
+        due = [term for term in self.equations.events if term.due]
+        for term in due:
+            self._side(term, float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0]))
+            self._there.add(term.name)
+        if due:
+            # The others come one after the other: they are on the sides they were on before.
+            term, state = due[0], State(*(x[0] for x in begin.rows))
+            self._sides[term.name].sign = float(term.due)
+            way = UP if term.due > 0 else DOWN
+            t = float(begin.nodes[0])
+            self.occurred.append(Occurrence(term.name, way, t, leg.branch, state, done=False))
+        return bool(due)
+
     def switched(self, leg: Leg, impulses: dict[str, float], energy_lost: float) -> None:
         """What the event did that happened last; `leg` is the one that begins there."""
-        self.occurred[-1] = replace(self.occurred[-1], impulses=impulses, energy_lost=energy_lost)
-        begin = leg.interval(self.equations.m)
+        self.occurred[-1] = replace(
+            self.occurred[-1], impulses=impulses, energy_lost=energy_lost, done=True
+        )
+        begin, thrown = leg.interval(self.equations.m), bool(impacts_of(self.fired.do))
         for term in self.equations.events:
             side = self._sides[term.name]
+            if term.name not in self._there:
+                continue
             beyond = float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0])
-            if term.name in self._there:
+            if thrown:
+                # Flights may be as short as can be: what is known is the side they are on.
+                side.sign = self._goes_to(term, begin) or -side.sign
+                side.near = _LEAVING * abs(beyond)
+            else:
                 side.begin_near(beyond)
-        if self.fired.direction == 0:
+        if self.fired.direction == 0 and not thrown:
             # Whichever way it goes on: it was on its value.
             self._sides[self.fired.name].sign = 0.0
+
+    def _goes_to(self, term: EventTerm, begin: Interval) -> float:
+        """The side to which a quantity leaves its value as the velocities are, 0 if it stays."""
+        q, v, a, lam = begin.rows
+        rates = np.abs(v[0]) / self.equations.position_scales
+        ahead = _AHEAD / max(float(np.max(rates, initial=0.0)), _SLOW)
+        t = begin.nodes[0] + np.array([-ahead, ahead])
+        moved = State(
+            q[0] + np.array([[-ahead], [ahead]]) * v[0], *(x[[0, 0]] for x in (v, a, lam))
+        )
+        change = float(np.diff(self._beyond(term, t, begin.branch, moved))[0])
+        stays = _AHEAD**2 * self._sides[term.name].largest
+        return float(np.sign(change)) if abs(change) > stays else 0.0
 
     def after(self, leg: Leg, first: int) -> EventTerm | None:
         """Look through the rows from the one before `first` on; what ends the leg there.
@@ -194,7 +235,9 @@ class Watch:
             if one.counts:
                 at = State(*(x[0] for x in interval.at(np.array([one.t]))))
                 name = one.term.name
-                self.occurred.append(Occurrence(name, one.way, one.t, interval.branch, at))
+                self.occurred.append(
+                    Occurrence(name, one.way, one.t, interval.branch, at, done=_is_done(one))
+                )
             if one.ends:
                 fired = one.term
         return fired
@@ -206,6 +249,7 @@ class Watch:
             side = self._sides[term.name] = _Side(largest=max(abs(term.crosses), natural))
             if term.begins_there:
                 side.begin_near(begin)
+            side.sign = -float(term.due)
         return self._sides[term.name]
 
     def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
@@ -226,6 +270,11 @@ def output_times(times: Array, end: float, status: Status) -> Array:
     if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
         reached = np.append(reached, end)
     return reached
+
+
+def _is_done(crossing: _Crossing) -> bool:
+    """Whether nothing is left to do of an event that happens."""
+    return not (crossing.ends and isinstance(crossing.term.do, tuple))
 
 
 def _looks(steps: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.parts.events import DIRECTIONS
 from beamdae.results.files import write_text
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
 
-_FORMAT, _VERSION = "beamdae checkpoint", 1
+_FORMAT, _VERSION = "beamdae checkpoint", 2
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,12 @@ class Checkpoint:
         Coordinates and velocities by the name of the coordinate.
     events
         Events that happened at that very time: they are not to happen there again.
+    due
+        Those that happened there and have not done what they are to do yet: "up" or "down" by name.
     inactive
         Joints and forces that events have switched off.
+    found
+        What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
     """
@@ -41,7 +46,9 @@ class Checkpoint:
     q: dict[str, float]
     v: dict[str, float]
     events: tuple[str, ...] = ()
+    due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
+    found: dict[str, tuple[float, ...]] = field(default_factory=dict)
     model: str = ""
     parameters: dict[str, str] | None = None
 
@@ -51,13 +58,16 @@ class Checkpoint:
         end, names = solution.trajectory.end, solution.equations.q_names
         last = solution.trajectory.intervals[-1]
         q, v = (x[-1].tolist() for x in last.state[:2])
-        inactive = () if last.configuration is None else sorted(last.configuration.inactive)
+        active = last.configuration
+        at_end = [one for one in solution.occurred if one.t == end]
         return cls(
             end,
             dict(zip(names, q, strict=True)),
             dict(zip(names, v, strict=True)),
-            tuple(one.name for one in solution.occurred if one.t == end),
-            tuple(inactive),
+            tuple(one.name for one in at_end if one.done),
+            {one.name: one.direction for one in at_end if not one.done},
+            () if active is None else tuple(sorted(active.inactive)),
+            {} if active is None else dict(active.found),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
         )
@@ -86,12 +96,14 @@ class Checkpoint:
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
             events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
+            due = {str(k): str(x) for k, x in told["due"].items()}
+            found = {str(k): tuple(map(float, x)) for k, x in told["found"].items()}
             model = str(told["model"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        return cls(t, q, v, events, inactive, model, parameters)
+        return cls(t, q, v, events, due, inactive, found, model, parameters)
 
     def write(self, path: str | Path) -> Path:
         """Write it as JSON; the file appears whole or not at all.
@@ -127,12 +139,17 @@ class Checkpoint:
                     f"{shown(has)} there and {shown(wants)} here."
                 )
         events = tuple(
-            replace(term, begins_there=term.name in self.events) for term in equations.events
+            replace(
+                term,
+                begins_there=term.name in self.events,
+                due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
+            )
+            for term in equations.events
         )
         q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
         known = equations.configurations
         if known is not None:
-            known = replace(known, first=frozenset(self.inactive))
+            known = replace(known, first=frozenset(self.inactive), found=self.found)
         return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
     def differences(self, parameters: dict[str, Any]) -> list[str]:

@@ -111,8 +111,8 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda told: told | {"version": 2}, "no checkpoint of version 1"),
-        (lambda told: [1], "no checkpoint of version 1"),
+        (lambda told: told | {"version": 1}, "no checkpoint of version 2"),
+        (lambda told: [1], "no checkpoint of version 2"),
         (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
         (lambda told: told | {"t": float("nan")}, "not finite"),
     ],
