@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.identity import identity_of
 from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.parts.events import DIRECTIONS
 from beamdae.results.files import write_text
@@ -40,6 +41,10 @@ class Checkpoint:
         What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    identity
+        Of its equations, see `identity_of`.
+    books
+        Works up to there and what the books are off by [J], as the energy ledger has them.
     """
 
     t: float
@@ -50,7 +55,9 @@ class Checkpoint:
     inactive: tuple[str, ...] = ()
     found: dict[str, tuple[float, ...]] = field(default_factory=dict)
     model: str = ""
-    parameters: dict[str, str] | None = None
+    parameters: dict[str, str] = field(default_factory=dict)
+    identity: str = ""
+    books: tuple[float, ...] = (0.0,) * 4
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -70,6 +77,8 @@ class Checkpoint:
             {} if active is None else dict(active.found),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
+            identity_of(solution.equations),
+            tuple(solution.books_at_end.tolist()),
         )
 
     @classmethod
@@ -98,12 +107,14 @@ class Checkpoint:
             events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
             found = {str(k): tuple(map(float, x)) for k, x in told["found"].items()}
-            model = str(told["model"])
+            model, identity = str(told["model"]), str(told["identity"])
+            books = tuple(map(float, told["books"]))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        return cls(t, q, v, events, due, inactive, found, model, parameters)
+        known = (events, due, inactive, found, model, parameters, identity, books)
+        return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
         """Write it as JSON; the file appears whole or not at all.
@@ -128,7 +139,7 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If it is of another model, naming the first coordinate that differs.
+            If it is of a model with other coordinates, naming the first one that differs.
         """
         own, others = list(self.q), list(equations.q_names)
         for k in range(max(len(own), len(others))):
@@ -152,11 +163,13 @@ class Checkpoint:
             known = replace(known, first=frozenset(self.inactive), found=self.found)
         return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
-    def differences(self, parameters: dict[str, Any]) -> list[str]:
-        """Parameters that are others than in the run it is of, with what they were."""
-        before = self.parameters or {}
-        return [
-            f"{name} was {before[name]}"
+    def difference(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:
+        """What is other than in the run it is of, a phrase, or nothing."""
+        changed = [
+            f"{name} was {self.parameters[name]}"
             for name, value in parameters.items()
-            if name in before and before[name] != str(value)
+            if name in self.parameters and self.parameters[name] != str(value)
         ]
+        if changed:
+            return f"other parameters, {', '.join(changed)}"
+        return "other numbers or formulas" if identity_of(equations) != self.identity else ""

@@ -182,6 +182,11 @@ class Solution:
 
         return pd.DataFrame(self._books.at(self.t), columns=list(measures.LEDGER_COLUMNS))
 
+    @property
+    def books_at_end(self) -> Array:
+        """Works up to where the run ended, and what the books are off by there [J], (4,)."""
+        return self._books.at(np.array([self.trajectory.end]))[0, len(measures.ENERGIES) :]
+
     @cached_property
     def drift(self) -> pd.DataFrame:
         """Largest |g| and |g_dot| over the joints at the output times."""

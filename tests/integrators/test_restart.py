@@ -25,6 +25,12 @@ def slider():
     return mech
 
 
+def test_works_go_on_in_a_checkpoint(tmp_path):
+    first = bd.simulate(slider(), bd.Radau(), 0.4)
+    told = json.loads(first.checkpoint(tmp_path / "end.json").read_text())
+    assert_allclose(told["books"], first.ledger.iloc[-1, 3:], rtol=1e-12)
+
+
 @RUNS
 def test_a_run_goes_on_as_if_it_had_not_ended(integrator):
     whole = bd.simulate(slider(), integrator, 1.0, 0.01)
@@ -140,7 +146,7 @@ def test_runs_that_do_not_meet_are_not_joined():
         first.followed_by(3)
 
 
-def test_other_parameters_are_told(tmp_path):
+def test_other_parameters_are_refused_or_told(tmp_path):
     @bd.model(t_end=1.0)
     def thrown(gravity=-9.81):
         return falling(gravity=gravity)
@@ -151,5 +157,37 @@ def test_other_parameters_are_told(tmp_path):
 
     first = bd.simulate(thrown, bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
-    with pytest.warns(bd.BeamdaeWarning, match=r"other parameters, gravity was -9\.81"):
+    other = r"run with other parameters, gravity was -9\.81"
+    with pytest.raises(bd.BeamdaeError, match=f"thrown_on_the_moon: start is the end of a {other}"):
         bd.simulate(thrown_on_the_moon, bd.Radau(), start=path)
+    with pytest.warns(bd.BeamdaeWarning, match=other):
+        later = bd.simulate(thrown_on_the_moon, bd.Radau(), start=path, accept_changes=True)
+    assert_allclose(later.a[-1, 1], -1.62, rtol=1e-9)
+
+
+def driven(law, mass=1.0):
+    """A mechanism without parameters by name."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", ball.point, (law, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        driven(lambda t: np.cos(t)),
+        driven(lambda t: 1.0000001 * np.sin(t)),
+        driven(lambda t: np.sin(t), mass=2.0),
+        driven(bd.piecewise((5.0, lambda t: np.sin(t)), 0.0)),
+    ],
+    ids=["formula", "number in a formula", "mass", "breakpoint"],
+)
+def test_other_formulas_and_numbers_are_refused(tmp_path, other):
+    first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
+    path = first.checkpoint(tmp_path / "end.json")
+    again = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 1.0, start=path)
+    assert again.warnings == ()
+    for start in (first, path):
+        with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; go on"):
+            bd.simulate(other, bd.Radau(), 1.0, start=start)
