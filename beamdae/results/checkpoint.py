@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
     from beamdae.results.solution import Solution
 
 _FORMAT, _VERSION = "beamdae checkpoint", 2
+
+
+def state_hash(t: float, q: Any, v: Any) -> str:
+    """Hash of time, positions and velocities: that of no other run."""
+    return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,6 @@ class Checkpoint:
         What ran: the name of the model, and its parameters as texts.
     identity
         Of its equations, see `identity_of`.
-    books
-        Works up to there and what the books are off by [J], as the energy ledger has them.
     """
 
     t: float
@@ -57,7 +61,6 @@ class Checkpoint:
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
-    books: tuple[float, ...] = (0.0,) * 4
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -78,8 +81,12 @@ class Checkpoint:
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             identity_of(solution.equations),
-            tuple(solution.books_at_end.tolist()),
         )
+
+    @property
+    def state(self) -> str:
+        """See `state_hash`."""
+        return state_hash(self.t, list(self.q.values()), list(self.v.values()))
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
@@ -108,12 +115,11 @@ class Checkpoint:
             due = {str(k): str(x) for k, x in told["due"].items()}
             found = {str(k): tuple(map(float, x)) for k, x in told["found"].items()}
             model, identity = str(told["model"]), str(told["identity"])
-            books = tuple(map(float, told["books"]))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity, books)
+        known = (events, due, inactive, found, model, parameters, identity)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:

@@ -51,7 +51,8 @@ class Occurrence:
         """What happened when."""
         told = {"event": self.name, "direction": self.direction, measures.TIME: self.t}
         switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
-        return told | (switched if self.impulses else {})
+        due = {} if self.done else {"done": False}
+        return told | (switched if self.impulses else {}) | due
 
 
 def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:

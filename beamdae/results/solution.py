@@ -15,7 +15,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
-from beamdae.results.checkpoint import Checkpoint
+from beamdae.results.checkpoint import Checkpoint, state_hash
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
@@ -183,9 +183,12 @@ class Solution:
         return pd.DataFrame(self._books.at(self.t), columns=list(measures.LEDGER_COLUMNS))
 
     @property
-    def books_at_end(self) -> Array:
-        """Works up to where the run ended, and what the books are off by there [J], (4,)."""
-        return self._books.at(np.array([self.trajectory.end]))[0, len(measures.ENERGIES) :]
+    def _end(self) -> dict[str, Any]:
+        """What runs that go on from here are told by: a hash of the last state, and all works."""
+        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
+        books = self._books.at(np.array([end]))[0].tolist()
+        state = state_hash(end, last.q[-1], last.v[-1])
+        return {"state": state, **dict(zip(measures.LEDGER_COLUMNS, books, strict=True))}
 
     @cached_property
     def drift(self) -> pd.DataFrame:
@@ -319,5 +322,6 @@ class Solution:
             "singular positions": [asdict(passed) for passed in self.singular_positions],
             "events": [one.plain for one in self.occurred],
             "warnings": list(self.warnings),
+            "end": self._end,
             **further,
         }

@@ -25,12 +25,6 @@ def slider():
     return mech
 
 
-def test_works_go_on_in_a_checkpoint(tmp_path):
-    first = bd.simulate(slider(), bd.Radau(), 0.4)
-    told = json.loads(first.checkpoint(tmp_path / "end.json").read_text())
-    assert_allclose(told["books"], first.ledger.iloc[-1, 3:], rtol=1e-12)
-
-
 @RUNS
 def test_a_run_goes_on_as_if_it_had_not_ended(integrator):
     whole = bd.simulate(slider(), integrator, 1.0, 0.01)
