@@ -196,7 +196,7 @@ CALLS = {
     "activate": (lambda part: bd.activate(part), {"part": DISK}),
     "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
     "impact": (bd.impact, {"on": FLOOR.gap(DISK.at(0.0, 0.0)), "restitution": 0.5}),
-    "gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
+    "LineSurface.gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "frame": (
         lambda **given: bd.frame(bd.Mechanism(), **given),
@@ -237,11 +237,14 @@ ELSEWHERE = {
     *(
         "Case",
         "Check",
+        "CriticalPoint",
+        "Equilibrium",
         "Model",
         "Solution",
         "Study",
         "check",
         "compare",
+        "equilibrium",
         "error_estimate",
         "grid",
         "simulate",
@@ -256,7 +259,7 @@ ELSEWHERE = {
         "Part",
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("study", "verify"),
+    *("Animation", "Plot", "animate", "plot", "study", "verify"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

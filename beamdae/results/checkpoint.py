@@ -48,7 +48,8 @@ class Checkpoint:
     model, parameters
         What ran: the name of the model, and its parameters as texts.
     identity
-        Of its equations, see `identity_of`.
+        Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
+        model may begin that has the coordinates.
     """
 
     t: float
@@ -178,4 +179,5 @@ class Checkpoint:
         ]
         if changed:
             return f"other parameters, {', '.join(changed)}"
-        return "other numbers or formulas" if identity_of(equations) != self.identity else ""
+        same = not self.identity or identity_of(equations) == self.identity
+        return "" if same else "other numbers or formulas"
