@@ -42,6 +42,7 @@ from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
 from .parts.events import deactivate as deactivate
+from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment

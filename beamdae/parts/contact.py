@@ -82,12 +82,6 @@ class _Forces(_Touching):
         return ca.vertcat(normal, -rubbing)
 
 
-@dataclass(frozen=True)
-class _Gap(_Touching):
-    def __call__(self, local: Local, a: Any, b: Any, drawn: Any) -> SX:
-        return self.gap_and_slip(local, a, b, drawn)[0]
-
-
 def hysteresis_factor(restitution: float, speed: float) -> float:
     """The factor X [s/m] in N = k d^n (1 + X d') that leaves `restitution` of an impact at `speed`.
 
@@ -244,6 +238,4 @@ class Contact(Part):
     @property
     def gap(self) -> Quantity:
         """Distance of the point from the surface [m], negative where it penetrates."""
-        kind = _Gap(*self._kind)
-        values, data = Combined.of(kind, self._functions[:3])
-        return Quantity((Named("", "m"),), self._pieces, values, data)
+        return self.surface.gap(self.point)

@@ -146,6 +146,7 @@ MODELS: dict[str, Base] = {
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
             "start": "as drawn",
+            "accept_changes": False,
         },
         itself,
     ),
