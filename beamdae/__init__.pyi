@@ -72,6 +72,8 @@ from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
 from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
+from .report.diagrams import diagram as diagram
+from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

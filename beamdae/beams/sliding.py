@@ -141,6 +141,11 @@ class SlidingOnBeam(Part):
         values, _ = Combined.of(_reaction, ())
         return Quantity(columns, (), values, joint=self.name)
 
+    @property
+    def acting(self) -> str:
+        """Between the nodes that have shares of its reaction."""
+        return "shares"
+
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
         mesh = self.beam.mesh

@@ -19,6 +19,7 @@ from beamdae.symbolic.statements import Named, RangeStatement
 
 if TYPE_CHECKING:
     from beamdae.equations.configurations import Configurations
+    from beamdae.parts.mechanism import Mechanism
 
 Array = np.ndarray
 
@@ -159,6 +160,8 @@ class EquationsOfMotion:
         What a run watches for.
     configurations
         `Configurations` of a mechanism whose parts are switched; None: all are always active.
+    mechanism
+        What they are of, as it was then; None where they were stated without one.
     """
 
     coordinates: tuple[Named, ...]
@@ -179,6 +182,7 @@ class EquationsOfMotion:
     redundant: bool = False
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
     configurations: Configurations | None = field(default=None, repr=False)
+    mechanism: Mechanism | None = field(default=None, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

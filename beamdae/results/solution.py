@@ -21,6 +21,7 @@ from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import Occurrence, table_of
+from beamdae.results.section_forces import SectionForces, section_forces
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
@@ -264,6 +265,14 @@ class Solution:
             **asdict(self.statistics),
             **asdict(self.quality),
         }
+
+    def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
+        return section_forces(self, beam, t, s)
+
+    def diagram(self, beam: Any, what: str = "M", t: Any = None, path: Any = None) -> Any:
+        """Draw N, Q or M of a beam at a time, or their envelope, see `beamdae.diagram`."""
+        return section_forces(self, beam, t).diagram(what, path=path)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.

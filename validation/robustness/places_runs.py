@@ -10,6 +10,7 @@ import beamdae as bd
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
     OUTPUT_STEP,
@@ -237,7 +238,16 @@ def _limits() -> Any:
 
 
 BASES: dict[str, Base] = (
-    PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS | MODELS | INTEGRATING | RESULTS
+    PARTS
+    | JOINTS
+    | FORCES
+    | NUMBERS
+    | MECHANISMS
+    | SYSTEMS
+    | MODELS
+    | INTEGRATING
+    | RESULTS
+    | STRESSES
 )
 
 # What beamdae makes and users do not; as an argument each is met above.
@@ -250,4 +260,4 @@ NOT_CALLED = {
     "EquationsOfMotion": "what equations_of_motion gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}}
+NOT_GIVEN = {"Solution": {"*"}, "SectionForces": {"*"}}
