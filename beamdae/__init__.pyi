@@ -1,3 +1,5 @@
+from .analysis.periodic import PeriodicMotion as PeriodicMotion
+from .analysis.periodic import periodic as periodic
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
