@@ -1,5 +1,8 @@
 from .analysis.periodic import PeriodicMotion as PeriodicMotion
 from .analysis.periodic import periodic as periodic
+from .analysis.response import FrequencyResponse as FrequencyResponse
+from .analysis.response import ResponsePoint as ResponsePoint
+from .analysis.response import frequency_response as frequency_response
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
