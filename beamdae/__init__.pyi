@@ -1,3 +1,4 @@
+from .analysis.equilibrium import equilibrium as equilibrium
 from .analysis.periodic import PeriodicMotion as PeriodicMotion
 from .analysis.periodic import periodic as periodic
 from .analysis.response import FrequencyResponse as FrequencyResponse
@@ -77,7 +78,13 @@ from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
 from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
+from .report.curves import Plot as Plot
+from .report.curves import plot as plot
 from .report.diagrams import diagram as diagram
+from .report.motion import Animation as Animation
+from .report.motion import animate as animate
+from .results.equilibrium import CriticalPoint as CriticalPoint
+from .results.equilibrium import Equilibrium as Equilibrium
 from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange

@@ -129,7 +129,9 @@ class FrequencyResponse:
         found = []
         for k in (inner + 1).tolist():
             at = self._top(k, sizes)
-            found.append((_lagrange(at, k, self._along, values), _lagrange(at, k, self._along, sizes)))
+            found.append(
+                (_lagrange(at, k, self._along, values), _lagrange(at, k, self._along, sizes))
+            )
         return found
 
     @property

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
@@ -161,7 +162,8 @@ class EquationsOfMotion:
     configurations
         `Configurations` of a mechanism whose parts are switched; None: all are always active.
     mechanism
-        What they are of, as it was then; None where they were stated without one.
+        What they are the equations of, for drawing and observing it after a run; None where they
+        were stated otherwise.
     """
 
     coordinates: tuple[Named, ...]
