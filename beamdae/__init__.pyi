@@ -1,8 +1,5 @@
 from .analysis.equilibrium import equilibrium as equilibrium
-from .analysis.periodic import PeriodicMotion as PeriodicMotion
 from .analysis.periodic import periodic as periodic
-from .analysis.response import FrequencyResponse as FrequencyResponse
-from .analysis.response import ResponsePoint as ResponsePoint
 from .analysis.response import frequency_response as frequency_response
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
@@ -80,11 +77,13 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
-from .report.diagrams import diagram as diagram
 from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
+from .results.frequency_response import FrequencyResponse as FrequencyResponse
+from .results.frequency_response import ResponsePoint as ResponsePoint
+from .results.periodic_motion import PeriodicMotion as PeriodicMotion
 from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,96 +13,20 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, count, finite, positive
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
-from beamdae.results.headers import Header
-from beamdae.results.solution import Solution, Status
+from beamdae.results.periodic_motion import PeriodicMotion, largest, sorted_multipliers
+from beamdae.results.solution import Status
 from beamdae.simulation import as_equations
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = np.ndarray
 
 # Newton's method: where it has converged, over how far coordinates move, and how often it goes.
 TOLERANCE, _MOST_ITERATIONS = 1e-6, 25
 RTOL = 1e-8
+MOST_SETTLING = 10_000
 # Steps of the disturbances are halved until the largest multipliers change by less.
 _MULTIPLIERS, _MOST_HALVINGS = 1e-5, 3
-# Beyond one by this much a multiplier is taken to be.
-_UNSTABLE = 1e-4
 # Singular values smaller than this, over the largest, belong to motions that any state repeats in.
 _NEUTRAL = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class PeriodicMotion:
-    """A motion that repeats after a period, and its stability (Floquet).
-
-    Attributes
-    ----------
-    solution
-        One period of it.
-    period
-        [s].
-    multipliers
-        Floquet multipliers, the eigenvalues of the monodromy matrix on the motions the joints
-        allow, largest first: what a disturbance has grown to after a period. Disturbances in modes
-        too fast for the steps die out in them, damped or not.
-    multiplier_error
-        By how much the largest changed when the steps of the disturbances were halved.
-    off
-        By how much a period misses its start, over how far coordinates move.
-    iterations
-        Of Newton's method.
-    status
-        Whether it converged, and a sentence.
-    """
-
-    solution: Solution
-    period: float
-    multipliers: Array
-    multiplier_error: float
-    off: float
-    iterations: int
-    status: Status = field(default=Status("ok", "repeats after its period"))
-
-    @property
-    def stable(self) -> bool:
-        """Whether no disturbance grows; where damping has no part in it, none does either."""
-        return largest(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
-
-    @property
-    def stability(self) -> str:
-        """In words: stable, or how disturbances grow."""
-        if self.stable:
-            return "stable"
-        most = self.multipliers[0]
-        how = "disturbances turn around it"
-        if abs(most.imag) <= 1e-6 * abs(most):
-            how = "they grow on one side" if most.real > 0 else "they double the period"
-        return f"unstable: disturbances grow by {abs(most):.6g} in a period, {how}"
-
-    def amplitudes(self) -> pd.DataFrame:
-        """One row an observed column: mean, half the range, least and largest over the period."""
-        import pandas as pd
-
-        rows = {}
-        for header, values in self.solution.columns.items():
-            mean = float(np.trapezoid(values, self.solution.t) / np.ptp(self.solution.t))
-            unit = Header.of(header).unit
-            rows[header] = (mean, 0.5 * np.ptp(values), values.min(), values.max(), unit)
-        names = ["mean", "half the range", "least", "largest", "unit"]
-        return pd.DataFrame.from_dict(rows, orient="index", columns=names)
-
-
-def largest(multipliers: Array) -> float:
-    """Largest modulus."""
-    return float(np.max(np.abs(multipliers), initial=0.0))
-
-
-def sorted_multipliers(carried: Array) -> Array:
-    """Eigenvalues of a monodromy matrix, the largest first."""
-    found = np.linalg.eigvals(carried)
-    return found[np.argsort(-np.abs(found), kind="stable")]
 
 
 def periodic(
@@ -119,9 +42,9 @@ def periodic(
 
     By single shooting: Newton's method on the state that a period carries to itself, in the motions
     that the joints allow, with the monodromy matrix from the equations linearized along the run
-    (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6). Stable and unstable motions
-    are found alike; where there are several, the one near the start. Angles repeat up to whole
-    turns. Motions whose disturbances grow by more than 1e5 in a period are out of its reach.
+    (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6). Stable and unstable
+    motions are found alike; where there are several, the one near the start. Angles repeat up to
+    whole turns. Motions whose disturbances grow by more than 1e5 in a period are out of its reach.
 
     Parameters
     ----------
@@ -166,7 +89,7 @@ def periodic(
     """
     period, begin = positive("periodic", "period", period), finite("periodic", "begin", begin)
     tolerance = positive("periodic", "tolerance", tolerance)
-    settle = count("periodic", "settle", settle, least=0)
+    settle = count("periodic", "settle", settle, 0, MOST_SETTLING)
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator("periodic", method)
     flow = Flow.of(equations_of(model, start), method, begin, period)

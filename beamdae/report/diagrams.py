@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, may_be_path, one_of, shown
-from beamdae.report.pictures import COLORS, saved, wrapped
+from beamdae.errors import BeamdaeError, finite, one_of
+from beamdae.report.curves import Plot
+from beamdae.report.pictures import COLORS, as_written, wrapped
 from beamdae.results.section_forces import FORCES, SectionForces
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def diagram(
-    forces: SectionForces, what: str = "M", t: float | None = None, path: Any = None
-) -> Figure:
+def diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
     """Draw N, Q or M of a beam over its arc length, at one time or as an envelope.
 
     The line is what balances the loads, dots are what the strains say, and the gray band is the
@@ -31,23 +26,17 @@ def diagram(
         "N", "Q" or "M".
     t
         One of the times of the forces [s]; default the only one of these, or the envelope of all.
-    path
-        Where to save the picture (PNG, SVG, PDF by the suffix); default nowhere.
 
     Returns
     -------
-    matplotlib.figure.Figure
-        With one pair of axes.
+    Plot
+        Shown by a notebook; `Plot.save` writes it to a file.
     """
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
 
-    if not isinstance(forces, SectionForces):
-        raise BeamdaeError(f"diagram: forces must be SectionForces, got {shown(forces)}.")
     name = forces.beam.name
     one_of(name, "what", what, tuple(FORCES))
-    if path is not None and not (isinstance(path, (str, Path)) and may_be_path(str(path))):
-        raise BeamdaeError(f"{name}: path must be that of a picture, got {shown(path)}.")
     k = list(FORCES).index(what)
     values = (forces.N, forces.Q, forces.M)[k]
     figure = Figure(figsize=(5.6, 3.2), layout="constrained")
@@ -71,9 +60,8 @@ def diagram(
     axes.margins(x=0.0)
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    if path is not None:
-        saved(figure, Path(path))
-    return figure
+    as_written(figure)
+    return Plot(figure)
 
 
 def _row(forces: SectionForces, t: Any) -> int | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.equations.equations_of_motion import EquationsOfMotion
+    from beamdae.report.curves import Plot
     from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -209,13 +209,15 @@ class SectionForces:
             where,
         )
 
-    def diagram(
-        self, what: str = "M", t: float | None = None, path: str | Path | None = None
-    ) -> Any:
-        """Draw N, Q or M along the beam, see `beamdae.diagram`."""
-        import beamdae
+    def diagram(self, what: str = "M", t: float | None = None) -> Plot:
+        """Draw "N", "Q" or "M" along the beam at one of the times [s].
 
-        return beamdae.diagram(self, what, t, path)
+        Default the only one, or least and largest over all. The line is what balances the loads,
+        dots are what the strains say, and the gray band is the estimated error.
+        """
+        from beamdae.report.diagrams import diagram
+
+        return diagram(self, what, t)
 
 
 def section_forces(

@@ -352,9 +352,9 @@ class Solution:
         """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
         return section_forces(self, beam, t, s)
 
-    def diagram(self, beam: Any, what: str = "M", t: Any = None, path: Any = None) -> Any:
-        """Draw N, Q or M of a beam at a time, or their envelope, see `beamdae.diagram`."""
-        return section_forces(self, beam, t).diagram(what, path=path)
+    def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
+        """Draw "N", "Q" or "M" of a beam at a time, or least and largest over several."""
+        return section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.

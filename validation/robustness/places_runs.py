@@ -10,6 +10,7 @@ import beamdae as bd
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_periodic import PERIODIC
 from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
@@ -294,6 +295,7 @@ BASES: dict[str, Base] = (
     | INTEGRATING
     | RESULTS
     | STRESSES
+    | PERIODIC
 )
 
 # What beamdae makes and users do not; as an argument each is met above.
@@ -301,6 +303,8 @@ NOT_CALLED = {
     "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
+    "PeriodicMotion": "what periodic gives",
+    "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
     "Check": "what check gives",
@@ -309,4 +313,6 @@ NOT_CALLED = {
     "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}, "SectionForces": {"*"}, "Equilibrium": {"*"}}
+NOT_GIVEN = {
+    name: {"*"} for name in ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse")
+}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import beamdae as bd
@@ -23,8 +22,8 @@ STRESSES: dict[str, Base] = {
         lambda w, **given: _forces(w, **given),
     ),
     "Solution.diagram": Base(
-        lambda w: {"beam": "beam", "what": "M", "t": OUTPUT_STEP, "path": Path("out/M.png")},
-        lambda w, figure: None,
+        lambda w: {"beam": "beam", "what": "M", "t": OUTPUT_STEP},
+        itself,
         lambda w, **given: (w.beam, w.run())[1].diagram(**given),
     ),
     "SectionForces.stress": Base(
@@ -35,8 +34,9 @@ STRESSES: dict[str, Base] = {
         itself,
         lambda w, yield_stress: _forces(w).safety(yield_stress),
     ),
-    "diagram": Base(
-        lambda w: {"forces": _forces(w), "what": "M", "t": OUTPUT_STEP, "path": Path("out/M.png")},
-        lambda w, figure: None,
+    "SectionForces.diagram": Base(
+        lambda w: {"what": "M", "t": OUTPUT_STEP},
+        itself,
+        lambda w, **given: _forces(w).diagram(**given),
     ),
 }
