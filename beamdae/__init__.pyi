@@ -1,4 +1,6 @@
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.periodic import periodic as periodic
+from .analysis.response import frequency_response as frequency_response
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -80,6 +82,10 @@ from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
+from .results.frequency_response import FrequencyResponse as FrequencyResponse
+from .results.frequency_response import ResponsePoint as ResponsePoint
+from .results.periodic_motion import PeriodicMotion as PeriodicMotion
+from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

@@ -95,6 +95,15 @@ class Part:
         """What it holds."""
         return ()
 
+    @property
+    def acting(self) -> str:
+        """How its forces on sections of a beam are to be read along it, see `equations.acting`.
+
+        "points": each acts where it is stated; "line": they are a force per length, stated at the
+        points at which inertia is integrated; "shares": they are those of one force in between.
+        """
+        return "points"
+
     def ranges(self) -> Sequence[RangeStatement]:
         """What tells, after a run, whether it stayed where its strains hold."""
         return ()

@@ -18,6 +18,7 @@ from beamdae.results.files import write
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
 from beamdae.results.run import Run
+from beamdae.results.section_forces import SectionForces, section_forces
 from beamdae.results.selecting import selected
 from beamdae.symbolic.statements import Named, Quantity
 
@@ -176,6 +177,14 @@ class Solution(Run):
         frame = pd.DataFrame(np.hstack([self.q, self.v, self.lam]), columns=headers)
         frame.insert(0, "t [s]", self.t)
         return frame
+
+    def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
+        return section_forces(self, beam, t, s)
+
+    def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
+        """Draw "N", "Q" or "M" of a beam at a time, or least and largest over several."""
+        return section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
