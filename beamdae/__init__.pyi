@@ -1,3 +1,10 @@
+from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import campbell as campbell
+from .analysis.linear_model import LinearModel as LinearModel
+from .analysis.linear_model import linearize as linearize
+from .analysis.modes import Modes as Modes
+from .analysis.modes import modes as modes
+from .analysis.rotation import rotation as rotation
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping

@@ -19,6 +19,7 @@ from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
+from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import Occurrence, table_of
 from beamdae.results.start_changes import StartFacts, start_facts
@@ -160,6 +161,10 @@ class Solution:
         import pandas as pd
 
         return pd.DataFrame(table_of(self.equations, self.occurred))
+
+    def at(self, t: float) -> Instant:
+        """Where the run was at a time [s] within it, also between output times; see `modes`."""
+        return Instant.of(self.trajectory, t)
 
     def _looked_at(self) -> tuple[dict[str, Array], Array]:
         """Observed columns and times, some thousands of them where there are more."""
