@@ -79,6 +79,9 @@ from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
 from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
+from .report.mode_pictures import animate_mode as animate_mode
+from .report.mode_pictures import draw_campbell as draw_campbell
+from .report.mode_pictures import draw_modes as draw_modes
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

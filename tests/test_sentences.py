@@ -30,6 +30,9 @@ def mechanism():
     return mech
 
 
+SWINGING = bd.equations_of_motion(mechanism())
+
+
 def welded(**given):
     return bd.welded_beams(**({"mechanism": bd.Mechanism()} | given))
 
@@ -205,6 +208,15 @@ CALLS = {
             "section": STRIP,
         },
     ),
+    "campbell": (
+        bd.campbell,
+        {"model": mechanism(), "speeds": [0.0, 1.0], "n": 1, "center": (0.0, 0.0), "damping": True},
+    ),
+    "modes": (
+        bd.modes,
+        {"model": SWINGING, "about": "reference", "n": 1, "damping": True, "t": 0.0},
+    ),
+    "rotation": (bd.rotation, {"speed": 1.0, "center": (0.0, 0.0)}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
@@ -253,6 +265,8 @@ ELSEWHERE = {
         "Integrator",
         "Part",
     ),
+    *("Campbell", "LinearModel", "Modes", "animate_mode", "draw_campbell", "draw_modes"),
+    "linearize",
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
     *("study", "verify"),
     # Of formulas alone.

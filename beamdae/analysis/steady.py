@@ -32,8 +32,9 @@ _TURNS, _TURNED = 1e-8, 1.0
 # Newton's iteration: of a change in natural sizes, what is converged, and what is still near.
 _CONVERGED, _NEAR, _ITERATIONS = 1e-11, 0.5, 30
 _LEAST_STEP = 2.0**-10
-# Beside W^2 M: what makes the matrix regular where nothing holds the angle.
-_FREE = 1e-9
+# Beside W^2 M, and the largest stiffness over mass: what makes the matrix regular where nothing
+# holds the angle.
+_FREE, _STIFF = 1e-9, 1e-16
 
 
 def steady(
@@ -104,7 +105,11 @@ def _newton(
         state = _moving(turning, how, speed, q, lam)
         own = tangent(e, time, state)
         seen = _for_who_turns(own, turning, speed)
-        block = seen.stiffness + _FREE * speed**2 * own.mass
+        inertia = own.mass.diagonal()
+        has = inertia > 0.0
+        fastest = np.max(np.abs(own.stiffness.diagonal()[has]) / inertia[has], initial=0.0)
+        free = _FREE * speed**2 + _STIFF * fastest
+        block = seen.stiffness + (free or 1.0) * own.mass
         solve = saddle(block, seen.reactions, seen.held + seen.held_rates)
         if solve is None or not np.all(np.isfinite(own.residual)):
             return None

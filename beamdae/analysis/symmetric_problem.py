@@ -34,6 +34,14 @@ _BELOW, _FIRST, _LEAST = 0.4, 1e-8, 1e-22
 _ROUNDS = 6
 
 
+class MasslessError(BeamdaeError):
+    """A coordinate moves without inertia."""
+
+    def __init__(self, coordinate: str) -> None:
+        super().__init__(f"{coordinate}: it can move without inertia, give it a mass or a joint.")
+        self.coordinate = coordinate
+
+
 class Undamped(NamedTuple):
     """Squares (k,) of angular frequencies, ascending, and shapes (n, k) with x^T M x = 1."""
 
@@ -77,7 +85,7 @@ class SymmetricProblem:
         try:
             lower = la.cholesky(m, lower=True)
         except la.LinAlgError:
-            raise BeamdaeError(f"{self._massless(m, free)}: it moves without inertia.") from None
+            raise MasslessError(self._massless(m, free)) from None
         squares = la.eigh(k, m, eigvals_only=True)
         s = shift_below(squares)
         inverse = la.solve(k + s * m, lower)
