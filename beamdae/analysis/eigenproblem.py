@@ -67,7 +67,7 @@ def eigenmodes(lin: Linearization, count: int | None, damped: bool = True) -> Ei
         values = np.where(lowest.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(lowest.squares))
         values += np.sqrt(np.maximum(-lowest.squares, 0.0))
         return _sorted(lin, values, lowest.shapes.astype(complex), count)
-    return _sorted(lin, *QuadraticProblem(lin, lowest.squares).lowest(count), count)
+    return _sorted(lin, *QuadraticProblem(lin, lowest.squares, count).lowest(count), count)
 
 
 def _sorted(lin: Linearization, values: Array, shapes: Array, count: int | None) -> Eigenmodes:

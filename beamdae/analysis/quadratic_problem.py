@@ -17,7 +17,6 @@ from beamdae.analysis.symmetric_problem import (
     STILL,
     null_space,
     rounding_of,
-    shift_below,
 )
 from beamdae.errors import BeamdaeError
 
@@ -26,6 +25,8 @@ Array = np.ndarray
 # Eigenvalues beside the shift that are zero: a pair that coincides there is off by the root of
 # rounding.
 _ZERO = 1e-5
+# The shift is no frequency of a mode; where all are wanted it is in the middle of so many.
+_BELOW, _MANY = 0.6, 10
 
 
 class QuadraticProblem:
@@ -34,9 +35,11 @@ class QuadraticProblem:
     With y = (x, x') = (x, l x) it is l E y = A y; 1 / (l - s) are eigenvalues of (A - s E)^-1 E.
     """
 
-    def __init__(self, lin: Linearization, squares: Array) -> None:
+    def __init__(self, lin: Linearization, squares: Array, count: int | None) -> None:
         self.lin, self.own, self.e = lin, lin.tangent, lin.equations
-        self.rate = float(np.sqrt(shift_below(squares) if np.any(squares) else 1.0))
+        # In the middle of what is wanted: low and high ones then lose as much to rounding.
+        told = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _MANY]
+        self.rate = float(_BELOW * np.sqrt(told[0] * told[-1])) if len(told) else 1.0
         own, s = self.own, self.rate
         solve = saddle(
             own.stiffness + s * own.damping + s**2 * own.mass,

@@ -87,7 +87,7 @@ class SymmetricProblem:
         except la.LinAlgError:
             raise MasslessError(self._massless(m, free)) from None
         squares = la.eigh(k, m, eigvals_only=True)
-        s = shift_below(squares)
+        s = _shift_below(squares)
         inverse = la.solve(k + s * m, lower)
         product = lower.T @ inverse
         _, vectors = la.eigh(0.5 * (product + product.T))
@@ -153,7 +153,7 @@ def rounding_of(stiffness: sp.csc_array, shapes: Array) -> Array:
     return _ROUNDING * np.einsum("ij,ij->j", sizes, abs(stiffness) @ sizes)
 
 
-def shift_below(squares: Array) -> float:
+def _shift_below(squares: Array) -> float:
     """A shift s > 0 below the lowest of these that rounding lets be told from zero."""
     size = np.abs(squares)
     told = size[size > 1e-11 * np.max(size, initial=0.0)]
