@@ -1,5 +1,6 @@
 from .analysis.campbell import Campbell as Campbell
 from .analysis.campbell import campbell as campbell
+from .analysis.equilibrium import equilibrium as equilibrium
 from .analysis.linear_model import LinearModel as LinearModel
 from .analysis.linear_model import linearize as linearize
 from .analysis.modes import Modes as Modes
@@ -79,9 +80,15 @@ from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
 from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
+from .report.curves import Plot as Plot
+from .report.curves import plot as plot
 from .report.mode_pictures import animate_mode as animate_mode
 from .report.mode_pictures import draw_campbell as draw_campbell
 from .report.mode_pictures import draw_modes as draw_modes
+from .report.motion import Animation as Animation
+from .report.motion import animate as animate
+from .results.equilibrium import CriticalPoint as CriticalPoint
+from .results.equilibrium import Equilibrium as Equilibrium
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

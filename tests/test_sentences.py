@@ -242,33 +242,14 @@ CALLS = {
 # What takes no values of a model: settings of integrators and studies, models and results are told
 # in tests of their own.
 ELSEWHERE = {
-    *("Auto", "Ida", "Radau", "GeneralizedAlpha"),
-    *("BeamRange", "BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Integrator", "Part"),
-    *(
-        "Case",
-        "Check",
-        "Model",
-        "Solution",
-        "Study",
-        "check",
-        "compare",
-        "error_estimate",
-        "grid",
-        "simulate",
-    ),
-    *(
-        "BeamRange",
-        "Frame",
-        "BeamdaeError",
-        "BeamdaeWarning",
-        "EquationsOfMotion",
-        "Integrator",
-        "Part",
-    ),
+    *("Auto", "Ida", "Radau", "GeneralizedAlpha", "Integrator", "Part"),
+    *("BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Frame"),
+    *("Case", "Model", "Study", "compare", "grid", "study"),
+    *("BeamRange", "Check", "Solution", "check", "error_estimate", "simulate", "verify"),
+    *("CriticalPoint", "Equilibrium", "equilibrium"),
     *("Campbell", "LinearModel", "Modes", "animate_mode", "draw_campbell", "draw_modes"),
     "linearize",
-    *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("study", "verify"),
+    *("Animation", "Plot", "animate", "plot"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }
