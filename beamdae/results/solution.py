@@ -15,6 +15,7 @@ from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import write
+from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
 from beamdae.results.run import Run
@@ -141,6 +142,10 @@ class Solution(Run):
         import pandas as pd
 
         return pd.DataFrame(table_of(self.equations, self.occurred))
+
+    def at(self, t: float) -> Instant:
+        """Where the run was at a time [s] within it, also between output times; see `modes`."""
+        return Instant.of(self.trajectory, t)
 
     @cached_property
     def ledger(self) -> pd.DataFrame:
