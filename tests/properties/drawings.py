@@ -325,7 +325,12 @@ def _act(pencil: _Pencil, kinds: tuple[str, ...], free: bool) -> None:
             pencil.piece(kind, pencil.place(a), pencil.place(b), **own)
         else:
             _spring(pencil, pencil.place(a), pencil.place(b))
-    elif kind in ("torsion spring", "bushing") and a != b and b in turning and a in (GROUND, *turning):
+    elif (
+        kind in ("torsion spring", "bushing")
+        and a != b
+        and b in turning
+        and a in (GROUND, *turning)
+    ):
         if kind == "bushing":
             _bushing(pencil, pencil.place(a), pencil.place(b))
         else:
@@ -362,7 +367,9 @@ def _act(pencil: _Pencil, kinds: tuple[str, ...], free: bool) -> None:
         place = pencil.place(b)
         pencil.piece(kind, place, place, wave=wave, direction=pencil.direction(), axes=axes)
     elif kind == "moment" and b in turning:
-        pencil.piece(kind, pencil.place(b), pencil.place(b), wave=pencil.wave(pencil.between(-3, 3)))
+        pencil.piece(
+            kind, pencil.place(b), pencil.place(b), wave=pencil.wave(pencil.between(-3, 3))
+        )
 
 
 def _on_beam(pencil: _Pencil, kind: str, on: Place) -> None:

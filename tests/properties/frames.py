@@ -95,7 +95,7 @@ class Frame:
 
 
 def carried(frame: Frame, equations, values: np.ndarray, kind: str) -> dict[str, float]:
-    """Rows of coordinates "q", rates "v", "a" or generalized forces "Q" in the other frame, by name."""
+    """Coordinates "q", their rates "v", "a", or generalized forces "Q" in the frame, by name."""
     found = {}
     time = {"q": 0, "v": -1, "a": -2, "Q": -2}[kind]
     weight = frame.time**time * (frame.mass * frame.length**2 if kind == "Q" else 1.0)

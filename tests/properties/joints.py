@@ -53,9 +53,7 @@ def plain(kind):
 
 def gear(w, name, a, b, n):
     carrier = n.get("carrier")
-    return bd.Gear(
-        name, w.at(a), w.at(b), n["ratio"], None if carrier is None else w.at(carrier)
-    )
+    return bd.Gear(name, w.at(a), w.at(b), n["ratio"], None if carrier is None else w.at(carrier))
 
 
 def rack(w, name, a, b, n):
