@@ -1,3 +1,4 @@
+from .analysis.equilibrium import equilibrium as equilibrium
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -72,6 +73,12 @@ from .parts.springs import TorsionDamper as TorsionDamper
 from .parts.springs import TorsionSpring as TorsionSpring
 from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
+from .report.curves import Plot as Plot
+from .report.curves import plot as plot
+from .report.motion import Animation as Animation
+from .report.motion import animate as animate
+from .results.equilibrium import CriticalPoint as CriticalPoint
+from .results.equilibrium import Equilibrium as Equilibrium
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

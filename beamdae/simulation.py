@@ -21,6 +21,7 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN, require_start
 from beamdae.results.checkpoint import Checkpoint
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution, Status
 from beamdae.symbolic.memory import require_memory
 
@@ -34,7 +35,7 @@ def simulate(
     t_end: float | None = None,
     output_step: float | None = None,
     progress: Progress | None = None,
-    start: Solution | Path | str | Mapping[str, float] | None = None,
+    start: Solution | Equilibrium | Path | str | Mapping[str, float] | None = None,
 ) -> Solution:
     """Integrate a model from t = 0, or on from where another run ended.
 
@@ -56,7 +57,8 @@ def simulate(
         "as drawn", "equilibrium" (under the loads at t = 0, at rest), or positions and velocities
         by name such as {"crank.angle": 0.3, "crank.angle_dot": 5.0}; default the model's own. A run
         of the same model, or the path of a checkpoint, see `Solution.checkpoint`: the run goes on
-        from its last state. `Solution.followed_by` makes one of the two.
+        from its last state. `Solution.followed_by` makes one of the two. An `Equilibrium`: at rest
+        where that ends, under the loads the model has.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def simulate(
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
     begun = _end_of_another(start)
     if begun is None and start is not None:
-        require_start("simulate", start, ", a solution or the path of a checkpoint")
+        require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
     times = _output_times(t_end, output_step, 0.0 if begun is None else begun.t)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
@@ -122,6 +124,8 @@ def _end_of_another(start: Any) -> Checkpoint | None:
     """The end of another run, if that is what a start is."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
+    if isinstance(start, Equilibrium):
+        return start.starting()
     # Words have no suffix.
     named = isinstance(start, str) and Path(start).suffix != ""
     if (named or isinstance(start, Path)) and may_be_path(str(start)):

@@ -10,6 +10,7 @@ import pytest
 from support import ARC
 
 import beamdae as bd
+from beamdae.beams.exact import GeometricallyExact
 from beamdae.beams.floating_frame import FloatingFrame
 from beamdae.beams.varying import VaryingSection
 from beamdae.equations.formulations import FIRST_ORDER
@@ -192,6 +193,14 @@ KINEMATICS = {
     "chord frame, Green's strain": FloatingFrame,
     "section by a law": lambda name, mesh, section: FloatingFrame(
         name, mesh, VaryingSection(name, lambda s: section)
+    ),
+    "chord frame, Reissner's strain": partial(FloatingFrame, strain="exact"),
+    "nodes": GeometricallyExact,
+    "nodes, section by a law": lambda name, mesh, section: GeometricallyExact(
+        name, mesh, VaryingSection(name, lambda s: section)
+    ),
+    "nodes, free shape": lambda name, mesh, section: GeometricallyExact(
+        name, mesh, section, free_curve=mesh.curve
     ),
     "free shape": lambda name, mesh, section: FloatingFrame(
         name, mesh, section, free_curve=mesh.curve

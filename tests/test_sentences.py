@@ -235,11 +235,14 @@ ELSEWHERE = {
     *(
         "Case",
         "Check",
+        "CriticalPoint",
+        "Equilibrium",
         "Model",
         "Solution",
         "Study",
         "check",
         "compare",
+        "equilibrium",
         "error_estimate",
         "grid",
         "simulate",
@@ -254,7 +257,7 @@ ELSEWHERE = {
         "Part",
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("study", "verify"),
+    *("Animation", "Plot", "animate", "plot", "study", "verify"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

@@ -86,6 +86,7 @@ class DistributedForce(Part):
         "inertial" or "section".
     """
 
+    is_load = True
     name: str
     beam: Beam
     law: Any
@@ -188,6 +189,7 @@ class MovingForce(Part):
         Arc length at t = 0 [m], also off the beam.
     """
 
+    is_load = True
     name: str
     beam: Beam
     force: tuple[float, float]

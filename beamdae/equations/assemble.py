@@ -101,6 +101,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         events=mechanism.events,
         configurations=configurations,
     )
+    drawn_equations = replace(drawn_equations, mechanism=mechanism)
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(

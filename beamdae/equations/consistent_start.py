@@ -14,6 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
+from beamdae.equations.least_strain import least_strained
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -224,6 +225,16 @@ class Starter:
         return e.q_names[int(np.argmax(np.abs(unresisted)))]
 
     def _close(self, time: Array, q: Array) -> Array:
+        closed = self._closed(time, q)
+        if closed is q:
+            return q
+
+        def held(at: Array) -> tuple[Array, sp.csc_array]:
+            return self.gaps(time, at), self.constraint_matrix(time, at)
+
+        return least_strained(self, time, q, closed, q, held, _RIGID_TIME**2)
+
+    def _closed(self, time: Array, q: Array) -> Array:
         e = self.equations
         still = np.zeros(e.n)
         for _ in range(_POSITION_ITERATIONS):

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
@@ -159,6 +160,9 @@ class EquationsOfMotion:
         What a run watches for.
     configurations
         `Configurations` of a mechanism whose parts are switched; None: all are always active.
+    mechanism
+        What they are the equations of, for drawing and observing it after a run; None where they
+        were stated otherwise.
     """
 
     coordinates: tuple[Named, ...]
@@ -179,6 +183,7 @@ class EquationsOfMotion:
     redundant: bool = False
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
     configurations: Configurations | None = field(default=None, repr=False)
+    mechanism: Mechanism | None = field(default=None, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

@@ -71,6 +71,7 @@ class Force(Part):
         "inertial" (a dead load) or "body" (turning with the section it acts on).
     """
 
+    is_load = True
     name: str
     on: Attachment
     law: Any
@@ -101,6 +102,7 @@ class Force(Part):
 class Moment(Part):
     """Moment [N m], counter-clockwise positive, on an attachment; `law` a number or law of t."""
 
+    is_load = True
     name: str
     on: Attachment
     law: Any

@@ -13,7 +13,7 @@ from beamdae.parts.bodies import Ground
 from beamdae.parts.events import Event
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.observables import motion
+from beamdae.parts.observables import observed
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
@@ -96,12 +96,7 @@ class Mechanism:
         # The time, and what the energy ledger begins its columns with.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
-        quantity = motion(what) if isinstance(what, Attachment) else what
-        if not isinstance(quantity, Quantity):
-            raise BeamdaeError(
-                f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-                f"observed, got {shown(what)}."
-            )
+        quantity = observed(name, what)
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
         if quantity.joint is not None and quantity.joint not in self.parts:

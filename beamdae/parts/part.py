@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Part:
     """
 
     name: str
+    # Whether it is a load, which the load factor of an equilibrium scales unless others are named.
+    is_load: ClassVar[bool] = False
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:

@@ -13,7 +13,9 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
+from beamdae.equations.observing import observing
 from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.parts.attachments import Attachment
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.doubts import doubts
@@ -21,14 +23,18 @@ from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import Occurrence, table_of
+from beamdae.results.selecting import selected
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Named, Quantity
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.report.curves import Plot
+    from beamdae.report.motion import Animation
 
 Array = np.ndarray
 
@@ -84,7 +90,7 @@ class Statistics:
     wall_time: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Result of one run.
 
@@ -113,6 +119,20 @@ class Solution:
     model: dict[str, Any] = field(default_factory=dict)
     made_by: Any = field(default=None, repr=False)
     occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
+
+    def __repr__(self) -> str:
+        method = getattr(self.made_by, "label", self.integrator.get("integrator", "?"))
+        names = dict.fromkeys(o.name for o in self.equations.observables)
+        observed = f"; observed: {', '.join(names)}" if names else ""
+        return (
+            f"<Solution by {method}: {self.status.kind}, {self.status.sentence}; "
+            f"t = {self.t[0]:g} to {self.trajectory.end:g} s in {len(self.t)} rows{observed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from beamdae.report.card import card
+
+        return card(self)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -153,6 +173,68 @@ class Solution:
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
+
+    def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
+        """Columns over time, by name.
+
+        Parameters
+        ----------
+        name
+            A header, with or without its unit ("tip.y [m]" or "tip.y"), of an observed column, an
+            energy, a coordinate, velocity or multiplier; or the name of an observable ("tip").
+
+        Returns
+        -------
+        pandas.Series or pandas.DataFrame
+            One column, or all those of an observable, over t [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of the name.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+        >>> mech.observe("ball", ball.point)
+        >>> solution = bd.simulate(mech, t_end=1.0)
+        >>> print(f"{solution['ball.y'].min():.3f} m")
+        -2.905 m
+        """
+        import pandas as pd
+
+        every = {**self.all_columns(), **dict(self.coordinates())}
+        headers = selected(every, name)
+        index = pd.Index(self.t, name=measures.TIME)
+        found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
+        return found[headers[0]] if len(headers) == 1 else found
+
+    def observe(self, name: str, what: Attachment | Quantity) -> Solution:
+        """The run with one more observable, see `Mechanism.observe`; nothing is integrated again.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is taken, the quantity is none of the mechanism's, or the run not one of a
+            mechanism.
+        """
+        return replace(self, equations=observing(self.equations, name, what))
+
+    def plot(self, *names: str) -> Plot:
+        """Draw columns over time, see `beamdae.plot`."""
+        from beamdae.report.curves import plot
+
+        return plot(self, *names)
+
+    def animate(
+        self, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+    ) -> Animation | Path:
+        """Moving pictures of the run, see `beamdae.animate`."""
+        from beamdae.report.motion import animate
+
+        return animate(self, path, speed, frames)
 
     @property
     def events(self) -> pd.DataFrame:

@@ -104,7 +104,7 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
         bd.simulate(pendulum(), bd.Radau(), 1.0, start=path)
     with pytest.raises(bd.BeamdaeError, match=r"t_end = 0\.1 s must be later than the start"):
         bd.simulate(slider(), bd.Radau(), 0.1, start=path)
-    with pytest.raises(bd.BeamdaeError, match="a solution or the path of a checkpoint"):
+    with pytest.raises(bd.BeamdaeError, match="a solution, an equilibrium or the path of"):
         bd.simulate(slider(), bd.Radau(), 0.1, start=3)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import JOINTS, TIP
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, assert_derivative, slope
+from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
@@ -27,7 +27,11 @@ every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
 every_joint_of_points = pytest.mark.parametrize(
     "make", [JOINTS[name] for name in JOINTS if not name.startswith("sliding")]
 )
-every_frame = pytest.mark.parametrize("variant", [TANGENT, CHORD], ids=["tangent", "chord"])
+every_frame = pytest.mark.parametrize(
+    "variant",
+    [TANGENT, EXACT, pytest.param(CHORD, marks=pytest.mark.slow)],
+    ids=["tangent", "exact", "chord"],
+)
 
 
 def jointed(make, variant=TANGENT):

@@ -53,6 +53,7 @@ def _beam(world: World) -> dict[str, Any]:
         "section": world.section,
         "elements": 1,
         "strain": "green",
+        "formulation": "floating frame",
         "elements_shape": "curved",
         "continuity": "cartesian",
         "nodes": 4,

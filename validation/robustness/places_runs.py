@@ -12,6 +12,7 @@ from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
+    KNEE,
     OUTPUT_STEP,
     T_END,
     TIME_LIMIT,
@@ -94,6 +95,14 @@ def _listing(cases: Any) -> bd.Study:
     return bd.study(output_step=OUTPUT_STEP)(few)
 
 
+def _leaning(world: World) -> bd.Mechanism:
+    """The bar on a torsion spring, pushed aside."""
+    foot = world.mech.ground.at(0.0, 0.0)
+    world.mech.add(bd.TorsionSpring("spring", foot, world.bar.at(0.0, 0.0), 10.0))
+    world.mech.add(bd.Force("push", world.bar.at(*KNEE), (0.0, 1.0)))
+    return world.mech
+
+
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -141,6 +150,33 @@ MODELS: dict[str, Base] = {
         itself,
     ),
     "check": Base(lambda w: {"model": w.mech, "t_end": T_END, "predict": False}, itself),
+    "equilibrium": Base(
+        lambda w: {
+            "model": w.mech,
+            "loads": ["gravity"],
+            "to": [0.5, 1.0],
+            "control": "load",
+            "step": 0.5,
+            "switch": 0,
+            "most_points": 20,
+            "t": 0.0,
+            "start": {"bar.angle": -1.0},
+        },
+        lambda w, found: found.table(),
+    ),
+    "equilibrium displaced": Base(
+        lambda w: {"to": {"knee.x": 0.1}, "switch": 0},
+        lambda w, found: found.table(),
+        lambda w, **given: bd.equilibrium(_leaning(w), **given),
+    ),
+    "Equilibrium.at": Base(
+        lambda w: {"row": 0}, itself, lambda w, row: bd.equilibrium(w.mech).at(row)
+    ),
+    "Equilibrium.to_csv": Base(
+        lambda w: {"path": Path("path.csv")},
+        itself,
+        lambda w, path: _written(w, path, bd.equilibrium(w.mech)),
+    ),
 }
 
 INTEGRATING: dict[str, Base] = {
@@ -216,14 +252,24 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
+    "animate": Base(
+        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+    ),
+    "Solution.observe": Base(
+        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        itself,
+        lambda w, **given: w.solution.observe(**given),
+    ),
+    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
 }
 
 
-def _written(world: World, path: Any) -> None:
-    solution = world.solution
+def _written(world: World, path: Any, result: Any = None) -> None:
+    solution = world.solution if result is None else result
     # Relative paths may lead up.
     (world.folder / "deep").mkdir(parents=True)
     with chdir(world.folder / "deep"):
@@ -242,12 +288,15 @@ BASES: dict[str, Base] = (
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
+    "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
     "Check": "what check gives",
+    "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
+    "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}}
+NOT_GIVEN = {"Solution": {"*"}, "Equilibrium": {"*"}}
