@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from properties.frames import Frame, section
 
 import beamdae as bd
-from properties.frames import Frame, section
 
 GROUND = None
 

@@ -1,7 +1,7 @@
 """Random mechanisms: chains, trees and loops of bars, disks, particles and beams, with forces.
 
-Drawn by a `random.Random`, that of hypothesis or one with a seed, as plain data: the same drawing is
-built in any frame and with its parts in any order.
+Drawn by a `random.Random`, that of hypothesis or one with a seed, as plain data: the same drawing
+is built in any frame and with its parts in any order.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 import numpy as np
-
-import beamdae as bd
 from properties.bodies import GROUND, Body, Place, World
 from properties.forces import FORCES
 from properties.frames import Frame, Wave
 from properties.joints import JOINTS
+
+import beamdae as bd
 
 BUILDERS = JOINTS | FORCES
 # In which friction can act, and which of them has a radius.
