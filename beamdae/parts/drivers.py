@@ -114,6 +114,7 @@ class TranslationalDriver(Driven):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
         keep(self, direction=direction_of(self.name, self.direction))
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")
