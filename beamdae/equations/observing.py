@@ -30,7 +30,9 @@ def observing(e: EquationsOfMotion, name: str, what: Attachment | Quantity) -> E
     quantity, owners = observed(name, what), owners_of(mechanism)
     for piece in quantity.pieces:
         if id(piece.owner) not in owners.sizes:
-            raise BeamdaeError(f"{name}: {piece.owner.name!r} is no part of the mechanism that ran.")
+            raise BeamdaeError(
+                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran."
+            )
     require_pieces_fit(name, quantity.pieces, owners.sizes)
     numbers = Numbers(e.p)
     rows: dict[str, slice] = {}
