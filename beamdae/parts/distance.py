@@ -87,7 +87,7 @@ class Distance(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """Tension F [N], and the power [W] that the law of its length brings in."""
-        return self._drive()
+        return self._drive(changes=False)
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:

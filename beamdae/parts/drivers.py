@@ -75,7 +75,7 @@ class Driver(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """Moment M [N m] on the body of `b`, and the power [W] it brings in."""
-        return self._drive()
+        return self._drive(changes=True)
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
@@ -125,7 +125,7 @@ class TranslationalDriver(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """Force F [N] on the body of `b` along the direction, and the power [W] it brings in."""
-        return self._drive()
+        return self._drive(changes=True)
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, keep, one_of
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment
+from beamdae.parts.gap_formulas import Drive, HeldGap, ReactionOn
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, combined_kernel
 from beamdae.symbolic.statements import (
@@ -107,72 +107,8 @@ class Joint(Part):
         return [ConstraintStatement(self.name, kernel, pieces, self.multipliers)]
 
 
-@dataclass(frozen=True)
-class _Gap:
-    """What a joint holds, as a formula of where its points are.
-
-    Attributes
-    ----------
-    sizes
-        Numbers of local coordinates of the points.
-    gap
-        (time, *points moved, *further formulas) -> g, a point moved being its position and turn.
-    """
-
-    sizes: tuple[int, ...]
-    gap: Callable[..., SX]
-
-    def points(self, local: Local, functions: Sequence[Any]) -> list[Any]:
-        """All points, moved by the first of the functions."""
-        ends = np.cumsum([0, *self.sizes]).tolist()
-        return [
-            on(local.q[first:last])
-            for on, (first, last) in zip(functions, pairwise(ends), strict=False)
-        ]
-
-    def own(self, functions: Sequence[Any]) -> Sequence[Any]:
-        """The further formulas."""
-        return functions[len(self.sizes) :]
-
-
-class _Held(_Gap):
-    """The kernel of a gap."""
-
-    def __call__(self, local: Local, *functions: Any) -> ConstraintKernel:
-        points = self.points(local, functions)
-        return ConstraintKernel(local, self.gap(local.time, *points, *self.own(functions)))
-
-
-@dataclass(frozen=True)
-class _ReactionOn(_Gap):
-    """Force and moment at one of the points: what does the work of the multipliers there."""
-
-    which: int
-    axes: str
-    has_angle: bool
-
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        found = self.points(local, functions)
-        free = SX.sym("point", 3)
-        place, turn = found[self.which]
-        moved = [*found[: self.which], (free[:2], free[2]), *found[self.which + 1 :]]
-        g = self.gap(local.time, *moved, *self.own(functions))
-        load = -ca.jtimes(g, free, local.lam, True)
-        load = ca.densify(ca.substitute(load, free, ca.vertcat(place, turn)))
-        force = rotate(-turn, load[:2]) if self.axes == "body" else load[:2]
-        return ca.vertcat(force, load[2]) if self.has_angle else force
-
-
-class _Drive(_Gap):
-    """What a law of time takes to be followed, and its power."""
-
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        g = self.gap(local.time, *self.points(local, functions), *self.own(functions))
-        return ca.vertcat(-local.lam, local.lam * ca.jtimes(g, local.time, SX([1, 0])))
-
-
 class JointByFormula(Joint):
-    """A joint whose constraint is one formula of where its points are: see `_Gap.gap`."""
+    """A joint whose constraint is one formula of where its points are: see `Gap.gap`."""
 
     _gap: ClassVar[Callable[..., SX]]
 
@@ -207,7 +143,7 @@ class JointByFormula(Joint):
         if type(self).constraint is not JointByFormula.constraint:
             return super().constraints()
         sizes = self._sizes
-        held = _Held(sizes, self._gap)
+        held = HeldGap(sizes, self._gap)
         count = len(self.multipliers)
         kernel, data = combined_kernel(held, self._functions, sum(sizes), count)
         return [ConstraintStatement(self.name, kernel, self._pieces, self.multipliers, data)]
@@ -227,16 +163,16 @@ class JointByFormula(Joint):
         one_of(self.name, "place", place, tuple(points))
         one_of(self.name, "axes", axes, ("inertial", "body"))
         at = points[place]
-        build = _ReactionOn(self._sizes, self._gap, list(points).index(place), axes, at.has_angle)
+        build = ReactionOn(self._sizes, self._gap, list(points).index(place), axes, at.has_angle)
         columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[
             : 3 if at.has_angle else 2
         ]
         values, data = Combined.of(build, self._functions)
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
-    def _drive(self) -> Quantity:
+    def _drive(self, changes: bool) -> Quantity:
         """What its one law takes, named as the reaction is, and the power it brings in."""
-        values, data = Combined.of(_Drive(self._sizes, self._gap), self._functions)
+        values, data = Combined.of(Drive(self._sizes, self._gap, changes), self._functions)
         columns = (*self.reaction.columns, Named("power", "W"))
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
