@@ -22,7 +22,8 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN, require_start
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.solution import Solution, Status
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
 from beamdae.symbolic.memory import require_memory
 
 _MOST_ROWS = 1e7

@@ -263,7 +263,8 @@ ELSEWHERE = {
         "Part",
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("Animation", "Plot", "animate", "plot", "study", "verify"),
+    *("Animation", "Plot", "animate", "plot", "study", "verify", "SectionForces"),
+    *("FrequencyResponse", "PeriodicMotion", "ResponsePoint", "frequency_response", "periodic"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

@@ -35,7 +35,8 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.results.continued import Parts
-    from beamdae.results.solution import Solution, Status
+    from beamdae.results.outcome import Status
+    from beamdae.results.solution import Solution
 
 
 def run_command(

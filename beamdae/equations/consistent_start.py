@@ -15,6 +15,7 @@ from beamdae.equations.formulations import State
 from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
 from beamdae.equations.least_strain import least_strained
+from beamdae.equations.redundancy import dependent_sets, scaled_joints, sentences
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -26,6 +27,8 @@ _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
 # Joints are closed by rigid motion before anything faster than this [s] is bent.
 _RIGID_TIME = 1.0
+# Of so many constraints it is told what motions they block: that takes their number cubed.
+_MOST_EXPLAINED = 300
 
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 _MASS = (0.0, 0.0, 1.0)
@@ -139,7 +142,14 @@ class Starter:
         """Refuse joints that depend on each other at positions `q`, naming them."""
         e, pattern = self.equations, self._own.sums.gradient_pattern
         gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
-        require_independent(pattern, gradients, e.lam_names, float(time[0]))
+
+        def what_they_block() -> str:
+            if e.m > _MOST_EXPLAINED:
+                return ""
+            joints = scaled_joints(self, time, q)
+            return sentences(dependent_sets(self, time, q, np.zeros(e.n), joints))
+
+        require_independent(pattern, gradients, e.lam_names, float(time[0]), what_they_block)
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""

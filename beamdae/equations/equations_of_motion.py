@@ -20,6 +20,7 @@ from beamdae.symbolic.statements import Named, RangeStatement
 
 if TYPE_CHECKING:
     from beamdae.equations.configurations import Configurations
+    from beamdae.parts.mechanism import Mechanism
 
 Array = np.ndarray
 

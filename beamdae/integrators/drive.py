@@ -28,7 +28,8 @@ from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.spared import spared, with_all
 from beamdae.integrators.switching import Methods, first_configuration, switched
 from beamdae.results.occurrences import Occurrence
-from beamdae.results.solution import REACHED_END, Solution, Status
+from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
 

@@ -14,7 +14,7 @@ from beamdae.integrators.crossings import Side, crossings, looks
 from beamdae.integrators.rows import Rows
 from beamdae.parts.events import impacts_of
 from beamdae.results.occurrences import DOWN, UP, Occurrence
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

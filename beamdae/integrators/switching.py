@@ -20,7 +20,7 @@ from beamdae.integrators.impacts import impulses_of, thrown_back
 from beamdae.integrators.method import Method
 from beamdae.integrators.route import Route, branch_of, ends_of
 from beamdae.parts.events import impacts_of, switches_of
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.gap_formulas import Gap, HeldGap
-from beamdae.parts.joints import JointByFormula, Revolute, Weld
+from beamdae.parts.joints import JointByFormula, Revolute, Weld, _Gap, _Held
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
@@ -62,7 +61,7 @@ class _Shifted:
 
 
 @dataclass(frozen=True)
-class _Found(Gap):
+class _Found(_Gap):
     """The numbers at which the shifted gap is closed."""
 
     carrier: int | None
@@ -136,6 +135,6 @@ class AsFound(Part):
         shifted = _Shifted(joint._gap, _carrier(joint), len(self.found))
         functions = [*_functions(joint, self.law), plain(*self.found)]
         kernel, data = combined_kernel(
-            HeldGap(sizes, shifted), functions, sum(sizes), len(self.multipliers)
+            _Held(sizes, shifted), functions, sum(sizes), len(self.multipliers)
         )
         return [ConstraintStatement(self.name, kernel, joint._pieces, self.multipliers, data)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from beamdae.errors import BeamdaeError, finite, keep, one_of, shown
-from beamdae.parts.drivers import Driver, TranslationalDriver
+from beamdae.parts.drivers import Driven, Driver, TranslationalDriver
 from beamdae.parts.joints import Joint, JointByFormula
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
@@ -97,7 +97,7 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     >>> slower = bd.piecewise((1.0, lambda t: 5.0 * t - 2.0 * t**2), lambda t: 2.0 + t)
     >>> event = mech.when("disk.angle", 6.0, "up", bd.change_law(drive, slower), name="slower")
     """
-    if not isinstance(driver, (Driver, TranslationalDriver)):
+    if not (isinstance(driver, Driven) and driver.is_relative):
         raise BeamdaeError(
             "change_law: it is for a Driver or a TranslationalDriver, whose law is relative, got "
             f"{shown(driver)}."

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, keep, one_of
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment
-from beamdae.parts.gap_formulas import Drive, HeldGap, ReactionOn
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, combined_kernel
 from beamdae.symbolic.statements import (
@@ -43,6 +43,17 @@ def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
             f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
             f"are {gap:.6g} m apart."
         )
+
+
+def load_columns(at: Attachment) -> tuple[Named, ...]:
+    """What a load at an attachment consists of: Fx, Fy and, on what turns, M."""
+    return (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[: 3 if at.has_angle else 2]
+
+
+def load_in(axes: str, turn: SX, force: SX, moment: Any = None) -> SX:
+    """A load in inertial axes, or in those of a body that has turned; without moment: a force."""
+    seen = rotate(-turn, force) if axes == "body" else force
+    return seen if moment is None else ca.vertcat(seen, moment)
 
 
 def _reaction(local: Local) -> SX:
@@ -107,8 +118,85 @@ class Joint(Part):
         return [ConstraintStatement(self.name, kernel, pieces, self.multipliers)]
 
 
+@dataclass(frozen=True)
+class _Gap:
+    """What a joint holds, as a formula of where its points are.
+
+    Attributes
+    ----------
+    sizes
+        Numbers of local coordinates of the points.
+    gap
+        (time, *points moved, *further formulas) -> g, a point moved being its position and turn.
+    """
+
+    sizes: tuple[int, ...]
+    gap: Callable[..., SX]
+
+    def points(self, local: Local, functions: Sequence[Any]) -> list[Any]:
+        """All points, moved by the first of the functions."""
+        ends = np.cumsum([0, *self.sizes]).tolist()
+        return [
+            on(local.q[first:last])
+            for on, (first, last) in zip(functions, pairwise(ends), strict=False)
+        ]
+
+    def own(self, functions: Sequence[Any]) -> Sequence[Any]:
+        """The further formulas."""
+        return functions[len(self.sizes) :]
+
+
+class _Held(_Gap):
+    """The kernel of a gap."""
+
+    def __call__(self, local: Local, *functions: Any) -> ConstraintKernel:
+        points = self.points(local, functions)
+        return ConstraintKernel(local, self.gap(local.time, *points, *self.own(functions)))
+
+
+@dataclass(frozen=True)
+class _ReactionOn(_Gap):
+    """Force and moment at one of the points: what does the work of the multipliers there."""
+
+    which: int
+    axes: str
+    has_angle: bool
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        found = self.points(local, functions)
+        free = SX.sym("point", 3)
+        place, turn = found[self.which]
+        moved = [*found[: self.which], (free[:2], free[2]), *found[self.which + 1 :]]
+        g = self.gap(local.time, *moved, *self.own(functions))
+        load = -ca.jtimes(g, free, local.lam, True)
+        load = ca.densify(ca.substitute(load, free, ca.vertcat(place, turn)))
+        return load_in(self.axes, turn, load[:2], load[2] if self.has_angle else None)
+
+
+@dataclass(frozen=True)
+class Drive(_Gap):
+    """What a law of time takes to be followed, and its power.
+
+    Attributes
+    ----------
+    changes
+        Whether events may have it follow another law: then its power is that of how it moves.
+    """
+
+    changes: bool
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        """Reaction and power."""
+        g = self.gap(local.time, *self.points(local, functions), *self.own(functions))
+        if self.changes:
+            rate = -ca.jtimes(g, local.q, local.v)
+        else:
+            rate = ca.jtimes(g, local.time, SX([1, 0]))
+        return ca.vertcat(-local.lam, local.lam * rate)
+
+
 class JointByFormula(Joint):
-    """A joint whose constraint is one formula of where its points are: see `Gap.gap`."""
+    """A joint whose constraint is one formula of where its points are: see `_Gap.gap`."""
 
     _gap: ClassVar[Callable[..., SX]]
 
@@ -143,10 +231,17 @@ class JointByFormula(Joint):
         if type(self).constraint is not JointByFormula.constraint:
             return super().constraints()
         sizes = self._sizes
-        held = HeldGap(sizes, self._gap)
+        held = _Held(sizes, self._gap)
         count = len(self.multipliers)
         kernel, data = combined_kernel(held, self._functions, sum(sizes), count)
         return [ConstraintStatement(self.name, kernel, self._pieces, self.multipliers, data)]
+
+    def _place(self, place: str, axes: str) -> Attachment:
+        """One of its points by name, if there are such axes."""
+        points = self._points
+        one_of(self.name, "place", place, tuple(points))
+        one_of(self.name, "axes", axes, ("inertial", "body"))
+        return points[place]
 
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
         """Force Fx, Fy [N] and moment M [N m] of the joint on one of its bodies, at its point.
@@ -159,22 +254,11 @@ class JointByFormula(Joint):
             "inertial", or "body": those of the drawing as the body (or the section of a beam) turns
             them.
         """
-        points = self._points
-        one_of(self.name, "place", place, tuple(points))
-        one_of(self.name, "axes", axes, ("inertial", "body"))
-        at = points[place]
-        build = ReactionOn(self._sizes, self._gap, list(points).index(place), axes, at.has_angle)
-        columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[
-            : 3 if at.has_angle else 2
-        ]
+        at = self._place(place, axes)
+        which = list(self._points).index(place)
+        build = _ReactionOn(self._sizes, self._gap, which, axes, at.has_angle)
         values, data = Combined.of(build, self._functions)
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
-
-    def _drive(self, changes: bool) -> Quantity:
-        """What its one law takes, named as the reaction is, and the power it brings in."""
-        values, data = Combined.of(Drive(self._sizes, self._gap, changes), self._functions)
-        columns = (*self.reaction.columns, Named("power", "W"))
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
+        return Quantity(load_columns(at), self._pieces, values, data, joint=self.name)
 
 
 def _meeting(time: SX, a: Any, b: Any) -> SX:
@@ -189,27 +273,21 @@ def _welded(time: SX, a: Any, b: Any) -> SX:
 class Revolute(JointByFormula):
     """Common point of two bodies, free to turn: g = r_b - r_a."""
 
+    multipliers = (Named("x", "N"), Named("y", "N"))
+    reactions = ("Fx", "Fy")
     _gap = staticmethod(_meeting)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_meeting(self.name, self.a, self.b)
 
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("x", "N"), Named("y", "N"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("Fx", "Fy")
-
 
 @dataclass(frozen=True, eq=False)
 class Weld(JointByFormula):
     """Common point and common turn: g = (r_b - r_a, turn_b - turn_a)."""
 
+    multipliers = (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
+    reactions = ("Fx", "Fy", "M")
     _gap = staticmethod(_welded)
 
     def __post_init__(self) -> None:
@@ -217,13 +295,3 @@ class Weld(JointByFormula):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         require_meeting(self.name, self.a, self.b)
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("Fx", "Fy", "M")

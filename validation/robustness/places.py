@@ -42,7 +42,7 @@ def _members(world: World) -> dict[str, Any]:
 
 def _attachment(world: World) -> dict[str, Any]:
     at = world.bar.at(*KNEE)
-    names = ("body", "point", "inclination", "operator", "kinematics", "has_angle")
+    names = ("body", "point", "inclination", "operator", "kinematics", "has_angle", "s")
     return {name: getattr(at, name) for name in names}
 
 
@@ -75,6 +75,7 @@ def _section(world: World) -> dict[str, Any]:
         "damping": 1e-5,
         "mass_per_length": 0.6,
         "rotary_inertia_per_length": 1e-6,
+        "shear_peak": 1.5,
     }
 
 
@@ -200,7 +201,7 @@ NUMBERS: dict[str, Base] = {
         lambda w: {"curve": bd.Arc(1.0, 1.0, (0.0, 1.0)), "start": 0.2, "end": 0.8}, bent
     ),
     "Material": Base(
-        lambda w: {"E": 2.1e11, "nu": 0.3, "rho": 7850.0},
+        lambda w: {"E": 2.1e11, "nu": 0.3, "rho": 7850.0, "yield_stress": 235e6},
         lambda w, material: made_of(w, bd.Section(material, 8e-5, 1e-10)),
     ),
     "Section": Base(_section, made_of),
