@@ -50,6 +50,7 @@ from .parts.drivers import Driver as Driver
 from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
+from .parts.events import change_law as change_law
 from .parts.events import deactivate as deactivate
 from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
