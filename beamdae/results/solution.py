@@ -23,7 +23,8 @@ from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.files import write
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import Occurrence, table_of
-from beamdae.results.section_forces import SectionForces, section_forces
+from beamdae.results.recovered import section_forces
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
