@@ -1,4 +1,4 @@
-"""Section forces of runs: at their ends, tables, stresses, envelopes, safety, diagrams, refusals."""
+"""Section forces of runs: at their ends, tables, stresses, envelopes, safety, diagrams."""
 
 from dataclasses import replace
 
@@ -126,7 +126,9 @@ def test_what_is_asked_wrongly_is_refused(swinging, ask, why):
 
 
 def test_safety_needs_a_yield_stress():
-    mech, beam = held(section=bd.Section.rectangle(replace(STEEL, yield_stress=None), 0.02, 0.01))
-    mech.add(bd.Force("load", beam.end, (0.0, -1.0)))
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(replace(STEEL, yield_stress=None), 0.02, 0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     with pytest.raises(bd.BeamdaeError, match="its material has no yield_stress"):
-        at_rest(mech, beam).safety()
+        bd.equilibrium(mech).section_forces(beam).safety()
