@@ -18,8 +18,9 @@ from beamdae.results.files import write
 from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
+from beamdae.results.recovered import section_forces
 from beamdae.results.run import Run
-from beamdae.results.section_forces import SectionForces, section_forces
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
 from beamdae.symbolic.statements import Named, Quantity
 
