@@ -22,13 +22,15 @@ def hub_beam(
     length=5.0 * np.pi / 3.0,
     torque=10.0,
     frequency=1.0,
+    formulation="floating frame",
 ):
     """Hub and beam: `torque` [N m] times sin(2 pi `frequency` t) on the hub, no gravity.
 
     `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same chord and
     rise. The beam is cut into `bodies` beams of `elements` elements each, welded together, every
     one in a floating frame of its own, on its start section ("tangent", the paper's) or from end to
-    end ("chord").
+    end ("chord"). `strain` and `continuity` are the floating frame's alone, `formulation="exact"`
+    has none of them.
     """
     angle = np.radians(subtended)
     radius = length / angle
@@ -48,6 +50,7 @@ def hub_beam(
     hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.3))
     mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
     mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, frequency)))
+    floating = formulation == "floating frame"
     beams = bd.welded_beams(
         mech,
         "beam",
@@ -56,11 +59,11 @@ def hub_beam(
         bodies,
         elements=elements,
         frame=frame,
-        strain=strain,
         elements_shape=elements_shape,
         nodes=nodes,
-        continuity=continuity,
         quadrature=quadrature,
+        formulation=formulation,
+        **({"strain": strain, "continuity": continuity} if floating else {}),
     )
     mech.add(bd.Weld("root", hub.at(*root), beams[0].start))
 

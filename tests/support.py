@@ -30,26 +30,31 @@ class Variant(NamedTuple):
     damping: float
     continuity: str = "cartesian"
     nodes: int = 4
+    formulation: str = "floating frame"
 
     @property
     def section(self):
         return bd.Section(SOFT, area=0.9, second_moment=0.05, damping=self.damping)
 
-    def beam(self, curve, elements=2, section=None, name="beam"):
+    def beam(self, curve, elements=2, section=None, name="beam", **more):
+        own = {"strain": self.strain, "continuity": self.continuity}
         return bd.Beam(
             name,
             curve,
             section or self.section,
             elements=elements,
-            strain=self.strain,
             elements_shape=self.shape,
-            continuity=self.continuity,
             nodes=self.nodes,
             quadrature=self.quadrature,
             frame=self.frame,
+            formulation=self.formulation,
+            **(own if self.formulation == "floating frame" else {}),
+            **more,
         )
 
     def __str__(self):
+        if self.formulation != "floating frame":
+            return self.formulation
         damped = "damped" if self.damping else "undamped"
         shape = self.shape if self.continuity == "cartesian" else f"{self.shape}-local"
         nodes = "" if self.nodes == 4 else f"-{self.nodes}-nodes"
@@ -71,7 +76,9 @@ VARIANTS += [
     Variant("nonlinear", "curved", "reduced", f, 0.03, "local") for f in ("tangent", "chord")
 ]
 VARIANTS += [
-    Variant("green", "curved", "reduced", f, d) for f, d in (("tangent", 0.0), ("chord", 0.03))
+    Variant(strain, "curved", "reduced", f, d)
+    for strain in ("green", "exact")
+    for f, d in (("tangent", 0.0), ("chord", 0.03))
 ]
 # Fewer nodes are shorter sums of the same terms: a choice of the other settings shows them.
 VARIANTS += [
@@ -88,13 +95,15 @@ VARIANTS += [
 _LATER = {v for k, v in enumerate(VARIANTS[:32]) if k.bit_count() % 2}
 # For laws of what is made of elements: sums of statements, their forms, the start. These know an
 # element by the size of its kernel and the operator of its mesh alone, and the kernels themselves
-# are tested over all variants. The four differ in everything that makes size and operator (shape,
+# are tested over all variants. They differ in everything that makes size and operator (shape,
 # frame, continuity, nodes), and every strain, quadrature and damping is among them.
+EXACT = Variant("exact", "curved", "reduced", "tangent", 0.03, formulation="exact")
 FEW = [
     Variant("nonlinear", "curved", "reduced", "tangent", 0.03),
     Variant("linear", "straight", "full", "chord", 0.0),
     Variant("nonlinear", "curved", "reduced", "chord", 0.03, "local"),
     Variant("green", "curved", "reduced", "tangent", 0.0, nodes=3),
+    EXACT,
 ]
 # One of each way in which sections follow the coordinates: strain, quadrature and damping have no
 # part in that.

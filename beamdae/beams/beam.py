@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from beamdae.beams.curvature import curvature_facts, warn_of_curvature
-from beamdae.beams.floating_frame import FloatingFrame
 from beamdae.beams.formulas import as_it_is, fiber_strain, fiber_stress, section_forces
-from beamdae.beams.kinematics import Kinematics, MaterialPoint, given_kinematics
+from beamdae.beams.formulations import made_kinematics
+from beamdae.beams.kinematics import Kinematics, MaterialPoint
+from beamdae.beams.limits import require_room, require_slender
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
 from beamdae.beams.varying import SectionLaw, Taper, VaryingSection, require_section
@@ -20,7 +21,6 @@ from beamdae.errors import BeamdaeError, count, finite, one_of, point
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.formulas import Combined, plain
-from beamdae.symbolic.memory import available_memory, require_memory
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
@@ -32,19 +32,13 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Radius of gyration over length: bending is lost in the rounding of stretching below, and nothing
-# above is a beam.
-_LEAST_GYRATION, _MOST_GYRATION = 1e-12, 1e2
-# What a run takes at least for each element, whatever the integrator, times nodes less one [bytes].
-# Measured: 95 to 150 kB, in long chains of beams and in a single one of 10 000 elements.
-_MEMORY = 9e4
-
 
 class Beam(Part):
     """Planar, shear-flexible, geometrically nonlinear curved beam.
 
-    Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, doi:10.1063/2.1206306. `strain`,
-    `continuity`, `quadrature` and `frame` are settings of its floating frame.
+    Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, doi:10.1063/2.1206306, whose floating frame
+    `strain` and `continuity` are settings of; with `formulation="exact"` Reissner, J. Appl. Math.
+    Phys. 23 (1972) 795, and Simo, Comput. Methods Appl. Mech. Eng. 49 (1985) 55.
 
     Parameters
     ----------
@@ -64,7 +58,8 @@ class Beam(Part):
     strain
         Quadratic terms of the axial strain: "green" (default), Green's
         ((u' - v/R)^2 + (v' + u/R)^2)/2; "nonlinear", the paper's (eq. 5), (u'^2 + v'^2)/2 without
-        the curvature; or "linear", none. On straight beams the first two are the same.
+        the curvature; or "linear", none. On straight beams the first two are the same. "exact" are
+        Reissner's strains, which hold for any rotation relative to the frame.
     continuity
         What elements share at their common node besides the section rotation: "cartesian", the
         displacement vector (default), or "local", its components along and across the axis (the
@@ -82,7 +77,8 @@ class Beam(Part):
         several times as far for the same error (measured, see validation/; with "nonlinear"
         strains and more than a right angle of curve the tangent frame does), and integrators take
         up to half the steps. `Solution.validity` tells how far a beam bent; one that bends further
-        is cut into several with `welded_beams`.
+        is cut into several with `welded_beams`, or takes an exact strain. An exact beam has none:
+        it is the frame that `deformation` is seen from.
     velocity, angular_velocity
         Of the floating frame at the start [m/s], [rad/s]; made consistent with the joints.
     free_curve
@@ -91,8 +87,13 @@ class Beam(Part):
         by 1 %, for an axial strain of the drawing. Strains, section forces and the strain energy
         are those since the free shape.
     kinematics
-        Another description of the beam's motion than the floating frame: a function of (name, mesh,
-        section) that gives a `Kinematics`, such as a class of them.
+        Another description of the beam's motion than the two of `formulation`: a function of (name,
+        mesh, section) that gives a `Kinematics`, such as a class of them.
+    formulation
+        "floating frame" (default), the paper's: small strains and moderate rotations relative to a
+        frame that rides on the beam. "exact": positions and angles of the sections in the inertial
+        frame and the exact strains r'.t - 1, r'.n and psi' - psi0' of axes t, n that turn with the
+        section, however far the beam bends; its mass matrix is constant.
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class Beam(Part):
         angular_velocity: float = 0.0,
         kinematics: Callable[[str, Mesh, Any], Kinematics] | None = None,
         free_curve: PlaneCurve | None = None,
+        formulation: str = "floating frame",
     ) -> None:
         self.name = require_name("Beam", name)
         self.curve = require_curve(name, curve)
@@ -123,8 +125,8 @@ class Beam(Part):
             one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
             one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
-        _require_room(name, self.mesh)
-        self._require_slender()
+        require_room(name, self.mesh)
+        require_slender(name, self.section, self.length)
         self.mesh.require_followed(name)
         warn_of_curvature(name, self.mesh, self.section)
         settings: dict[str, Any] = {
@@ -135,28 +137,9 @@ class Beam(Part):
             "free_curve": free_curve,
         }
         given = {setting: value for setting, value in settings.items() if value is not None}
-        if kinematics is not None and given:
-            raise BeamdaeError(
-                f"{name}: {', '.join(given)} belong to the floating frame, the kinematics given "
-                "has settings of its own."
-            )
-        self.kinematics = (
-            FloatingFrame(name, self.mesh, self.section, **given)
-            if kinematics is None
-            else given_kinematics(name, kinematics, self.mesh, self.section)
+        self.kinematics: Kinematics = made_kinematics(
+            name, formulation, kinematics, self.mesh, self.section, given
         )
-
-    def _require_slender(self) -> None:
-        """Refuse a section that is none beside the length of the beam."""
-        for section in map(self.section.at, np.linspace(0.0, self.length, 3)):
-            gyration = float(np.sqrt(section.second_moment / section.area))
-            if not _LEAST_GYRATION <= gyration / self.length <= _MOST_GYRATION:
-                raise BeamdaeError(
-                    f"{self.name}: second_moment {section.second_moment:g} m^4 and area "
-                    f"{section.area:g} m^2 make a radius of gyration of {gyration:.3g} m, it must "
-                    f"be {_LEAST_GYRATION:g} to {_MOST_GYRATION:g} times the length of "
-                    f"{self.length:g} m."
-                )
 
     @property
     def length(self) -> float:
@@ -222,15 +205,16 @@ class Beam(Part):
 
     def at(self, s: float) -> Attachment:
         """The section at arc length `s` [m]."""
-        return self._attachment(self.kinematics.material_point(self._inside(s)))
+        s = self._inside(s)
+        return self._attachment(self.kinematics.material_point(s), s)
 
     @property
     def floating_frame(self) -> Attachment:
         """The floating frame, as something to observe."""
         return self._attachment(self.kinematics.floating_frame)
 
-    def _attachment(self, at: MaterialPoint) -> Attachment:
-        return Attachment(self, at.drawn, at.inclination, at.operator, at.motion)
+    def _attachment(self, at: MaterialPoint, s: float | None = None) -> Attachment:
+        return Attachment(self, at.drawn, at.inclination, at.operator, at.motion, s=s)
 
     def _inside(self, s: float) -> float:
         s = finite(self.name, "arc length s", s)
@@ -287,13 +271,3 @@ class Beam(Part):
         at = self.kinematics.strains(self._inside(s))
         values, data = Combined.of(kind, (at.values, plain(*own)))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
-
-
-def _require_room(name: str, mesh: Mesh) -> None:
-    """Refuse more elements than there is memory for, before any of it is asked for."""
-    each, there = _MEMORY * (mesh.nodes - 1), available_memory()
-    if each * mesh.elements <= there:
-        return
-    most = int(there / each)
-    remedy = f"take at most elements={most}"
-    require_memory(name, f"a run of elements={mesh.elements}", each * mesh.elements, remedy)

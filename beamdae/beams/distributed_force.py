@@ -86,6 +86,7 @@ class DistributedForce(Part):
         "inertial" or "section".
     """
 
+    is_load = True
     name: str
     beam: Beam
     law: Any
@@ -109,6 +110,11 @@ class DistributedForce(Part):
         if callable(self.law):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
+
+    @property
+    def acting(self) -> str:
+        """Per length."""
+        return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load at the points at which inertia is integrated."""
@@ -188,6 +194,7 @@ class MovingForce(Part):
         Arc length at t = 0 [m], also off the beam.
     """
 
+    is_load = True
     name: str
     beam: Beam
     force: tuple[float, float]
@@ -249,6 +256,11 @@ class MovingForce(Part):
         lasting = self.beam.length / mesh.elements / abs(self.speed)
         pieces = (Formula(_none),) * (len(times) + 1)
         return (Law(pieces, tuple(map(float, times)), lasting),)
+
+    @property
+    def acting(self) -> str:
+        """Between the nodes that have shares of it."""
+        return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The shares of all nodes."""

@@ -1,4 +1,4 @@
-"""The numbers of one element of a floating frame, and where they stand among its data."""
+"""The numbers of one element, and where they stand among its data."""
 
 from __future__ import annotations
 
@@ -9,11 +9,6 @@ import casadi as ca
 
 from beamdae.symbolic.statements import SX
 
-# X and Y are the components of s0 in the local frame of the point.
-MASS_POINT = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
-STIFFNESS_POINT = ("weight", "curvature", "dxi_ds")
-# Behind those of a stiffness point: strains of the drawing.
-PRESTRAIN = ("axial", "bending")
 SECTION = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
 # Behind those of the points, where the section varies.
 INERTIA, ELASTICITY = ("rhoA", "rhoI"), ("EA", "GA", "EI", "damping")
@@ -27,27 +22,27 @@ class Layout:
     ----------
     mass_points, stiffness_points
         How many there are of each.
+    mass_point, stiffness_point
+        What the formulation has of each, the weight first.
     varying
-        Whether each point has section values of its own.
-    prestressed
-        Whether each stiffness point has strains of the drawing.
+        Whether each point has section values of its own behind these.
     """
 
     mass_points: int
     stiffness_points: int
+    mass_point: tuple[str, ...]
+    stiffness_point: tuple[str, ...]
     varying: bool
-    prestressed: bool
 
     @property
     def per_mass_point(self) -> int:
         """Numbers of an inertia point."""
-        return len(MASS_POINT) + len(INERTIA) * self.varying
+        return len(self.mass_point) + len(INERTIA) * self.varying
 
     @property
     def per_stiffness_point(self) -> int:
         """Numbers of a stiffness point."""
-        own = len(PRESTRAIN) * self.prestressed + len(ELASTICITY) * self.varying
-        return len(STIFFNESS_POINT) + own
+        return len(self.stiffness_point) + len(ELASTICITY) * self.varying
 
     @property
     def of_points(self) -> tuple[int, int]:

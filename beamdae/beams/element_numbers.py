@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -11,7 +12,7 @@ from beamdae.beams.element_data import ELASTICITY, INERTIA, SECTION, Layout
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
 from beamdae.beams.varying import VaryingSection
-from beamdae.curves.plane_curves import PlaneCurve, require_curve, turned
+from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -33,20 +34,28 @@ def of_section(section: Section | VaryingSection) -> list[float]:
 
 
 def of_points(
-    mesh: Mesh, layout: Layout, section: Section | VaryingSection, free: PlaneCurve | None
+    mesh: Mesh,
+    layout: Layout,
+    section: Section | VaryingSection,
+    mass: Sequence[Array],
+    stiffness: Sequence[Array],
 ) -> Array:
-    """What the elements' numbers are of their points, a column an element."""
+    """What the elements' numbers are of their points, a column an element.
+
+    `mass` and `stiffness` are what the formulation has of its points, one element after the other.
+    """
     s = mesh.gauss_arc_lengths(layout.mass_points)
-    weight, at = mesh.gauss(layout.mass_points)
-    reference = turned(at.place, -at.angle).T
-    mass = [weight, *reference, np.cos(at.angle), np.sin(at.angle)]
-    mass += _columns(section, s, INERTIA)
+    mass = [*mass, *_columns(section, s, INERTIA)]
     s = mesh.gauss_arc_lengths(layout.stiffness_points)
-    weight, at = mesh.gauss(layout.stiffness_points)
-    stiffness = [weight, at.curvature, 1.0 / at.ds]
-    stiffness += free_strains(mesh.curve, free, s) + _columns(section, s, ELASTICITY)
+    stiffness = [*stiffness, *_columns(section, s, ELASTICITY)]
     points = [np.stack(x, axis=-1).reshape(mesh.elements, -1).T for x in (mass, stiffness)]
     return np.concatenate(points)
+
+
+def of_elements(points: Array, section: Section | VaryingSection, gravity: Array) -> Array:
+    """All numbers of the elements: of their points, of the section, and gravity."""
+    values = np.array([*of_section(section), *gravity])
+    return np.concatenate([points, np.repeat(values[:, None], points.shape[1], axis=1)])
 
 
 def _columns(section: Section | VaryingSection, s: Array, names: tuple[str, ...]) -> list[Array]:

@@ -15,25 +15,17 @@ from beamdae.beams.formulas import Deformation, SectionMotion, Strains, frame_mo
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.reach import error_by_rotation, range_kernel
+from beamdae.beams.riding_frames import chosen_frame, frame_angle, has_chord
 from beamdae.beams.sections import Section
-from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.shape_functions import gauss_points, shape_functions, shares
 from beamdae.beams.varying import VaryingSection
 from beamdae.curves.plane_curves import PlaneCurve, turned
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, keep, one_of
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.sparse_sums import picked
 from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
-
-
-# Distance of the ends of a curve, over its length, from which on the line between them is a frame.
-_LEAST_CHORD = 0.1
-
-
-def _has_chord(curve: PlaneCurve) -> bool:
-    ends = curve.point(np.array([0.0, curve.length]))
-    return bool(np.hypot(*(ends[1] - ends[0])) >= _LEAST_CHORD * curve.length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +50,10 @@ class FloatingFrame(Kinematics):
     )
 
     def __post_init__(self) -> None:
-        if self.frame is None:
-            default = "chord" if _has_chord(self.mesh.curve) else "tangent"
-            object.__setattr__(self, "frame", default)
-        one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear"))
+        keep(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
+        one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
         one_of(self.name, "continuity", self.continuity, ("cartesian", "local"))
         one_of(self.name, "quadrature", self.quadrature, ("reduced", "full"))
-        one_of(self.name, "frame", self.frame, ("tangent", "chord"))
         kinked = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if kinked and self.continuity == "local":
             raise BeamdaeError(
@@ -97,16 +86,7 @@ class FloatingFrame(Kinematics):
     @cached_property
     def angle(self) -> float:
         """Reference angle of the frame [rad]."""
-        curve = self.mesh.curve
-        if self.frame == "tangent":
-            return float(curve.tangent_angle(0.0))
-        chord = curve.point(curve.length) - np.asarray(self.origin)
-        if np.hypot(*chord) < 1e-6 * curve.length:
-            raise BeamdaeError(
-                f"{self.name}: frame 'chord' needs a curve whose ends lie apart, use "
-                "frame='tangent' for a ring."
-            )
-        return float(np.arctan2(chord[1], chord[0]))
+        return frame_angle(self.name, self.mesh.curve, str(self.frame))
 
     @cached_property
     def carried(self) -> Mesh:
@@ -195,14 +175,18 @@ class FloatingFrame(Kinematics):
 
     @cached_property
     def _points(self) -> Array:
-        kind = self.element
-        return element_numbers.of_points(self.carried, kind.layout, self.section, self.free_curve)
+        mesh, layout = self.carried, self.element.layout
+        weight, at = mesh.gauss(layout.mass_points)
+        mass = [weight, *turned(at.place, -at.angle).T, np.cos(at.angle), np.sin(at.angle)]
+        weight, at = mesh.gauss(layout.stiffness_points)
+        s = mesh.gauss_arc_lengths(layout.stiffness_points)
+        drawn = element_numbers.free_strains(mesh.curve, self.free_curve, s)
+        stiffness = [weight, at.curvature, 1.0 / at.ds, *drawn]
+        return element_numbers.of_points(mesh, layout, self.section, mass, stiffness)
 
     def data(self, gravity: Array) -> Array:
         """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        values = [*element_numbers.of_section(self.section), *gravity]
-        own = np.repeat(np.array(values)[:, None], self.mesh.elements, axis=1)
-        return np.concatenate([self._points, own])
+        return element_numbers.of_elements(self._points, self.section, gravity)
 
     def _located(self, s: float) -> tuple[int, Array, float]:
         """The element at s, its shape functions there, and the angle of its axis in the frame."""
@@ -224,13 +208,18 @@ class FloatingFrame(Kinematics):
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
         # Ends are asked for by whatever is joined to them, observed or drawn.
         if s not in self._material_points:
-            self._material_points[s] = self._material_point(s)
+            drawn = np.asarray(self.mesh.curve.point(s), float)
+            self._material_points[s] = self._section(s, drawn)
         return self._material_points[s]
 
-    def _material_point(self, s: float) -> MaterialPoint:
+    def axis_point(self, s: float) -> MaterialPoint:
+        """The section on the interpolated axis."""
+        element, xi = self.mesh.locate(s)
+        return self._section(s, self.mesh.axis(np.array([element]), np.array([xi])).place[0])
+
+    def _section(self, s: float, drawn: Array) -> MaterialPoint:
         element, row, angle = self._located(s)
         nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        drawn = np.asarray(self.mesh.curve.point(s), float)
         carried = turned(drawn - np.asarray(self.origin), -self.angle)
         numbers = [*carried, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
         return MaterialPoint(
@@ -249,9 +238,10 @@ class FloatingFrame(Kinematics):
         turning = float(np.ptp(curve.tangent_angle(np.linspace(0.0, curve.length, 65))))
         # Measured: the curvature in the quadratic strains helps in a chord frame alone.
         remedies = {
-            "frame='chord'": self.frame == "tangent" and _has_chord(curve),
+            "frame='chord'": self.frame == "tangent" and has_chord(curve),
             "strain='green'": self.frame == "chord" and self.strain == "nonlinear" and turning > 0,
             "strain='nonlinear'": self.strain == "linear",
+            "strain='exact'": self.strain != "exact",
         }
         return Reach(
             range_kernel(self.element),
@@ -275,14 +265,10 @@ class FloatingFrame(Kinematics):
         element, xi = self.mesh.locate(s)
         points = self.element.quadrature
         gauss, _ = gauss_points(points)
-        share = [
-            float(np.prod([(xi - x) / (gauss[k] - x) for x in np.delete(gauss, k)]))
-            for k in range(points)
-        ]
         at = self.carried.axis(np.full(points, element), gauss)
         s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
         drawn = element_numbers.free_strains(self.mesh.curve, self.free_curve, s_points)
-        numbers = [*share, *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
+        numbers = [*shares(gauss, xi), *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
         values = Formula(Strains(self.element), tuple(map(float, numbers)))
         return PointValues(self._rows_of(element), values)
 

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from beamdae.beams.elastic_work import elastic_work
 from beamdae.beams.element_data import Data, Layout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
@@ -21,6 +22,11 @@ from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 FRAME = 3
 NODE = 3
+# X and Y are the components of s0 in the local frame of the point.
+MASS_POINT = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
+STIFFNESS_POINT = ("weight", "curvature", "dxi_ds")
+# Behind those of a stiffness point: strains of the drawing.
+PRESTRAIN = ("axial", "bending")
 
 
 @dataclass(frozen=True)
@@ -34,8 +40,8 @@ class ElementType(Element):
     quadrature
         Gauss points of the stiffness terms.
     strain
-        "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well) or
-        "linear" (without them).
+        "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well), "linear"
+        (without them) or "exact" (Reissner's).
     damped
         Whether the section has Kelvin-Voigt damping; without it a third of the tangent's
         operations falls away.
@@ -65,7 +71,9 @@ class ElementType(Element):
     @property
     def layout(self) -> Layout:
         """Where its numbers stand."""
-        return Layout(self.mass_quadrature, self.quadrature, self.varying, self.prestressed)
+        stiffness_point = STIFFNESS_POINT + PRESTRAIN * self.prestressed
+        counts = (self.mass_quadrature, self.quadrature)
+        return Layout(*counts, MASS_POINT, stiffness_point, self.varying)
 
     @property
     def n_data(self) -> int:
@@ -75,6 +83,10 @@ class ElementType(Element):
     def kernel(self) -> ForceKernel:
         """Virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
         return beam_kernel(self)
+
+    def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
+        """Weight and strains of the stiffness points; see `strain_points`."""
+        return strain_points(self, points, q[FRAME:])
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """How the inertia points move, in the local frame ec of each."""
@@ -203,8 +215,11 @@ def _mass_points(kind: ElementType, data: Data) -> list[tuple[np.ndarray, SX, SX
 def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
     """Weight, and (axial strain, shear strain 2 eps12, curvature kappa11), of the stiffness points.
 
-    Eqs. (5) and (6), kappa11 = -phi'. `points` has a column of `STIFFNESS_POINT` each and what is
-    behind it, `nodal` are the coordinates (u, v, phi) a node.
+    Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R the derivative of
+    the place is (1 + along, across) in ec, and the exact strains are its components in the axes of
+    the section, turned by phi: (1 + along) cos phi + across sin phi - 1 and
+    across cos phi - (1 + along) sin phi. `points` has a column of `STIFFNESS_POINT` each and what
+    is behind it, `nodal` are the coordinates (u, v, phi) a node.
     """
     xi, _ = gauss_points(kind.quadrature)
     rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
@@ -214,12 +229,20 @@ def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX
         u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
         du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
         along, across = du - v * curvature, dv + u * curvature
-        quadratic = {
-            "linear": SX(0),
-            "nonlinear": 0.5 * (du**2 + dv**2),
-            "green": 0.5 * (along**2 + across**2),
-        }
-        strain = ca.vertcat(along + quadratic[kind.strain], across - phi, -dphi)
+        if kind.strain == "exact":
+            # By the half angle, which keeps the digits of small strains beside one.
+            c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
+            less, sine = -2.0 * s * s, 2.0 * s * c
+            axial = along + (along * less + across * sine) + less
+            shear = across + (across * less - along * sine) - sine
+        else:
+            quadratic = {
+                "linear": SX(0),
+                "nonlinear": 0.5 * (du**2 + dv**2),
+                "green": 0.5 * (along**2 + across**2),
+            }
+            axial, shear = along + quadratic[kind.strain], across - phi
+        strain = ca.vertcat(axial, shear, -dphi)
         if kind.prestressed:
             strain += ca.vertcat(point[3], 0, point[4])
         found.append((weight, strain))
@@ -241,7 +264,9 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     local = Local(kind.size, kind.n_data)
     data = kind.layout.split(local.data)
     inertia, kinetic, potential = _inertia(kind, local, data)
-    elastic, stored, dissipated = _elasticity(kind, local, data)
+    nodal, rates = local.q[FRAME:], local.v[FRAME:]
+    points = strain_points(kind, data.stiffness, nodal)
+    elastic, stored, dissipated = elastic_work(points, data, kind.damped, nodal, rates)
     force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
     energies = ca.vertcat(kinetic, stored, potential)
     return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
@@ -265,21 +290,3 @@ def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
         speed2 = ca.sumsqr(axis.velocity(row, reference, to_local))
         kinetic += 0.5 * weight * (rhoA * speed2 + rhoI * axis.spin(row) ** 2)
     return ca.vertcat(axis.frame @ on_origin, on_angle, on_nodes), kinetic, potential
-
-
-def _elasticity(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
-    """Generalized elastic and damping forces, strain energy and dissipated power."""
-    nodal, rates = local.q[FRAME:], local.v[FRAME:]
-    force = SX.zeros(NODE * kind.nodes)
-    stored, dissipated = SX(0), SX(0)
-    for k, (weight, strain) in enumerate(strain_points(kind, data.stiffness, nodal)):
-        stiffness = data.elasticity(k)
-        section_forces = stiffness * strain
-        stored += 0.5 * weight * ca.dot(section_forces, strain)
-        if kind.damped:
-            strain_rate = ca.jtimes(strain, nodal, rates)
-            viscous = data.damping(k) * stiffness * strain_rate
-            section_forces += viscous
-            dissipated += weight * ca.dot(viscous, strain_rate)
-        force += weight * ca.jtimes(strain, nodal, section_forces, True)
-    return force, stored, dissipated

@@ -7,23 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 
-from beamdae.beams.floating_frame_element import (
-    FRAME,
-    NODE,
-    AxisMotion,
-    ElementType,
-    rotation,
-    strain_points,
-)
+from beamdae.beams.element_data import Layout
+from beamdae.beams.floating_frame_element import FRAME, NODE, AxisMotion, rotation
 from beamdae.parts.attachments import rotate
 from beamdae.symbolic.statements import SX, Local
 
 
-def _listed(numbers: Any, first: int, count: int) -> Any:
+def listed(numbers: Any, first: int, count: int) -> Any:
+    """So many of the numbers as a column."""
     return ca.vertcat(*(numbers[first + k] for k in range(count)))
 
 
@@ -39,10 +34,10 @@ class SectionMotion:
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
         """From local coordinates."""
-        axis, row = AxisMotion(q), _listed(numbers, 5, self.nodes)
+        axis, row = AxisMotion(q), listed(numbers, 5, self.nodes)
         to_frame = rotation(numbers[2], numbers[3])
         turn = q[2] - numbers[4] + axis.rotation(row)
-        return axis.position(row, _listed(numbers, 0, 2), to_frame), turn
+        return axis.position(row, listed(numbers, 0, 2), to_frame), turn
 
 
 def frame_motion(q: SX, angle: Any) -> tuple[SX, SX]:
@@ -50,22 +45,31 @@ def frame_motion(q: SX, angle: Any) -> tuple[SX, SX]:
     return q[:2], q[2] - angle[0]
 
 
+class _Strained(Protocol):
+    """An element type that tells strains; see `Strains`."""
+
+    @property
+    def layout(self) -> Layout: ...
+
+    def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]: ...
+
+
 @dataclass(frozen=True)
 class Strains:
     """Strains interpolated between the stiffness points of an element.
 
-    Numbers: the share of each point, their curvatures, and dxi/ds there; of a prestressed element
-    the axial strains of its drawing, and those of bending.
+    Numbers: the share of each point, and one after the other what the formulation has of all points
+    besides their weights.
     """
 
-    element: ElementType
+    element: _Strained
 
     def __call__(self, local: Local, numbers: Any) -> SX:
         """From local coordinates."""
-        count = self.element.quadrature
-        rows = range(1, 5 if self.element.prestressed else 3)
+        layout = self.element.layout
+        count, rows = layout.stiffness_points, range(1, len(layout.stiffness_point))
         points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]
-        found = strain_points(self.element, SX(ca.horzcat(*points)), local.q[FRAME:])
+        found = self.element.strain_points(SX(ca.horzcat(*points)), local.q)
         total = SX.zeros(3)
         for k, (_, strain) in enumerate(found):
             total += numbers[k] * strain
@@ -81,7 +85,7 @@ class Deformation:
 
     def __call__(self, local: Local, numbers: Any) -> SX:
         """From local coordinates."""
-        row = _listed(numbers, 1, self.nodes)
+        row = listed(numbers, 1, self.nodes)
         nodal = ca.reshape(local.q[FRAME:], NODE, self.nodes) @ row
         angle = numbers[0]
         turn = {"inertial": local.q[2] + angle, "frame": angle, "local": 0.0}[self.axes]

@@ -25,8 +25,8 @@ SX = ca.SX
 _ERROR = {"tangent": (1.0, 0.05, 1.0), "chord": (0.15, 0.1, 0.3)}
 
 
-def error_by_rotation(strain: str, frame: str, turning: float) -> tuple[float, float]:
-    """(a, b) of the error a r + b r^2 of a deformation with rotations r [rad].
+def error_by_rotation(strain: str, frame: str, turning: float) -> tuple[float, float] | None:
+    """(a, b) of the error a r + b r^2 of a deformation with rotations r [rad]; None of exact ones.
 
     Parameters
     ----------
@@ -35,6 +35,8 @@ def error_by_rotation(strain: str, frame: str, turning: float) -> tuple[float, f
     turning
         Angle between the smallest and the largest tangent of the reference curve [rad].
     """
+    if strain == "exact":
+        return None
     square, curved, linear = _ERROR[frame]
     by_rotation = {"nonlinear": curved * turning**2, "green": 0.0, "linear": linear}
     return by_rotation[strain], square

@@ -18,6 +18,14 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     return values
 
 
+def shares(points: Array, xi: float) -> list[float]:
+    """What a value at `xi` has of those at `points`: Lagrange's polynomial through them."""
+    return [
+        float(np.prod((xi - (x := np.delete(points, k))) / (points[k] - x)))
+        for k in range(len(points))
+    ]
+
+
 @cache
 def gauss_points(count: int) -> tuple[Array, Array]:
     """Gauss points on [-1, 1] and their weights; shared, not to be changed."""

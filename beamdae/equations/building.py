@@ -72,7 +72,7 @@ def build(
     configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
-    numbers = _Numbers()
+    numbers = Numbers()
     held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
     places = [np.arange(first, last) for first, last in pairwise(ends)]
@@ -101,24 +101,24 @@ def build(
         for alike in by_kernel(constraints)
     ]
     observed = [
-        _observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
+        observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
     ]
-    _require_headers(coordinates, held, observed)
+    require_headers(coordinates, held, observed)
     watched = event_terms(
-        events, observed, lambda name, what: _observable(name, what, owners, numbers, rows)
+        events, observed, lambda name, what: observable(name, what, owners, numbers, rows)
     )
     terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
-        q0=_constant(q0),
-        v0=_constant(v0),
-        p=_constant(numbers.all),
+        q0=frozen(q0),
+        v0=frozen(v0),
+        p=frozen(numbers.all),
         length=length,
         parts=parts,
         breakpoints=breakpoints,
         time_scale=time_scale,
-        scales=None if scales is None else _constant(scales),
+        scales=None if scales is None else frozen(scales),
         observables=tuple(observed),
         structure=interned(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
@@ -129,7 +129,7 @@ def build(
 
 
 def _force_term(
-    alike: Alike, operator: sp.csr_array, numbers: _Numbers, multipliers: Array | None, m: int
+    alike: Alike, operator: sp.csr_array, numbers: Numbers, multipliers: Array | None, m: int
 ) -> ForceTerm:
     """Elements and whatever else is of a kind turn within, by numbers of the model."""
     count = alike.data.shape[1]
@@ -141,7 +141,7 @@ def _force_term(
     return ForceTerm(alike.kernel, by.picked, by.turn, stored, count, rows)
 
 
-def _require_headers(
+def require_headers(
     coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
 ) -> None:
     """Refuse columns that could not be told apart in a table."""
@@ -153,22 +153,23 @@ def _require_headers(
     require_unique("coordinates and multipliers", "headers", [*headers, TIME])
 
 
-def _constant(values: Array) -> Array:
+def frozen(values: Array) -> Array:
     """A copy that nobody can change."""
     copy = np.array(values, float)
     copy.setflags(write=False)
     return copy
 
 
-class _Numbers:
+class Numbers:
     """The numbers of the model, one after the other."""
 
-    def __init__(self) -> None:
-        self._stored: list[Array] = []
-        self._end = 0
+    def __init__(self, stored: Array | None = None) -> None:
+        self._stored: list[Array] = [] if stored is None else [stored]
+        self._end = sum(map(len, self._stored))
 
     @property
     def all(self) -> Array:
+        """Those stored so far."""
         return np.concatenate([np.zeros(0), *self._stored])
 
     def store(self, values: Array) -> slice:
@@ -185,9 +186,10 @@ def _rows(picked: Array, size: int) -> sp.csr_array:
     return sp.csr_array(parts, shape=(len(picked), size))
 
 
-def _observable(
-    name: str, quantity: Quantity, owners: Owners, numbers: _Numbers, rows: dict[str, slice]
+def observable(
+    name: str, quantity: Quantity, owners: Owners, numbers: Numbers, rows: dict[str, slice]
 ) -> Observable:
+    """A quantity in the global coordinates; `rows` are those of the multipliers of each part."""
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]

@@ -14,11 +14,13 @@ import scipy.sparse as sp
 
 from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
 if TYPE_CHECKING:
     from beamdae.equations.configurations import Configurations
+    from beamdae.parts.mechanism import Mechanism
 
 Array = np.ndarray
 
@@ -67,7 +69,8 @@ class EventTerm:
     """What a run watches: a column of an observable, the value it crosses, and what is done then.
 
     `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
-    the event, up to what a consistent start changes, and it does not happen there again.
+    the event, up to what a consistent start changes, and it does not happen there again. Where it
+    is `due`, 1 up or -1 down, the run begins with it.
     """
 
     name: str
@@ -77,6 +80,7 @@ class EventTerm:
     direction: int
     do: Any
     begins_there: bool = False
+    due: int = 0
 
     def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
         """How far the column is beyond its value, at rows of states."""
@@ -159,6 +163,9 @@ class EquationsOfMotion:
         What a run watches for.
     configurations
         `Configurations` of a mechanism whose parts are switched; None: all are always active.
+    mechanism
+        What they are the equations of, for drawing and observing it after a run; None where they
+        were stated otherwise.
     """
 
     coordinates: tuple[Named, ...]
@@ -179,6 +186,7 @@ class EquationsOfMotion:
     redundant: bool = False
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
     configurations: Configurations | None = field(default=None, repr=False)
+    mechanism: Mechanism | None = field(default=None, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
-from beamdae.equations.formulations import first_order
+from beamdae.equations.least_strain import least_change, least_strained
 from beamdae.equations.reduced import reduced
+from beamdae.equations.relaxation import relaxed
+from beamdae.equations.static_equations import StaticEquations
 from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
 
@@ -23,11 +24,6 @@ _RATE = "_dot"
 # Given positions are approached by steps that keep Newton's iteration near the joints, in the
 # natural sizes of coordinates; closed to this much of them, in so many iterations.
 _APPROACH, _CLOSED, _ITERATIONS = 0.2, 1e-11, 30
-# Beside the largest entry: what lets rows that depend on each other be solved with.
-_DEPENDENT = 1e-13
-# Pseudo-time squared [s^2] of the way to equilibrium: where it begins, ends, and its growth.
-_FIRST, _LAST, _GROWTH = 1e-4, 1e8, 4.0
-_STEADY, _MOST_STEPS = 1e-10, 400
 
 
 def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> EquationsOfMotion:
@@ -48,12 +44,13 @@ def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> Equatio
     start = require_start("start", start)
     if start == AS_DRAWN:
         return equations
-    time = np.array([t, t + _after(equations, t)])
+    time = time_on_branch(equations, t)
     # Joints that are redundant would leave what holds them open.
     spared = reduced(equations, time) if equations.redundant else None
     own = equations if spared is None else spared.equations
     if start == EQUILIBRIUM:
-        q, v = _equilibrium(own, time), np.zeros(equations.n)
+        q, _ = relaxed(StaticEquations(own, time), own.q0)
+        v = np.zeros(equations.n)
         return replace(equations, q0=_fixed(q), v0=_fixed(v), start=Start(EQUILIBRIUM, q, v, True))
     positions, velocities = _read(equations, start)
     asked_q, asked_v = np.array(equations.q0), np.array(equations.v0)
@@ -66,9 +63,9 @@ def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> Equatio
     return replace(equations, q0=_fixed(q), v0=_fixed(v), start=asked)
 
 
-def _after(e: EquationsOfMotion, t: float) -> float:
-    """A time [s] after t before the next breakpoint, by which laws choose their piece."""
-    return 0.5 * (min((b for b in e.breakpoints if b > t), default=t + 1.0) - t)
+def time_on_branch(e: EquationsOfMotion, t: float) -> Array:
+    """(t, branch): a time [s] and one before the next breakpoint, by which laws choose a piece."""
+    return np.array([t, t + 0.5 * (min((b for b in e.breakpoints if b > t), default=t + 1.0) - t)])
 
 
 def _fixed(values: Array) -> Array:
@@ -96,31 +93,19 @@ def _picked(columns: list[int], n: int) -> sp.csr_array:
     return sp.csr_array(rows, shape=(len(columns), n))
 
 
-def _least_change(weight: Any, rows: Any, wanted: Array) -> Array:
-    """The change x with rows @ x = wanted that is least as `weight` has it."""
-    n, count = weight.shape[0], rows.shape[0]
-    size = float(abs(weight).max()) or 1.0
-    inverse = sp.eye_array(count) * (_DEPENDENT / size)
-    matrix = sp.block_array([[weight, rows.T], [rows, -inverse]], format="csc")
-    try:
-        return splu(matrix).solve(np.concatenate([np.zeros(n), wanted]))[:n]
-    except RuntimeError:
-        return np.full(n, np.nan)
-
-
 def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Array:
     """Positions with the given ones among them, the others as the joints have them."""
     starter, held = Starter(e), _picked(list(given), e.n)
-    q = starter.state(time, e.q0, e.v0).q
+    q = drawn = starter.state(time, e.q0, e.v0).q
     if not given:
         return q
     begun, ends = held @ q, np.array(list(given.values()))
     change = np.max(np.abs(ends - begun) / (held @ e.position_scales))
     # On the way values that are given together may contradict each other.
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _APPROACH)) + 1)[1:-1]:
-        nearer, missed = _held(starter, time, q, held, begun + share * (ends - begun))
+        nearer, missed = _held(starter, time, q, drawn, held, begun + share * (ends - begun))
         q = nearer if _is_closed(e, missed) else q
-    q, missed = _held(starter, time, q, held, ends)
+    q, missed = _held(starter, time, q, drawn, held, ends)
     if not _is_closed(e, missed):
         told = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in given.items())
         raise BeamdaeError(
@@ -131,17 +116,26 @@ def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Ar
     return q
 
 
-def _held(starter: Starter, time: Array, q: Array, held: Any, wanted: Array) -> tuple[Array, Array]:
+def _held(
+    starter: Starter, time: Array, begun: Array, drawn: Array, held: Any, wanted: Array
+) -> tuple[Array, Array]:
     """Positions with these values of what is held, by Newton's method, and what they miss."""
-    e = starter.equations
+
+    def asked(q: Array) -> tuple[Array, Any]:
+        missed = np.concatenate([starter.gaps(time, q), held @ q - wanted])
+        return missed, sp.vstack([starter.constraint_matrix(time, q), held])
+
+    e, q = starter.equations, begun
     for _ in range(_ITERATIONS):
-        missed = np.concatenate([starter.levels(time, q)[0], held @ q - wanted])
+        missed, rows = asked(q)
         if _is_closed(e, missed) or not np.all(np.isfinite(missed)):
             break
         stiffness, _, mass = starter.linearized(time, starter.at_rest(q))
-        rows = sp.vstack([starter.constraint_matrix(time, q), held])
-        q = q + _least_change(stiffness + mass, rows, -missed)
-    return q, missed
+        q = q + least_change(stiffness + mass, rows, -missed)
+    if q is begun or not _is_closed(e, missed):
+        return q, missed
+    q = least_strained(starter, time, begun, q, drawn, asked, 1.0)
+    return q, asked(q)[0]
 
 
 def _is_closed(e: EquationsOfMotion, missed: Array) -> bool:
@@ -161,7 +155,7 @@ def _moving(e: EquationsOfMotion, time: Array, q: Array, asked: Array, held: lis
     _, _, mass = starter.linearized(time, starter.at_rest(q))
     rows = sp.vstack([starter.constraint_matrix(time, q), picked])
     off = np.concatenate([starter.levels(time, q, asked)[1], np.zeros(len(held))])
-    v = asked + _least_change(mass, rows, -off)
+    v = asked + least_change(mass, rows, -off)
     left = starter.levels(time, q, v)[1]
     size = max(1.0, e.length, float(np.max(np.abs(asked), initial=0.0)))
     kept = np.abs((v - asked)[held])
@@ -170,44 +164,3 @@ def _moving(e: EquationsOfMotion, time: Array, q: Array, asked: Array, held: lis
         raise BeamdaeError(f"start: the joints do not allow {told}; give fewer velocities.")
     v[held] = asked[held]
     return v
-
-
-def _equilibrium(e: EquationsOfMotion, time: Array) -> Array:
-    """Positions at rest: implicit steps down the gradient flow, which end as Newton's method.
-
-    [[M / T^2 + K, G^T], [G, 0]] with K that of F + G^T lam: short pseudo-times T keep a step small
-    and lead to equilibria that are stable, long ones converge quadratically.
-    """
-    starter, form = Starter(e), first_order(e, "index3")
-    begin = starter.state(time, e.q0, np.zeros(e.n))
-    q, lam, square = begin.q, begin.lam, _FIRST
-    n, scale = e.n, e.position_scales
-    for _ in range(_MOST_STEPS):
-        y, rest = np.concatenate([q, np.zeros(n), lam]), np.zeros(form.size)
-        off = form.residual(time, y, rest)[n:]
-        own = (form.jacobian(time, y, rest, 0.0), form.pattern.indices, form.pattern.indptr)
-        whole = sp.csr_array(sp.csc_array(own, shape=form.pattern.shape))[n:]
-        matrix = sp.csc_array(whole[:, np.r_[0:n, 2 * n : form.size]])
-        mass = starter.linearized(time, starter.at_rest(q))[2]
-        weight = sp.block_diag([mass / square, sp.csc_array((e.m, e.m))], format="csc")
-        try:
-            change = -splu(sp.csc_array(matrix + weight)).solve(off)
-        except RuntimeError:
-            change = np.full(n + e.m, np.nan)
-        far = float(np.max(np.abs(change[:n]) / scale))
-        if not far <= _APPROACH:
-            square /= _GROWTH
-            if square < 1e-30:
-                break
-            continue
-        q, lam = q + change[:n], lam + change[n:]
-        if far < _STEADY and square >= _LAST:
-            return q
-        square = min(square * _GROWTH, _LAST)
-    moved = np.abs(q - begin.q) / scale
-    worst = int(np.argmax(moved))
-    raise BeamdaeError(
-        f"{e.q_names[worst]}: no equilibrium was found, this coordinate moves without end under "
-        f"the loads at t = {time[0]:g} s, it was {moved[worst] * scale[worst]:.3g} away when the "
-        "search was given up; hold it by a joint or a spring."
-    )

@@ -31,7 +31,8 @@ from beamdae.integrators.integrator import ByTolerance, Progress, require_tolera
 from beamdae.integrators.kinematic_rows import KinematicRows
 from beamdae.integrators.route import Route
 from beamdae.native.machine import MachineError
-from beamdae.results.solution import Solution, Statistics
+from beamdae.results.outcome import Statistics
+from beamdae.results.solution import Solution
 from beamdae.sundials.library import UnavailableError
 from beamdae.sundials.solver import reason
 
@@ -131,8 +132,8 @@ class Bdf:
         self._rtol = settings.rtol
         self._form = first_order(route.equations, settings.formulation)
         self._scales = size = scales(route)
-        rubbing = any(f.rows is not None for f in route.equations.structure.forces)
-        feeds = rubbing or len(route.equations.nonholonomic_rows) > 0
+        matter = _multipliers_matter(route.equations)
+        iterated = matter or len(route.equations.nonholonomic_rows) > 0
         self._control = resolve(
             settings.error_control,
             settings.max_order,
@@ -141,20 +142,20 @@ class Bdf:
             size.rate,
             STIFF_FOR_BDF,
             route.fastest_modes,
-            rubbing,
+            matter,
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = route.longest_step("Ida", settings.max_step)
         options = {
             "rtol": _NONE,
-            "atol": self._control.absolute(self._tolerance, size, self._form, feeds),
-            "untested": self._control.untested(self._form) if feeds else None,
+            "atol": self._control.absolute(self._tolerance, size, self._form, iterated),
+            "untested": self._control.untested(self._form) if iterated else None,
             "max_order": self._control.max_order,
             "max_step": self._longest,
         }
         iteration = {
             "kinematic": KinematicRows.of_form(self._form, size.position),
-            "share": _SHARE if feeds else 1.0,
+            "share": _SHARE if iterated else 1.0,
         }
         self._ida = _made(self._form, route, settings.linear_solver, options, iteration)
 
@@ -233,6 +234,11 @@ class Bdf:
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
         }.get(code, reason(code))
+
+
+def _multipliers_matter(e: EquationsOfMotion) -> bool:
+    """Whether forces depend on multipliers, or nothing but these is left to find."""
+    return e.m == e.n or any(force.rows is not None for force in e.structure.forces)
 
 
 def _made(

@@ -10,10 +10,10 @@ import numpy as np
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
-from beamdae.parts.events import Event
+from beamdae.parts.events import Event, impacts_of
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.observables import motion
+from beamdae.parts.observables import observed
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
@@ -96,12 +96,7 @@ class Mechanism:
         # The time, and what the energy ledger begins its columns with.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
-        quantity = motion(what) if isinstance(what, Attachment) else what
-        if not isinstance(quantity, Quantity):
-            raise BeamdaeError(
-                f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-                f"observed, got {shown(what)}."
-            )
+        quantity = observed(name, what)
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
         if quantity.joint is not None and quantity.joint not in self.parts:
@@ -127,9 +122,10 @@ class Mechanism:
         >>> impact = mech.when("ball.y", crosses=0.0, direction="down", do="stop", name="impact")
         """
         event = Event(what, crosses, direction, do, name)
-        if isinstance(what, Quantity):
-            for piece in what.pieces:
-                self._require_member(str(event.name), piece.owner)
+        for used in (what, *(x.on for x in impacts_of(event.do))):
+            owners = [piece.owner for piece in used.pieces] if isinstance(used, Quantity) else []
+            for owner in [used] if isinstance(used, Part) else owners:
+                self._require_member(str(event.name), owner)
         self.events.append(event)
         return event
 

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula, plain
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
@@ -24,6 +25,17 @@ def motion(attachment: Attachment) -> Quantity:
     inclination = plain(attachment.inclination)
     values, data = Combined.of(kind, (attachment.moved, *([inclination] if has_angle else [])))
     return Quantity(columns, (attachment.piece,), values, data)
+
+
+def observed(name: str, what: Attachment | Quantity) -> Quantity:
+    """What is to be observed: the motion of an attachment, or any other quantity."""
+    quantity = motion(what) if isinstance(what, Attachment) else what
+    if not isinstance(quantity, Quantity):
+        raise BeamdaeError(
+            f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
+            f"observed, got {shown(what)}."
+        )
+    return quantity
 
 
 def _turns(attachment: Attachment) -> bool:

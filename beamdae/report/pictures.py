@@ -29,12 +29,12 @@ Array = np.ndarray
 
 # Okabe & Ito's palette, readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
-_DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
-_PANELS = 12
+DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
+PANELS = 12
 # What is larger could overflow when the range of an axis is taken.
 _HUGE = 1e300
 # Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
-_LINE, _NAME, _BESIDE, _AXIS, _ENTRY = 60, 40, 22, 28, 60
+_LINE, _NAME, _BESIDE, AXIS, _ENTRY = 60, 40, 22, 28, 60
 # About as wide is a letter of a legend below the panels, and the line beside its name [inches].
 _LETTER, _SIGN = 0.075, 0.8
 
@@ -52,22 +52,22 @@ def picture_of_run(path: Path, table: Columns, title: str) -> Path:
     Path
         Of the PNG file.
     """
-    drawable = _drawable(table)
-    groups = _groups(drawable)
-    figure, axes = _figure(min(len(groups), _PANELS), title)
-    if len(groups) > _PANELS:
-        figure.supxlabel(f"{_PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
+    drawn = drawable(table)
+    groups = _groups(drawn)
+    figure, axes = panels(min(len(groups), PANELS), title)
+    if len(groups) > PANELS:
+        figure.supxlabel(f"{PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
-        for column, color in zip(columns, _repeated(COLORS), strict=False):
-            time, values = drawable[TIME], drawable[column]
-            axis.plot(time, values, color=color, lw=1.2, **_point(time))
-        _dress(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
+        for column, color in zip(columns, repeated(COLORS), strict=False):
+            time, values = drawn[TIME], drawn[column]
+            axis.plot(time, values, color=color, lw=1.2, **mark(time))
+        dressed(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
         if len(columns) > 1:
             _legend(axis, labels)
         else:
             label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
-            axis.set_ylabel(shortened(label, _AXIS))
+            axis.set_ylabel(shortened(label, AXIS))
     return saved(figure, path)
 
 
@@ -89,27 +89,27 @@ def picture_of_comparison(
     uncertainty
         Of the reference, in the same measure.
     """
-    drawable = _drawable(reference)
-    columns = characteristic_columns(drawable)
+    drawn = drawable(reference)
+    columns = characteristic_columns(drawn)
     errors = {
         label: deviant.max(axis=1) for label, (_, deviant) in runs.items() if deviant is not None
     }
     errors = {label: x.where((x > 0.0) & (x < _HUGE)) for label, x in errors.items()}
     measured = any(x.notna().any() for x in errors.values())
-    figure, axes = _figure(len(columns) + measured, title)
+    figure, axes = panels(len(columns) + measured, title)
     looks = [
-        {"color": c, "ls": d} for c, d in zip(_repeated(COLORS), _repeated(_DASHES), strict=False)
+        {"color": c, "ls": d} for c, d in zip(repeated(COLORS), repeated(DASHES), strict=False)
     ]
     styles = dict(zip(runs, looks, strict=False))
     for axis, column in zip(axes, columns, strict=False):
-        time = drawable[TIME]
-        axis.plot(time, drawable[column], color="0.8", lw=5, **_point(time))
+        time = drawn[TIME]
+        axis.plot(time, drawn[column], color="0.8", lw=5, **mark(time))
         for label, (curve, _) in runs.items():
-            table = _drawable(curve)
+            table = drawable(curve)
             if column in table:
                 time = table[TIME]
-                axis.plot(time, table[column], lw=1.4, **styles[label], **_point(time))
-        _dress(axis, "", column)
+                axis.plot(time, table[column], lw=1.4, **styles[label], **mark(time))
+        dressed(axis, "", column)
     if measured:
         _errors(axes[-1], errors, styles, uncertainty)
     entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
@@ -125,37 +125,37 @@ def _errors(
 ) -> None:
     """Errors over time, each in the style of its run."""
     for label, error in errors.items():
-        axis.plot(error.index, error, lw=1.0, **styles[label], **_point(error))
+        axis.plot(error.index, error, lw=1.0, **styles[label], **mark(error))
     axis.set_yscale("log")
     if 0.0 < uncertainty < _HUGE:
         line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
         axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
-    _dress(axis, "", "error / amplitude [-]")
+    dressed(axis, "", "error / amplitude [-]")
 
 
 def characteristic_columns(table: Columns) -> list[str]:
     """The columns a comparison is drawn in: a deformation, or else the first motion."""
     groups: dict[str, list[str]] = {}
-    for column in _moving(table):
+    for column in moving(table):
         groups.setdefault(Header.of(column).name, []).append(column)
     for columns in groups.values():
         if {Header.of(c).suffix for c in columns} & {"u", "v", "phi"}:
             return columns[:3]
-    moving = [column for columns in groups.values() for column in columns]
-    motions = [column for column in moving if Header.of(column).unit in ("m", "rad")]
-    return (motions or moving)[:3]
+    drawn = [column for columns in groups.values() for column in columns]
+    motions = [column for column in drawn if Header.of(column).unit in ("m", "rad")]
+    return (motions or drawn)[:3]
 
 
 def _groups(table: Columns) -> dict[tuple[str, str], list[str]]:
     """Columns that share a panel, by observable and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for column in _moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
+    for column in moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
     return groups
 
 
-def _moving(table: Columns) -> list[str]:
+def moving(table: Columns) -> list[str]:
     """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}
@@ -172,29 +172,31 @@ def _unit(column: str) -> str:
     return Header.of(column).unit
 
 
-def _drawable(table: Columns) -> dict[str, Array]:
+def drawable(table: Columns) -> dict[str, Array]:
     """The columns without numbers no axis has a place for."""
     columns = {name: np.asarray(table[name], float) for name in map(str, table)}
     return {name: np.where(np.abs(x) < _HUGE, x, np.nan) for name, x in columns.items()}
 
 
-def _point(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
+def mark(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
     """A mark where there is but one row: a line would not be seen."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 
 
-def _repeated(styles: Sequence[Any]) -> list[Any]:
+def repeated(styles: Sequence[Any]) -> list[Any]:
+    """More styles than anything drawn here has need of."""
     return list(styles) * 8
 
 
-def _figure(panels: int, title: str) -> tuple[Figure, list[Axes]]:
+def panels(number: int, title: str) -> tuple[Figure, list[Axes]]:
+    """A figure with so many axes over time, in two columns."""
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
 
-    columns = 1 if panels == 1 else 2
-    rows = max(math.ceil(panels / columns), 1)
+    columns = 1 if number == 1 else 2
+    rows = max(math.ceil(number / columns), 1)
     figure = Figure(figsize=(4.6 * columns + 0.6, 2.3 * rows + 1.2), layout="constrained")
-    axes = [figure.add_subplot(rows, columns, k + 1) for k in range(panels)]
+    axes = [figure.add_subplot(rows, columns, k + 1) for k in range(number)]
     for axis in axes[-columns:]:
         axis.set_xlabel("t [s]")
     if not axes:
@@ -208,9 +210,10 @@ def wrapped(title: str, line: int = _LINE) -> str:
     return textwrap.fill(shortened(title, 2 * line - 10), line)
 
 
-def _dress(axis: Axes, title: str, ylabel: str) -> None:
+def dressed(axis: Axes, title: str, ylabel: str) -> None:
+    """Title, label and grid of an axis."""
     axis.set_title(title, fontsize=10)
-    axis.set_ylabel(shortened(ylabel, _AXIS))
+    axis.set_ylabel(shortened(ylabel, AXIS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":
@@ -264,7 +267,7 @@ def _name(found: Legend, names: Sequence[str]) -> None:
         text.set_text(name)
 
 
-def _as_written(figure: Figure) -> None:
+def as_written(figure: Figure) -> None:
     """Names are no formulas: a dollar sign in them is one."""
     legends = [axis.get_legend() for axis in figure.axes] + figure.legends
     texts = [text for found in legends if found is not None for text in found.get_texts()]
@@ -276,7 +279,7 @@ def _as_written(figure: Figure) -> None:
 
 def saved(figure: Figure, path: Path) -> Path:
     """Save a picture, names in it drawn as they are written; the folder is made if need be."""
-    _as_written(figure)
+    as_written(figure)
     with replacing(path) as scratch, warnings.catch_warnings():
         # A name in a script the font lacks is drawn as boxes; the tables have it right.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")

@@ -70,10 +70,15 @@ def beam_ranges(equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[B
     # Between steps as well: those of Radau are long.
     start = trajectory.intervals[0].t[0]
     _, state = trajectory.at(np.unique(np.linspace(start, trajectory.end, _ROWS)))
+    return ranges_of(equations, state.q)
+
+
+def ranges_of(equations: EquationsOfMotion, q: np.ndarray) -> tuple[BeamRange, ...]:
+    """How far each beam went, over rows of coordinates."""
     found = []
     for term in equations.ranges:
         said = term.statement
-        deflection, rotation, strain = map(float, term.largest(state.q))
+        deflection, rotation, strain = map(float, term.largest(q))
         error = None
         if said.error is not None:
             error = said.error[0] * rotation + said.error[1] * rotation**2

@@ -53,6 +53,7 @@ class RowFunction:
     def __init__(self, function: ca.Function) -> None:
         self._function = function
         self._mapped: dict[tuple[int, ...], ca.Function] = {}
+        self._derivatives: dict[int, RowFunction] = {}
 
     def __call__(self, *arguments: Array) -> Array:
         """Values (rows, size) at arguments (rows, size each), or (size,) where shared."""
@@ -70,6 +71,16 @@ class RowFunction:
             result[part] = compiled(*values)[0].reshape(count, -1)
         return result
 
+    def derivative(self, argument: int) -> RowFunction:
+        """Rows of the derivative by an argument: the entries of a column of it, then the next."""
+        if argument not in self._derivatives:
+            inputs = self._function.sx_in()
+            (value,) = self._function.call(inputs)
+            entries = ca.densify(ca.vec(ca.jacobian(value, inputs[argument])))
+            function = ca.Function(self._function.name(), inputs, [entries])
+            self._derivatives[argument] = RowFunction(function)
+        return self._derivatives[argument]
+
     def _map(self, count: int, shared: list[int]) -> ca.Function:
         """The function over `count` rows: making it costs as much as using it."""
         function, key = self._function, (count, *shared)
@@ -80,3 +91,11 @@ class RowFunction:
                 else function
             )
         return self._mapped[key]
+
+    def jacobians(self, *arguments: Array) -> list[Array]:
+        """Derivatives (size, .) by each argument, at one row of them."""
+        function = self._function
+        zero = np.zeros(function.numel_out(0))
+        found = function.jacobian()(*map(np.ravel, arguments), zero)
+        blocks = found if isinstance(found, tuple) else (found,)
+        return [np.array(block.full(), float) for block in blocks]

@@ -130,19 +130,7 @@ def prestressed(variant, free=None):
 
     mech = bd.Mechanism(gravity=(0.4, -9.81))
     mech.add(
-        bd.Beam(
-            "beam",
-            ARC,
-            section,
-            elements=2,
-            strain=variant.strain,
-            elements_shape=variant.shape,
-            continuity=variant.continuity,
-            nodes=variant.nodes,
-            quadrature=variant.quadrature,
-            frame=variant.frame,
-            free_curve=free or bd.Line((1.0, 1.0), (3.01, 1.0)),
-        )
+        variant.beam(ARC, section=section, free_curve=free or bd.Line((1.0, 1.0), (3.01, 1.0)))
     )
     return Numeric(mech)
 

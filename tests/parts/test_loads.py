@@ -6,26 +6,40 @@ import numpy as np
 import pytest
 from conformance import LOADS
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, assert_derivative
+from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative
 
 import beamdae as bd
 
 CHORD = VARIANTS[2]
-every_load = pytest.mark.parametrize("make", LOADS.values(), ids=list(LOADS))
+# What asks a beam for more than a point.
+OF_BEAMS = ("Rayleigh", "air drag", "dead load by length", "pressure", "load by place")
+every_load = pytest.mark.parametrize(
+    ("make", "variant"),
+    [
+        pytest.param(
+            make,
+            variant,
+            id=f"{name}, {variant.formulation}",
+            marks=[pytest.mark.slow] if variant is EXACT and name not in OF_BEAMS else [],
+        )
+        for name, make in LOADS.items()
+        for variant in (CHORD, EXACT)
+    ],
+)
 
 
-def mechanism():
+def mechanism(variant):
     mech = bd.Mechanism(gravity=(0.2, -1.5))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
-    return mech, disk, mech.add(CHORD.beam(ARC))
+    return mech, disk, mech.add(variant.beam(ARC))
 
 
 @pytest.fixture
-def loaded(make):
+def loaded(make, variant):
     """The mechanism with the load, and without."""
-    mech, disk, beam = mechanism()
+    mech, disk, beam = mechanism(variant)
     mech.add(make(mech, disk, beam))
-    return Numeric(mech, time=(0.7, 0.7)), Numeric(mechanism()[0], time=(0.7, 0.7))
+    return Numeric(mech, time=(0.7, 0.7)), Numeric(mechanism(variant)[0], time=(0.7, 0.7))
 
 
 def state(numeric, seed):

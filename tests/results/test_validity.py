@@ -59,7 +59,7 @@ def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
     ("settings", "said", "not_said"),
     [
         ({"frame": "chord", "strain": "nonlinear"}, "strain='green'", "frame="),
-        ({}, "bodies=", "set"),
+        ({}, "strain='exact'", "frame="),
         ({"frame": "tangent", "strain": "linear"}, "strain='nonlinear'", "green"),
     ],
 )
@@ -81,6 +81,8 @@ def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
 
 def test_kinematics_without_a_limit_are_never_warned_of():
     assert BeamRange("b", 2.0, 6.0, 0.1).warning is None
+    assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.reach.error is None
+    assert bd.Beam("arc", ARC, STRIP, formulation="exact").ranges() == []
 
     class Unlimited(FloatingFrame):
         reach = None

@@ -7,11 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
+from beamdae.studies.work import Limits
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_modes import MODES
+from robustness.places_periodic import PERIODIC
+from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
+    KNEE,
     OUTPUT_STEP,
     T_END,
     TIME_LIMIT,
@@ -94,6 +99,14 @@ def _listing(cases: Any) -> bd.Study:
     return bd.study(output_step=OUTPUT_STEP)(few)
 
 
+def _leaning(world: World) -> bd.Mechanism:
+    """The bar on a torsion spring, pushed aside."""
+    foot = world.mech.ground.at(0.0, 0.0)
+    world.mech.add(bd.TorsionSpring("spring", foot, world.bar.at(0.0, 0.0), 10.0))
+    world.mech.add(bd.Force("push", world.bar.at(*KNEE), (0.0, 1.0)))
+    return world.mech
+
+
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -137,10 +150,38 @@ MODELS: dict[str, Base] = {
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
             "start": "as drawn",
+            "accept_changes": False,
         },
         itself,
     ),
     "check": Base(lambda w: {"model": w.mech, "t_end": T_END, "predict": False}, itself),
+    "equilibrium": Base(
+        lambda w: {
+            "model": w.mech,
+            "loads": ["gravity"],
+            "to": [0.5, 1.0],
+            "control": "load",
+            "step": 0.5,
+            "switch": 0,
+            "most_points": 20,
+            "t": 0.0,
+            "start": {"bar.angle": -1.0},
+        },
+        lambda w, found: found.table(),
+    ),
+    "equilibrium displaced": Base(
+        lambda w: {"to": {"knee.x": 0.1}, "switch": 0},
+        lambda w, found: found.table(),
+        lambda w, **given: bd.equilibrium(_leaning(w), **given),
+    ),
+    "Equilibrium.at": Base(
+        lambda w: {"row": 0}, itself, lambda w, row: bd.equilibrium(w.mech).at(row)
+    ),
+    "Equilibrium.to_csv": Base(
+        lambda w: {"path": Path("path.csv")},
+        itself,
+        lambda w, path: _written(w, path, bd.equilibrium(w.mech)),
+    ),
 }
 
 INTEGRATING: dict[str, Base] = {
@@ -197,7 +238,7 @@ RESULTS: dict[str, Base] = {
         lambda w, **values: w.case(**values),
     ),
     "Study": Base(
-        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": _limits(), **_study(w)},
+        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": Limits(10.0)} | _study(w),
         done,
     ),
     "study": Base(
@@ -216,38 +257,48 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
+    "animate": Base(
+        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+    ),
+    "Solution.observe": Base(
+        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        itself,
+        lambda w, **given: w.solution.observe(**given),
+    ),
+    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
 }
 
 
-def _written(world: World, path: Any) -> None:
-    solution = world.solution
+def _written(world: World, path: Any, result: Any = None) -> None:
+    solution = world.solution if result is None else result
     # Relative paths may lead up.
     (world.folder / "deep").mkdir(parents=True)
     with chdir(world.folder / "deep"):
         solution.to_csv(path)
 
 
-def _limits() -> Any:
-    from beamdae.studies.work import Limits
-
-    return Limits(time=10.0)
-
-
-BASES: dict[str, Base] = (
-    PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS | MODELS | INTEGRATING | RESULTS
-)
+BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
+BASES |= MODELS | INTEGRATING | RESULTS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
+    "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
+    "PeriodicMotion": "what periodic gives",
+    "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
+    "Campbell": "what campbell gives",
     "Check": "what check gives",
+    "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
+    "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}}
+_TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")
+NOT_GIVEN = {name: {"*"} for name in _TOLD}

@@ -1,0 +1,120 @@
+"""Static equilibrium: F(t, q, 0, 0) + G^T lam = 0, g(t, q) = 0, with its tangent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import Structure, once
+from beamdae.equations.sums import (
+    Places,
+    add_joint_matrices,
+    add_tangents,
+    matrix_builder,
+    residual_sum,
+)
+from beamdae.errors import BeamdaeError
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class StaticSums:
+    """Sums over (q, 0, lam), and the pattern of the tangent; see `StaticEquations`."""
+
+    residual: SumPlan
+    tangent: SumPlan
+    pattern: sp.csc_array
+
+
+@once
+def static_sums(structure: Structure) -> StaticSums:
+    """The sums of static equilibrium, built once."""
+    n, m, total = structure.n, structure.m, matrix_builder()
+    # Velocities and accelerations are the same zeros.
+    at = Places(q=0, v=n, a=n, lam=2 * n)
+    residual = residual_sum(structure, at, (0,), stabilized=False).vector()
+    for term, copies in add_tangents(total, structure, at, ((0,),)):
+        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
+        if term.rows is not None:
+            total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
+    for joint, copies in add_joint_matrices(total, structure, at, (0,), False):
+        total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
+        total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
+        total.add_matrix(copies, 2, joint.operator, joint.operator, (0, 0))
+    pattern, tangent = total.matrix((n + m, n + m))
+    return StaticSums(residual, tangent, pattern)
+
+
+@dataclass(frozen=True)
+class StaticEquations:
+    """What has to vanish at rest, of the unknowns (q, lam); not for several threads.
+
+    Attributes
+    ----------
+    equations
+        The equations of motion, of which inertia and damping say nothing here.
+    time
+        (t, branch), at which laws and drivers are read.
+
+    Raises
+    ------
+    BeamdaeError
+        If a constraint holds velocities alone: then nothing tells where it rests.
+    """
+
+    equations: EquationsOfMotion
+    time: Array
+
+    def __post_init__(self) -> None:
+        free = self.equations.nonholonomic_rows
+        if len(free):
+            raise BeamdaeError(
+                f"{self.equations.lam_names[int(free[0])]}: it holds velocities alone, nothing "
+                "tells where it comes to rest; hold a position instead."
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.equations.n + self.equations.m
+
+    @property
+    def pattern(self) -> sp.csc_array:
+        """CSC pattern of the tangent [[K, G^T + dF/dlam], [G, 0]], K = d(F + G^T lam)/dq."""
+        return static_sums(self.equations.structure).pattern
+
+    @cached_property
+    def _residual(self) -> Sum:
+        return static_sums(self.equations.structure).residual.sum(False, self.equations.p)
+
+    @cached_property
+    def _tangent(self) -> Sum:
+        return static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
+
+    def residual(self, q: Array, lam: Array) -> Array:
+        """(F + G^T lam, g), (n + m,)."""
+        return self._evaluated(self._residual, q, lam, self.size)
+
+    def tangent(self, q: Array, lam: Array) -> Array:
+        """Non-zeros of the derivative of the residual by (q, lam) on `pattern`."""
+        # Every factor is one, those of damping and mass have nothing to multiply.
+        self._tangent.shared[2:] = 1.0
+        return self._evaluated(self._tangent, q, lam, self.pattern.nnz)
+
+    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
+        """The tangent as a matrix."""
+        own = (self.tangent(q, lam), self.pattern.indices, self.pattern.indptr)
+        return sp.csc_array(own, shape=self.pattern.shape)
+
+    def _evaluated(self, total: Sum, q: Array, lam: Array, size: int) -> Array:
+        total.shared[:2] = self.time
+        result = np.zeros(size)
+        with np.errstate(over="ignore", invalid="ignore"):
+            evaluate(total, np.concatenate([q, np.zeros(len(q)), lam]), result)
+        return result

@@ -1,0 +1,196 @@
+"""The motion of a mechanism: moving pictures, and where it was at some times as one drawing."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.errors import BeamdaeError, count, positive
+from beamdae.report.curves import picture_path
+from beamdae.report.pictures import COLORS
+from beamdae.results.files import replacing
+from beamdae.results.shapes import frame_times, shapes
+from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    from matplotlib.animation import AbstractMovieWriter, FuncAnimation
+
+Array = np.ndarray
+Body = dict[str, Any]
+
+_FRAMES_PER_SECOND = 25
+_FEWEST, _MOST = 2, 500
+# Of the size of what is drawn, left free around it.
+_MARGIN = 0.05
+_THUMBNAIL = 160.0
+_TIMES = 6
+_WIDTHS = {"beam": 2.0, "rigid": 2.5, "ground": 1.0}
+
+
+@dataclass(frozen=True)
+class Animation:
+    """Moving pictures a notebook shows."""
+
+    page: str
+
+    def _repr_html_(self) -> str:
+        return self.page
+
+
+def animate(
+    solution: Solution, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+) -> Animation | Path:
+    """Moving pictures of a run: for a notebook, or as a file.
+
+    Parameters
+    ----------
+    path
+        Of a GIF or MP4 file, by its suffix; MP4 needs the program ffmpeg. None: for a notebook.
+    speed
+        Seconds of the motion in one second.
+    frames
+        How many pictures; default 25 a second.
+
+    Raises
+    ------
+    BeamdaeError
+        If the run is not one of a mechanism, the file is of another kind or cannot be written.
+    """
+    t = frame_times(solution, 2)
+    speed = positive("animate", "speed", speed)
+    lasts = float(t[-1] - t[0]) / speed
+    least, most = _FEWEST, _MOST
+    number = int(np.clip(round(_FRAMES_PER_SECOND * lasts), least, most))
+    number = count("animate", "frames", frames, least, most) if frames else number
+    rate = max(round((number - 1) / lasts), 1) if lasts > 0.0 else 1
+    if path is None:
+        moving = _moving(solution, number, 1000 // rate)
+        return Animation(moving.to_jshtml(fps=rate, embed_frames=True))
+    kind = _kind(path)
+    writer = _writer(kind, rate)
+    with replacing(Path(path)) as scratch:
+        # Its writers go by the suffix.
+        named = scratch.with_name(f"{scratch.name}.{kind}")
+        try:
+            _moving(solution, number, 1000 // rate).save(str(named), writer=writer, dpi=100)
+            named.replace(scratch)
+        finally:
+            named.unlink(missing_ok=True)
+    return Path(path)
+
+
+def _kind(path: str | Path) -> str:
+    kind = picture_path("animate", path).suffix.lower().removeprefix(".")
+    if kind not in ("gif", "mp4"):
+        raise BeamdaeError(f"animate: {path} must end in .gif or .mp4.")
+    return kind
+
+
+def _writer(kind: str, rate: int) -> AbstractMovieWriter:
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    if kind == "gif":
+        return PillowWriter(fps=rate)
+    if not FFMpegWriter.isAvailable():
+        raise BeamdaeError("animate: MP4 files need the program ffmpeg, which is not there.")
+    return FFMpegWriter(fps=rate)
+
+
+def _moving(solution: Solution, frames: int, interval: int) -> FuncAnimation:
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    bodies, times = _bodies(solution, frames), frame_times(solution, frames)
+    low, high = _frame(bodies)
+    width, height = high - low
+    size = 6.0 / max(width, height)
+    figure = Figure(figsize=(max(size * width, 2.0), max(size * height, 1.5)))
+    FigureCanvasAgg(figure)
+    axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    axis.set_axis_off()
+    lines = [axis.plot([], [], **_look(body))[0] for body in bodies]
+    clock = axis.text(0.02, 0.98, "", transform=axis.transAxes, va="top", color="0.4", fontsize=9)
+
+    def draw(k: int) -> list[Any]:
+        for line, body in zip(lines, bodies, strict=True):
+            line.set_data(body["x"][k], body["y"][k])
+        clock.set_text(f"t = {times[k]:.3g} s")
+        return [*lines, clock]
+
+    return FuncAnimation(figure, draw, frames=frames, interval=interval, blit=False)
+
+
+def _look(body: Body) -> dict[str, Any]:
+    if body["kind"] in ("point", "ground"):
+        color = "0.55" if body["kind"] == "ground" else COLORS[3]
+        mark = "^" if body["kind"] == "ground" else "o"
+        return {"color": color, "marker": mark, "ls": "none", "ms": 6}
+    color = COLORS[0] if body["kind"] == "beam" else COLORS[1]
+    return {"color": color, "lw": _WIDTHS.get(body["kind"], 1.2), "solid_capstyle": "round"}
+
+
+def _bodies(solution: Solution, frames: int) -> list[Body]:
+    mechanism = solution.equations.mechanism
+    if mechanism is None:
+        raise BeamdaeError("animate: the run is not one of a mechanism, there is nothing to draw.")
+    return shapes(mechanism, solution, frames)
+
+
+def _frame(bodies: Sequence[Body]) -> tuple[Array, Array]:
+    """The corners of what is seen."""
+    if not bodies:
+        raise BeamdaeError("animate: no part of the mechanism has anything to draw.")
+    points = np.array(
+        [
+            (x, y)
+            for body in bodies
+            for at in zip(body["x"], body["y"], strict=True)
+            for x, y in zip(*at, strict=True)
+        ]
+    )
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float(np.max(high - low)) or 1.0
+    middle = (low + high) / 2.0
+    half = np.maximum((high - low) / 2.0, 0.1 * size) + _MARGIN * size
+    return middle - half, middle + half
+
+
+def thumbnail(solution: Solution) -> str:
+    """Where the mechanism was at some times of a run, the last in full color, as SVG."""
+    bodies = [body for body in _bodies(solution, _TIMES) if body["kind"] != "ground"]
+    low, high = _frame(bodies)
+    width, height = high - low
+    scale = _THUMBNAIL / max(width, height)
+    drawn = []
+    for k in range(_TIMES):
+        shade = 1.0 if k == _TIMES - 1 else 0.15 + 0.35 * k / _TIMES
+        for body in bodies:
+            x = scale * (np.array(body["x"][k]) - low[0])
+            y = scale * (high[1] - np.array(body["y"][k]))
+            color = _look(body)["color"]
+            if body["kind"] == "point":
+                drawn += [
+                    f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3" fill="{color}" '
+                    f'opacity="{shade:.2f}"/>'
+                    for a, b in zip(x, y, strict=True)
+                ]
+                continue
+            points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+            drawn.append(
+                f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2" '
+                f'stroke-linecap="round" opacity="{shade:.2f}"/>'
+            )
+    told = html.escape(", ".join(body["name"] for body in bodies))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{scale * width:.0f}" '
+        f'height="{scale * height:.0f}" role="img" aria-label="{told}">{"".join(drawn)}</svg>'
+    )

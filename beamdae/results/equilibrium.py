@@ -1,0 +1,225 @@
+"""The result of a static analysis: a path of equilibria, what is critical on it, tables of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
+from beamdae.equations.measures import ObservedRows
+from beamdae.errors import BeamdaeError, count, may_be_path, shown
+from beamdae.results.checkpoint import Checkpoint
+from beamdae.results.files import write
+from beamdae.results.headers import Header
+from beamdae.results.outcome import Status
+from beamdae.results.recovered import of_state
+from beamdae.results.section_forces import SectionForces
+from beamdae.results.validity import BeamRange, ranges_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from beamdae.report.curves import Plot
+
+Array = np.ndarray
+
+FACTOR, UNSTABLE, KIND = "load factor [-]", "unstable directions [-]", "point"
+
+
+class CriticalPoint(NamedTuple):
+    """A point of a path at which the tangent stiffness loses a direction.
+
+    Attributes
+    ----------
+    kind
+        "limit point", where the load factor turns; "branch point", where another path crosses;
+        "flutter point", where a follower load begins to swing what it acts on.
+    row
+        Of the path.
+    factor
+        The load factor.
+    moves
+        The coordinate that moves most in what is lost.
+    """
+
+    kind: str
+    row: int
+    factor: float
+    moves: str
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A path of equilibria of a mechanism, at the end of which it rests.
+
+    Attributes
+    ----------
+    equations
+        Its equations of motion, under loads as they are at the time `t` [s].
+    status
+        How the path ended: "ok" at its last target, "limited" or "failed"; and a sentence.
+    loads
+        Names of the loads that were scaled, of each stage.
+    factors
+        Load factors, (k, number of stages).
+    q, lam
+        Coordinates (k, n) and multipliers (k, m).
+    unstable
+        In how many directions each equilibrium is unstable under loads that stay (k,): 0 where it
+        is stable, -1 where that is not known.
+    critical
+        Limit and branch points, in order.
+    settings
+        What was asked for, and what it took.
+    notes
+        Sentences on what the result is to be read with.
+    """
+
+    equations: EquationsOfMotion
+    t: float
+    status: Status
+    loads: tuple[tuple[str, ...], ...]
+    factors: Array = field(repr=False)
+    q: Array = field(repr=False)
+    lam: Array = field(repr=False)
+    unstable: Array = field(repr=False)
+    critical: tuple[CriticalPoint, ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
+    model: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def factor(self) -> float:
+        """The load factor at its end, of the last stage; 1 where nothing is scaled."""
+        return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is stable at its end, under loads that stay."""
+        return bool(self.unstable[-1] == 0)
+
+    @property
+    def positions(self) -> dict[str, float]:
+        """Coordinates at its end by name, such as `Mechanism(start=)` takes."""
+        return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
+
+    def at(self, row: int) -> Equilibrium:
+        """The path up to a row of it, to start from there; critical points name rows."""
+        row = count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
+        return replace(
+            self,
+            factors=self.factors[: row + 1],
+            q=self.q[: row + 1],
+            lam=self.lam[: row + 1],
+            unstable=self.unstable[: row + 1],
+            critical=tuple(one for one in self.critical if one.row <= row),
+        )
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        """The observed columns but for rates, by header, (k,) each."""
+        e, rows = self.equations, len(self.q)
+        headers = [header for o in e.observables for header in o.headers]
+        if not headers:
+            return {}
+        still = np.zeros_like(self.q)
+        times = np.full((rows, 2), self.t)
+        values = ObservedRows(e)(times, self.q, still, still, self.lam).T
+        found = dict(zip(headers, values, strict=True))
+        return {k: x for k, x in found.items() if not Header.of(k).suffix.endswith("_dot")}
+
+    def all_columns(self) -> dict[str, Any]:
+        """The columns of `table` by header."""
+        kinds = np.full(len(self.q), "", object)
+        for one in self.critical:
+            kinds[one.row] = one.kind
+        names = [FACTOR] * min(len(self.loads), 1)
+        names += [f"load factor {k} [-]" for k in range(2, len(self.loads) + 1)]
+        return {
+            **dict(zip(names, self.factors.T, strict=True)),
+            **self.columns,
+            UNSTABLE: self.unstable,
+            KIND: kinds,
+        }
+
+    def table(self) -> pd.DataFrame:
+        """Load factors, observed quantities, stability and kind of each point of the path."""
+        import pandas as pd
+
+        return pd.DataFrame(self.all_columns())
+
+    def coordinates(self) -> pd.DataFrame:
+        """All coordinates and multipliers, named by part, with units."""
+        import pandas as pd
+
+        e = self.equations
+        held = [f"lam.{one.header}" for one in e.multipliers]
+        headers = [*(one.header for one in e.coordinates), *held]
+        return pd.DataFrame(np.hstack([self.q, self.lam]), columns=headers)
+
+    def section_forces(self, beam: Any, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at its end, as `Solution.section_forces`."""
+        still = np.zeros_like(self.q[-1:])
+        state = State(self.q[-1:], still, still, self.lam[-1:])
+        known = self.equations.configurations
+        factors = dict.fromkeys(known.first if known is not None else (), 0.0)
+        for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
+            factors |= dict.fromkeys(names, factor)
+        return of_state(self.equations, beam, self.t, state, factors, s)
+
+    def diagram(self, beam: Any, what: str = "M") -> Plot:
+        """Draw "N", "Q" or "M" of a beam at its end, as `Solution.diagram`."""
+        return self.section_forces(beam).diagram(what)
+
+    @cached_property
+    def validity(self) -> tuple[BeamRange, ...]:
+        """How far each beam went from its floating frame, and what that makes of its strains."""
+        return ranges_of(self.equations, self.q)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on what is not to be trusted as it stands; `equilibrium` warns of each."""
+        return (*self.notes, *filter(None, (beam.warning for beam in self.validity)))
+
+    def beside(self, **further: Any) -> dict[str, Any]:
+        """What `to_csv` writes as JSON beside the table, as plain values."""
+        return {
+            "status": self.status.kind,
+            "reason": self.status.sentence,
+            "model": self.model,
+            "loads": [list(stage) for stage in self.loads],
+            "settings": self.settings,
+            "load factor": self.factor,
+            "stable": self.stable,
+            "critical points": [one._asdict() for one in self.critical],
+            "warnings": list(self.warnings),
+            **further,
+        }
+
+    def to_csv(self, path: str | Path, **further: Any) -> Path:
+        """Write the table as CSV, and how it was found as JSON beside it; as `Solution.to_csv`.
+
+        Raises
+        ------
+        BeamdaeError
+            If a file cannot be written.
+        """
+        text = str(path) if isinstance(path, (str, Path)) else ""
+        if not (may_be_path(text) and Path(text).name):
+            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
+        columns = dict(self.all_columns())
+        if not self.status.success:
+            columns["status"] = [self.status.kind] * len(self.q)
+        return write(Path(path), columns, self.beside(**further))
+
+    def starting(self) -> Checkpoint:
+        """Its end as the state a run begins with, at rest."""
+        still = dict.fromkeys(self.equations.q_names, 0.0)
+        known = self.equations.configurations
+        inactive = () if known is None else tuple(sorted(known.first))
+        return Checkpoint(self.t, self.positions, still, inactive=inactive)

@@ -1,0 +1,38 @@
+"""Columns of a result by the names a user has for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.results.headers import Header
+
+
+def selected(headers: Iterable[str], name: Any) -> list[str]:
+    """The headers a name stands for.
+
+    Parameters
+    ----------
+    headers
+        'name.column [unit]', as tables have them.
+    name
+        A header, a header without its unit, or the name of an observable for all its columns.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is none of the name.
+    """
+    every = list(headers)
+    bare = [header.rpartition(" [")[0] for header in every]
+    whole = [Header.of(header).name for header in every]
+    for names in (every, bare, whole):
+        found = [header for header, own in zip(every, names, strict=True) if own == name]
+        if found:
+            return found
+    known = list(dict.fromkeys([*bare, *whole]))
+    raise BeamdaeError(
+        f"Solution: no column is called {shown(name)}{nearest(name, known)}; "
+        "`solution.table()` and `solution.coordinates()` have all there are."
+    )

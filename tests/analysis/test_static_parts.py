@@ -1,0 +1,117 @@
+"""What an equilibrium path is made of: exact tangents, and signs of large matrices."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.analysis import stability as module
+from beamdae.analysis.controls import ColumnControl, Norm
+from beamdae.analysis.loading import loading_of
+from beamdae.analysis.stability import stability
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+
+
+def everything():
+    """A welded leaf with a follower load, contact, a slider, a rope and springs, under gravity."""
+    mech = bd.Mechanism(gravity=(1.0, lambda t: -9.81 - t))
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=1e-4)
+    leaf = bd.welded_beams(mech, "leaf", bd.Arc(1.0, 1.0), strip, bodies=2, elements=1)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf[0].start))
+    end, low = leaf[-1].end, mech.ground.at(0.47, -0.3)
+    mass = mech.add(bd.RigidBody("mass", 1.0, 0.1, (0.9, 0.6)))
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.5, -0.2)))
+    mech.add(bd.Revolute("pin", end, mass.at(*end.point)))
+    guide = mech.add(bd.PointOnLine("guide", low, ball.point, (0.3, 1.0)))
+    mech.add(bd.Friction("rub", guide, 0.3, 1e-3))
+    mech.add(bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e4))
+    mech.add(bd.Spring("rope", ball.point, mass.at(0.9, 0.6), 30.0, free_length=0.2))
+    mech.add(bd.TorsionSpring("knee", end, mass.at(0.9, 0.6), 2.0))
+    mech.add(bd.Force("follower", end, (2.0, 3.0), axes="body"))
+    mech.add(bd.DistributedForce("wind", leaf[0], (0.4, 1.0), axes="section"))
+    mech.observe("mass", mass.at(1.0, 0.6))
+    mech.observe("bent", leaf[1].strain(s=0.2, offset=1e-3))
+    return mech
+
+
+@pytest.fixture(scope="module")
+def loading():
+    mech = everything()
+    whole = bd.equations_of_motion(mech)
+    return loading_of(mech, whole, [["gravity"], ["follower", "wind"]], 0.2)
+
+
+@pytest.fixture(scope="module")
+def state(loading):
+    e = loading.whole
+    rng = np.random.default_rng(3)
+    q = e.q0 + 0.02 * rng.standard_normal(e.n) * e.position_scales
+    return np.append(q, rng.standard_normal(e.m))
+
+
+def difference(function, x, step=1e-6):
+    """Central differences, a column an entry of x."""
+    columns = []
+    for k in range(len(x)):
+        aside = np.zeros_like(x)
+        aside[k] = step
+        columns.append((function(x + aside) - function(x - aside)) / (2.0 * step))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("stage", [0, 1])
+def test_tangents_are_those_of_the_residual(loading, state, stage):
+    system, mu = loading.systems[stage], 0.7
+    by_difference = difference(lambda x: system.residual(x, mu)[0], state)
+    exact = system.matrix(system.tangent(state, mu)).toarray()
+    # Of central differences of a residual of 1e6 N, in steps of 1e-6.
+    assert_allclose(exact, by_difference, atol=1e-7 * np.max(np.abs(exact)))
+    before, after = (system.residual(state, mu + d)[0] for d in (-0.5, 0.5))
+    assert_allclose(
+        system.residual(state, mu)[1], after - before, atol=1e-9 * np.max(np.abs(after))
+    )
+
+
+def test_stages_meet(loading, state):
+    first, second = (
+        s.residual(state, mu)[0] for s, mu in zip(loading.systems, (1, 0), strict=True)
+    )
+    assert_allclose(first, second, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["mass.x", "mass.angle", "bent [-]"])
+def test_rows_of_observed_columns_are_their_derivatives(loading, state, name):
+    control = ColumnControl.of(loading.whole, name, np.array([0.2, 0.5]))
+    by_difference = difference(lambda x: np.array([control.value(x, 0.0)]), state)
+    assert_allclose(control.row(state, 0.0)[0], by_difference[0], atol=1e-7)
+
+
+def test_the_way_along_a_direction_is_one():
+    norm = Norm(np.array([1.0, 2.0]), 4.0)
+    way = np.array([0.5, 1.0, 7.0])
+    control = norm.arc(np.zeros(3), 0.0, way, 0.3)
+    assert control.value(way, 0.3) == pytest.approx(1.0)
+    assert norm.largest(way, 3.2) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5, 12.0])
+def test_signs_by_pivots_are_those_of_eigenvalues(factor, monkeypatch):
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
+    column = bd.welded_beams(mech, "column", bd.Line((0, 0), (0, 1)), strip, bodies=3, elements=1)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column[0].start))
+    mech.add(bd.Force("press", column[-1].end, (0.0, -0.25 * np.pi**2 * strip.EI)))
+    whole = bd.equations_of_motion(mech)
+    (system,) = loading_of(mech, whole, None, 0.0).systems
+    x = bd.equilibrium(mech, to=factor)
+    state = np.append(x.q[-1], x.lam[-1])
+    nonzeros = system.tangent(state, factor)
+    dense = stability(system, state, nonzeros)
+    monkeypatch.setattr(module, "_DENSE", 0)
+    sparse = stability(system, state, nonzeros)
+    assert sparse.negative == dense.negative == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
+    for index in range(dense.negative, dense.negative + 2):
+        assert sparse.value(index) == pytest.approx(dense.value(index), rel=1e-6)
+    mode, other = (s.mode(dense.negative) for s in (dense, sparse))
+    assert_allclose(np.abs(other), np.abs(mode), atol=1e-6)

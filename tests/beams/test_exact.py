@@ -1,0 +1,231 @@
+"""Laws of the geometrically exact beam beyond those of every kinematics."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import ARC, SOFT, Numeric, assert_derivative
+
+import beamdae as bd
+
+SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+STRAIGHT = bd.Line((0.1, -0.2), (1.6, 0.9))
+# Nodes, quadrature, shape, section.
+SETTINGS = [
+    {},
+    {"quadrature": "full"},
+    {"nodes": 3},
+    {"nodes": 2},
+    {"nodes": 2, "quadrature": "full"},
+    {"elements_shape": "straight"},
+    {"section": lambda s: bd.Section(SOFT, area=0.9 - 0.2 * s, second_moment=0.05, damping=0.1)},
+    {"section": bd.Section(SOFT, area=0.9, second_moment=0.05)},
+    {"free_curve": bd.Line((0.0, 0.0), (ARC.length * 1.004, 0.0))},
+]
+every_setting = pytest.mark.parametrize(
+    "settings", SETTINGS, ids=lambda x: " ".join(map(str, x)) or "default"
+)
+
+
+def beam(curve=ARC, elements=3, name="beam", **settings):
+    section = settings.pop("section", SECTION)
+    return bd.Beam(name, curve, section, elements, formulation="exact", **settings)
+
+
+def free(gravity=(0.0, 0.0), **settings):
+    mech = bd.Mechanism(gravity=gravity)
+    own = mech.add(beam(**settings))
+    for s in (0.0, 0.4, 1.0):
+        mech.observe(f"forces {s}", own.section_forces(s * own.length))
+        mech.observe(f"at {s}", own.at(s * own.length))
+    return Numeric(mech)
+
+
+def turned(q, angle, shift=(0.0, 0.0)):
+    """Coordinates of the nodes after a rigid motion."""
+    nodes = q.reshape(-1, 3)
+    c, s = np.cos(angle), np.sin(angle)
+    place = nodes[:, :2] @ np.array([[c, s], [-s, c]]) + shift
+    return np.column_stack([place, nodes[:, 2] + angle]).ravel()
+
+
+def bent(numeric, seed=0, size=0.4):
+    """Coordinates far from the drawing."""
+    rng = np.random.default_rng(seed)
+    return numeric.equations.q0 + size * rng.standard_normal(numeric.n)
+
+
+@every_setting
+def test_a_rigid_motion_strains_nothing(settings):
+    numeric = free(**settings)
+    at_rest = numeric.energies()[1]
+    for angle in (0.7, 3.0, -40.0):
+        q = turned(numeric.equations.q0, angle, (3.0, -1.0))
+        for s in (0.0, 0.4, 1.0):
+            here, there = (numeric.observed(f"forces {s}", q=x) for x in (None, q))
+            # Rounding of strains, times stiffnesses of order 50; places up to 40 rad around.
+            assert_allclose(there, here, atol=1e-11)
+        assert_allclose(numeric.energies(q)[1], at_rest, atol=1e-12 * max(1.0, at_rest))
+
+
+@every_setting
+def test_forces_turn_with_the_beam(settings):
+    numeric = free(**settings)
+    q, v = bent(numeric), np.random.default_rng(1).standard_normal(numeric.n)
+    spun = turned(v, 1.3) - np.tile([0.0, 0.0, 1.3], numeric.n // 3)
+    force = numeric.force(turned(q, 1.3, (2.0, 5.0)), spun)
+    expected = turned(numeric.force(q, v), 1.3) - np.tile([0.0, 0.0, 1.3], numeric.n // 3)
+    assert_allclose(force, expected, atol=1e-11 * np.abs(expected).max())
+
+
+@every_setting
+def test_tangents_are_derivatives_far_from_the_drawing(settings):
+    numeric = free(gravity=(0.3, -2.0), **settings)
+    rng = np.random.default_rng(2)
+    q, (v, a) = bent(numeric), rng.standard_normal((2, numeric.n))
+    # Along whole directions: differences of sines truncate with their fifth derivative.
+    for tangent, at, force in (
+        (numeric.stiffness(q, v, a), q, lambda x: numeric.force(x, v, a)),
+        (numeric.damping(q, v, a), v, lambda x: numeric.force(q, x, a)),
+        (numeric.mass(q, v, a), a, lambda x: numeric.force(q, v, x)),
+    ):
+        assert_derivative(tangent, force, at)
+
+
+def test_the_mass_matrix_is_constant_and_inertia_has_no_quadratic_terms():
+    numeric = free()
+    rng = np.random.default_rng(3)
+    here, there = numeric.equations.q0, bent(numeric)
+    v, a = rng.standard_normal((2, numeric.n))
+    mass = numeric.mass(here)
+    assert_allclose(numeric.mass(there, v, a), mass, atol=1e-15)
+    undamped = free(section=bd.Section(SOFT, area=0.9, second_moment=0.05))
+    for q in (here, there):
+        moved = undamped.force(q, v, a) - undamped.force(q)
+        assert_allclose(moved, undamped.mass(q) @ a, atol=1e-12)
+
+
+def test_it_strains_and_reports_as_reissner_says():
+    """Uniform stretch e, shear g and bending b of a straight beam turned by 2 rad."""
+    e, g, b, turn = 0.2, 0.1, 0.9, 2.0
+    numeric = free(curve=bd.Line((0.0, 0.0), (1.5, 0.0)), elements=8)
+    s = np.linspace(0.0, 1.5, numeric.n // 3)
+    psi = turn + b * s
+    # Integrals of (1 + e) t + g n over s.
+    x = ((1 + e) * (np.sin(psi) - np.sin(turn)) + g * (np.cos(psi) - np.cos(turn))) / b
+    y = (-(1 + e) * (np.cos(psi) - np.cos(turn)) + g * (np.sin(psi) - np.sin(turn))) / b
+    q = np.column_stack([x, y, psi]).ravel()
+    expected = (SECTION.EA * e, SECTION.GA * g, -SECTION.EI * b)
+    for place in (0.0, 0.4, 1.0):
+        # Slopes of cubics through an arc of 0.17 rad an element.
+        assert_allclose(numeric.observed(f"forces {place}", q=q), expected, rtol=2e-4)
+    energy = 0.75 * (SECTION.EA * e**2 + SECTION.GA * g**2 + SECTION.EI * b**2)
+    assert_allclose(numeric.energies(q)[1], energy, rtol=1e-5)
+
+
+def test_joints_at_nodes_are_linear():
+    mech = bd.Mechanism()
+    one, other = mech.add(beam()), mech.add(beam(name="other"))
+    mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), one.start))
+    mech.add(bd.Weld("weld", one.end, other.end))
+    numeric = Numeric(mech)
+    at_rest, bent_far = (numeric.constraint_matrix(q) for q in (None, bent(numeric)))
+    assert np.array_equal(at_rest, bent_far)
+    assert set(np.unique(np.abs(at_rest))) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("frame", ["tangent", "chord"])
+def test_deformations_are_those_seen_from_the_frame(frame):
+    """As the start section carries the drawing, or the line from end to end."""
+    mech = bd.Mechanism()
+    own = mech.add(beam(frame=frame))
+    mech.observe("seen from", own.floating_frame)
+    for axes in ("inertial", "frame", "local"):
+        mech.observe(axes, own.deformation(0.7, axes))
+    mech.observe("at", own.at(0.7))
+    mech.observe("root", bd.relative_displacement(of=own.at(0.7), on=own.start))
+    numeric = Numeric(mech)
+    q = turned(bent(numeric, size=0.1), 5.0, (1.0, -3.0))
+    x, y, angle = numeric.observed("seen from", q=q)[:3]
+    place, section = numeric.observed("at", q=q)[:2], numeric.observed("at", q=q)[2]
+    drawn = ARC.angle if frame == "tangent" else np.arctan2(*(ARC.point(2.0) - ARC.start)[::-1])
+    turn = angle - drawn
+    c, s = np.cos(turn), np.sin(turn)
+    rigid = (x, y) + np.array([[c, -s], [s, c]]) @ (ARC.point(0.7) - ARC.start)
+    inertial = numeric.observed("inertial", q=q)
+    assert_allclose(inertial[:2], place - rigid, atol=1e-13)
+    at_rest = numeric.observed("at")[2]
+    assert_allclose(inertial[2], section - at_rest - turn, atol=1e-13)
+    for axes, seen_from in (("frame", angle), ("local", turn + at_rest)):
+        c, s = np.cos(seen_from), np.sin(seen_from)
+        back = np.array([[c, s], [-s, c]]) @ inertial[:2]
+        assert_allclose(numeric.observed(axes, q=q)[:2], back, atol=1e-13)
+    if frame == "tangent":
+        assert_allclose(inertial, numeric.observed("root", q=q), atol=1e-13)
+    else:
+        ends = q.reshape(-1, 3)[[0, -1], :2]
+        assert_allclose(
+            np.exp(1j * angle), np.exp(1j * np.arctan2(*np.diff(ends, axis=0)[0][::-1]))
+        )
+    for axes in ("inertial", "frame", "local"):
+        assert_allclose(numeric.observed(axes), 0.0, atol=1e-14)
+
+
+@cache
+def flown(integrator):
+    """A bent beam let go in free flight."""
+    mech = bd.Mechanism()
+    thin = bd.Section(SOFT, area=0.9, second_moment=0.05)
+    straight = bd.Line((0.0, 0.0), (ARC.length, 0.0))
+    own = mech.add(
+        beam(section=thin, free_curve=straight, velocity=(1.0, 0.5), angular_velocity=2.0)
+    )
+    mech.observe("end", own.end)
+    return own, bd.simulate(mech, integrator, t_end=2.0, output_step=0.1)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [bd.Radau(1e-6), bd.Ida(1e-6), bd.GeneralizedAlpha(1e-3)],
+    ids=lambda x: x.method,
+)
+def test_a_beam_in_flight_keeps_its_momentum(integrator):
+    own, solution = flown(integrator)
+    numeric = Numeric(_alone(own))
+    mass = numeric.mass()
+    x, y = (np.arange(numeric.n) % 3 == k for k in range(2))
+    momentum = solution.v @ mass
+    first = momentum[:, x].sum(axis=1), momentum[:, y].sum(axis=1)
+    place = solution.q.copy()
+    arm = momentum[:, 2::3].sum(axis=1)
+    arm += (place[:, x] * momentum[:, y] - place[:, y] * momentum[:, x]).sum(axis=1)
+    for kept in (*first, arm):
+        assert_allclose(kept, kept[0], rtol=1e-5)
+    assert solution.quality.energy_imbalance < 2e-3
+
+
+def _alone(own):
+    mech = bd.Mechanism()
+    mech.add(own)
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        ({"formulation": "Exact"}, r"formulation must be one of 'floating frame', 'exact'"),
+        (
+            {"formulation": "exact", "strain": "green", "continuity": "cartesian"},
+            "strain and continuity belong to formulation='floating frame'",
+        ),
+        ({"formulation": "exact", "frame": "mean"}, "frame must be one of 'tangent', 'chord'"),
+        ({"formulation": "exact", "quadrature": "none"}, "quadrature must be one of"),
+        ({"formulation": "exact", "kinematics": print}, "formulation belong"),
+    ],
+)
+def test_what_an_exact_beam_cannot_be_is_refused(words, match):
+    with pytest.raises(bd.BeamdaeError, match=f"rod: .*{match}"):
+        bd.Beam("rod", ARC, SECTION, **words)

@@ -1,0 +1,231 @@
+"""A run in a notebook: its card, its columns, curves and moving pictures."""
+
+import pickle
+import re
+
+import numpy as np
+import pytest
+from benchmarks.cases import PENDULUM
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+
+import beamdae as bd
+from beamdae.report.card import card
+
+ALPHA = bd.GeneralizedAlpha(step=1e-2)
+
+
+def mechanism():
+    """A beam on a hinge, with a bob at its end."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(bd.Material(E=2e9, nu=0.3, rho=1000.0), width=0.02, height=0.02)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointMass("bob", 0.1, on=beam.end))
+    mech.observe("tip", beam.end)
+    return mech, beam
+
+
+@pytest.fixture(scope="module")
+def run():
+    return bd.simulate(mechanism()[0], ALPHA, t_end=0.2, output_step=0.02)
+
+
+def ball():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    return mech
+
+
+def test_its_text_is_one_short_line(run):
+    text = repr(run)
+    assert "\n" not in text
+    assert len(text) < 200
+    for told in ("GeneralizedAlpha(step=0.01)", "ok, reached the end", "0 to 0.2 s", "11 rows"):
+        assert told in text
+
+
+def test_its_text_says_why_it_ended():
+    mech = ball()
+    mech.add(bd.Force("push", mech.parts["ball"].point, (lambda t: np.sqrt(0.1 - t), 0.0)))
+    assert "failed" in repr(bd.simulate(mech, ALPHA, t_end=1.0))
+
+
+def test_columns_by_header_name_and_observable(run):
+    tip = run["tip.y"]
+    assert tip.name == "tip.y [m]"
+    assert tip.index.name == "t [s]"
+    assert_array_equal(tip.index, run.t)
+    assert_array_equal(tip, run.columns["tip.y [m]"])
+    assert_array_equal(run["tip.y [m]"], tip)
+    assert list(run["tip"]) == list(run.columns)
+    assert_array_equal(run["energy.kinetic"], run.ledger["energy.kinetic [J]"])
+    assert_array_equal(run["lam.hinge"].iloc[:, 0], run.lam[:, 0])
+    assert_array_equal(run["beam.x0_dot"], run.v[:, 0])
+
+
+@pytest.mark.parametrize("name", ["tip.z", "", 3, None, "energy", float("nan")])
+def test_a_column_that_is_not_there_is_told(run, name):
+    if name == "energy":
+        assert len(run[name].columns) == 7
+        return
+    with pytest.raises(bd.BeamdaeError, match=r"Solution: no column is called .*\.$"):
+        run[name]
+
+
+def test_the_nearest_column_is_named(run):
+    with pytest.raises(bd.BeamdaeError, match=r"did you mean 'tip\.y'"):
+        run["tip.Y"]
+
+
+@pytest.mark.parametrize("of", ["attachment", "strain", "reaction"])
+def test_what_is_observed_after_a_run_is_what_a_run_observes(of):
+    def quantity(mech, beam):
+        if of == "strain":
+            return beam.strain(s=0.3, offset=0.01)
+        return beam.at(0.7) if of == "attachment" else mech.parts["hinge"].reaction
+
+    mech, beam = mechanism()
+    later = bd.simulate(mech, ALPHA, t_end=0.1).observe("seen", quantity(mech, beam))
+    again, beam = mechanism()
+    again.observe("seen", quantity(again, beam))
+    before = bd.simulate(again, ALPHA, t_end=0.1)
+    assert list(later.columns) == list(before.columns)
+    # The same numbers in the same kernels; only their places among those of the model differ.
+    assert_array_equal(later["seen"], before["seen"])
+
+
+def test_what_cannot_be_observed_is_refused(run):
+    mech, beam = mechanism()
+    own = run.equations.mechanism.parts["beam"]
+    with pytest.raises(bd.BeamdaeError, match="'beam' is no part of the mechanism"):
+        run.observe("seen", beam.end)
+    with pytest.raises(bd.BeamdaeError, match="only attachments and quantities"):
+        run.observe("seen", "tip")
+    with pytest.raises(bd.BeamdaeError, match=r"tip\.x \[m\]"):
+        run.observe("tip", own.start)
+    solution = bd.simulate(mech, ALPHA, t_end=0.02)
+    late = mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match="'late' is no part of the mechanism that ran"):
+        solution.observe("seen", late.point)
+    assert len(solution.observe("seen", beam.end)["seen.x"]) == len(solution.t)
+
+
+def test_the_card_tells_how_it_went_and_draws_it(run):
+    page = card(run)
+    for told in ("GeneralizedAlpha", "reached the end", "energy imbalance", "tip"):
+        assert told in page
+    # The beam and the bob, at six times.
+    assert page.count("<polyline") == 6
+    assert page.count("<circle") == 6
+    assert "nan" not in page
+
+
+def test_names_in_the_card_are_texts():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("<b>&", 1.0, at=(0.0, 0.0)))
+    mech.observe("<i>", ball.point)
+    page = bd.simulate(mech, ALPHA, t_end=0.1)._repr_html_()
+    assert "<b>&amp;" not in page
+    assert "&lt;i&gt;" in page
+    assert "&lt;b&gt;&amp;" in page
+
+
+def test_curves_are_drawn_over_time_with_a_legend_of_several(run, tmp_path):
+    other = bd.simulate(mechanism()[0], bd.Ida(rtol=1e-4), t_end=0.2, output_step=0.01)
+    figure = bd.plot([run, other], "tip.x", "tip.y").figure
+    assert [axis.get_title() for axis in figure.axes] == ["tip.x", "tip.y"]
+    for axis, column in zip(figure.axes, ("tip.x", "tip.y"), strict=True):
+        assert axis.get_ylabel() == "[m]"
+        for line, solution in zip(axis.lines, (run, other), strict=True):
+            assert_array_equal(line.get_xdata(), solution.t)
+            assert_array_equal(line.get_ydata(), solution[column])
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [ALPHA.label, bd.Ida(1e-4).label]
+    path = bd.plot([run, run], "tip").save(tmp_path / "deep" / "tip.png")
+    with Image.open(path) as picture:
+        assert picture.size[0] > 500
+    assert run.plot("tip.y")._repr_png_().startswith(b"\x89PNG")
+
+
+def test_without_names_what_tells_most_is_drawn(run):
+    assert [axis.get_title() for axis in run.plot().figure.axes] == ["tip.x", "tip.y", "tip.angle"]
+
+
+def test_labels_name_runs(run):
+    figure = bd.plot([run, run], "tip.y", labels=["_one", "$two$"]).figure
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["_one", "$two$"]
+    with pytest.raises(bd.BeamdaeError, match="labels must be 2 different texts"):
+        bd.plot([run, run], "tip.y", labels=["one", "one"])
+
+
+@pytest.mark.parametrize(("wrong", "words"), [([], "got none"), ([3], "got 3"), (3, "got 3")])
+def test_what_is_no_run_cannot_be_drawn(wrong, words):
+    with pytest.raises(bd.BeamdaeError, match=rf"plot: solutions must be .*{words}\."):
+        bd.plot(wrong)
+
+
+@pytest.mark.parametrize("path", ["tip", "", 3, None])
+def test_a_picture_needs_the_name_of_a_file(run, path):
+    with pytest.raises(bd.BeamdaeError, match=r"Plot\.save: path must be .* suffix"):
+        run.plot("tip.y").save(path)
+
+
+def test_moving_pictures_are_a_file(run, tmp_path):
+    path = run.animate(tmp_path / "deep" / "run.gif", frames=3)
+    frames = []
+    with Image.open(path) as moving:
+        assert moving.n_frames == 3
+        for k in range(3):
+            moving.seek(k)
+            frames.append(np.asarray(moving.convert("L")))
+    assert not np.array_equal(frames[0], frames[-1])
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_moving_pictures_last_as_long_as_the_motion(run, tmp_path):
+    with Image.open(run.animate(tmp_path / "run.gif", speed=0.5, frames=5)) as moving:
+        # GIFs count hundredths of a second.
+        assert_allclose(moving.info["duration"], 1000 * 0.4 / 4, atol=10)
+
+
+def test_moving_pictures_in_a_notebook(run):
+    page = run.animate(frames=2)._repr_html_()
+    assert len(re.findall(r'frames\[\d+\] = "data:image/png', page)) == 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"path": "run.avi"}, r"must end in \.gif or \.mp4"),
+        ({"path": "run"}, "suffix"),
+        ({"speed": 0.0}, "speed"),
+        ({"frames": 501}, "frames"),
+    ],
+)
+def test_moving_pictures_that_cannot_be_made_are_refused(run, settings, words):
+    with pytest.raises(bd.BeamdaeError, match=words):
+        run.animate(**settings)
+
+
+def test_without_ffmpeg_one_sentence_says_so(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    with pytest.raises(bd.BeamdaeError, match="MP4 files need the program ffmpeg"):
+        run.animate(tmp_path / "run.mp4")
+
+
+def test_equations_have_no_shape():
+    solution = bd.simulate(PENDULUM.build(), ALPHA, t_end=0.1)
+    assert "<svg" not in solution._repr_html_()
+    with pytest.raises(bd.BeamdaeError, match="not one of a mechanism"):
+        solution.animate()
+    with pytest.raises(bd.BeamdaeError, match="not one of a mechanism"):
+        solution.observe("x", None)
+
+
+def test_a_still_mechanism_and_a_single_point_are_drawn():
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    solution = bd.simulate(mech, ALPHA, t_end=0.1)
+    assert solution._repr_html_().count("<circle") == 6
+    assert pickle.dumps(solution.animate(frames=2))
