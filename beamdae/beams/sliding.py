@@ -229,6 +229,11 @@ class SlidingOnBeam(Part):
     def _pieces(self) -> tuple[Piece, ...]:
         return (*(at.piece for at in self._points), Piece(self, _OWN))
 
+    @property
+    def acting(self) -> str:
+        """Between the nodes that have shares of its reaction."""
+        return "shares"
+
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
         sizes = tuple(at.size for at in self._points)

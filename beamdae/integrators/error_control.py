@@ -137,13 +137,13 @@ def resolve(
     rate: float,
     stiff_ratio: float,
     fastest_modes: Callable[[], tuple[Mode, ...]],
-    rubbing: bool = False,
+    multipliers_matter: bool = False,
 ) -> ErrorControl:
     """Resolve "auto": which components are tested, and the highest order.
 
     `rate` is that of the motion, `stiff_ratio` how much faster modes have to be to be passed over,
-    `fastest_modes` gives the fastest natural mode of each body, `rubbing` is whether forces depend
-    on multipliers.
+    `fastest_modes` gives the fastest natural mode of each body, `multipliers_matter` is whether
+    forces depend on multipliers, or constraints leave no motion free.
 
     Without modes much faster than the motion, positions and velocities are tested and the order
     goes up to 5. With such modes only positions are tested: resolving axial vibrations would cost
@@ -151,9 +151,10 @@ def resolve(
     undamped modes sit: the order stops at 2 unless in every body all modes that steps of order 2
     would not resolve anyhow are overdamped, as material damping makes them if there is enough of
     it. On index 3 only positions are tested, the error of velocities grows there as the step falls.
-    Multipliers stall "ggl" and "index2". On index 1 they are tested where friction depends on them
-    and no mode is passed over: of what is driven throughout, positions and velocities say nothing
-    of them, and where friction turns round Newton's iteration with an old matrix drives them off.
+    Multipliers stall "ggl" and "index2". On index 1 they are tested where no mode is passed over
+    and either nothing is free, for positions and velocities of what is driven throughout say
+    nothing of them (drive torques were off by 13 % at rtol 1e-5), or friction depends on them:
+    where it turns round Newton's iteration with an old matrix drives them off.
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")
@@ -173,7 +174,7 @@ def resolve(
         loses_below = _ORDER_2_LOSES
     if formulation.index == 3:
         choice = "positions"
-    if rubbing and formulation.index == 1 and choice == "velocities":
+    if multipliers_matter and formulation.index == 1 and choice == "velocities":
         choice = "all"
     reason = (
         f"{reason} (fastest {fastest:.3g} rad/s, lightly damped up to {light:.3g} rad/s, "

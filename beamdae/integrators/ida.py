@@ -133,7 +133,7 @@ class Bdf:
             size.rate,
             STIFF_FOR_BDF,
             route.fastest_modes,
-            any(force.rows is not None for force in route.equations.structure.forces),
+            _multipliers_matter(route.equations),
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = route.longest_step("Ida", settings.max_step)
@@ -220,6 +220,11 @@ class Bdf:
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
         }.get(code, reason(code))
+
+
+def _multipliers_matter(e: EquationsOfMotion) -> bool:
+    """Whether forces depend on multipliers, or nothing but these is left to find."""
+    return e.m == e.n or any(force.rows is not None for force in e.structure.forces)
 
 
 def _made(form: FirstOrder, route: Route, linear_solver: str, options: dict[str, Any]) -> Any:

@@ -87,6 +87,15 @@ class Part:
         """Laws of time it follows: integrators stop at their breakpoints."""
         return ()
 
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """What each of its laws prescribes, as an input of linear models; empty if it is none."""
+        return ()
+
+    def following(self, values: Sequence[float]) -> Part:
+        """The same part with numbers in place of its laws; asked of what has `inputs`."""
+        raise NotImplementedError
+
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
         """Its forces: inertia, elasticity, damping, weight under `gravity` (2,), or loads."""
         return ()
@@ -94,6 +103,15 @@ class Part:
     def constraints(self) -> Sequence[ConstraintStatement]:
         """What it holds."""
         return ()
+
+    @property
+    def acting(self) -> str:
+        """How its forces on sections of a beam are to be read along it, see `equations.acting`.
+
+        "points": each acts where it is stated; "line": they are a force per length, stated at the
+        points at which inertia is integrated; "shares": they are those of one force in between.
+        """
+        return "points"
 
     def ranges(self) -> Sequence[RangeStatement]:
         """What tells, after a run, whether it stayed where its strains hold."""

@@ -16,6 +16,7 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
+from beamdae.results.checkpoint import state_hash
 from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.occurrences import Occurrence
@@ -91,6 +92,14 @@ class Run:
     def _books(self) -> EnergyLedger:
         return EnergyLedger.of(self.equations, self.trajectory)
 
+    @property
+    def _end(self) -> dict[str, Any]:
+        """What runs that go on from here are told by: a hash of the last state, and all works."""
+        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
+        books = self._books.at(np.array([end]))[0].tolist()
+        state = state_hash(end, last.q[-1], last.v[-1])
+        return {"state": state, **dict(zip(measures.LEDGER_COLUMNS, books, strict=True))}
+
     @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over all steps."""
@@ -109,12 +118,7 @@ class Run:
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
-        """Positions the run passed in which the joints lose rank and motions branch.
-
-        They are not looked for where redundant constraints have no full rank anywhere.
-        """
-        if self.equations.redundant:
-            return ()
+        """Positions the run passed in which the joints lose rank and motions branch."""
         return singular_positions(self.equations, self.trajectory)
 
     @cached_property
@@ -161,5 +165,6 @@ class Run:
             "singular positions": [asdict(passed) for passed in self.singular_positions],
             "events": [one.plain for one in self.occurred],
             "warnings": list(self.warnings),
+            "end": self._end,
             **further,
         }

@@ -14,9 +14,12 @@ from beamdae.equations.observing import observing
 from beamdae.parts.attachments import Attachment
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import write_result
+from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
+from beamdae.results.recovered import section_forces
 from beamdae.results.run import Run
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
 from beamdae.symbolic.statements import Named, Quantity
 
@@ -140,6 +143,10 @@ class Solution(Run):
 
         return pd.DataFrame(table_of(self.equations, self.occurred))
 
+    def at(self, t: float) -> Instant:
+        """Where the run was at a time [s] within it, also between output times; see `modes`."""
+        return Instant.of(self.trajectory, t)
+
     @cached_property
     def ledger(self) -> pd.DataFrame:
         """Energies and works [J] at the output times; `imbalance` is what the books are off by."""
@@ -175,6 +182,14 @@ class Solution(Run):
         frame = pd.DataFrame(np.hstack([self.q, self.v, self.lam]), columns=headers)
         frame.insert(0, "t [s]", self.t)
         return frame
+
+    def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
+        return section_forces(self, beam, t, s)
+
+    def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
+        """Draw "N", "Q" or "M" of a beam at a time, or least and largest over several."""
+        return section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
