@@ -20,11 +20,10 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.events import STEPS_AT_ONCE, Leg, Watch, output_times
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
-from beamdae.integrators.method import LoopMethod, Method, StepMethod
+from beamdae.integrators.method import STUCK, LoopMethod, Method, StepError, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
 from beamdae.integrators.scouting import OF_SCOUT, scouted
-from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.spared import spared, with_all
 from beamdae.integrators.switching import Methods, first_configuration, switched
 from beamdae.results.occurrences import Occurrence
@@ -35,7 +34,6 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
-STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
 _PAST = "past the end of its interval; a method must stop there"
@@ -46,26 +44,6 @@ _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 
 # Events switched parts where the rows end.
 ACTED = Status("ok", "an event switched parts")
-
-
-class StepError(ArithmeticError):
-    """A method cannot go on; the message says why, and what to do.
-
-    `residual` is that of a first-order form where it was given up, if there is one.
-    """
-
-    def __init__(self, message: str, residual: Array | None = None) -> None:
-        super().__init__(message)
-        self.residual = residual
-
-
-# The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
-
-
-def fitted(step: float, left: float) -> float:
-    """The step to try where so much is left of an interval [s]: its last two are equal."""
-    return left if step >= _NEARLY * left else min(step, 0.5 * left)
 
 
 class _Run:
