@@ -1,4 +1,4 @@
-"""Every integrator against published and closed-form answers.
+"""Every integrator, and beams at rest, against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,7 +19,9 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from benchmarks.bent_beams import KNOWN_RESTS, known_rests
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.spun_up import SPIN_UP, SPUN_UP
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM)
@@ -75,10 +77,16 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in CASES])
+    parser.add_argument(
+        "--case", choices=[*(case.name for case in (*CASES, *KNOWN_RESTS)), SPIN_UP]
+    )
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
+    rests = [(case, label) for case, label in known_rests() if chosen in (None, case.name)]
+    found += [row for case, label in rests for row in case.rows(label)]
+    spun_up = SPUN_UP if chosen in (None, SPIN_UP) else []
+    found += [row for case in spun_up for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)
