@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,12 @@ class KnownRest:
     within: float
     ours: Callable[[int, Mapping[str, Any]], Mapping[str, float]]
 
-    def rows(self, label: str) -> Iterator[dict[str, Any]]:
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Those by every formulation."""
+        for label in FORMULATIONS:
+            yield from self.rows_by(label)
+
+    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
         """A row for each of the numbers, by a formulation."""
         found = self.ours(self.elements, FORMULATIONS[label])
         for quantity, known in self.known.items():
@@ -266,8 +270,3 @@ KNOWN_RESTS = (
         for slenderness in SLENDERNESS
     ),
 )
-
-
-def known_rests() -> Iterator[tuple[KnownRest, str]]:
-    """Every case with every formulation."""
-    yield from product(KNOWN_RESTS, FORMULATIONS)

@@ -1,4 +1,4 @@
-"""Every integrator, and beams at rest, against published and closed-form answers.
+"""Every integrator, beams at rest and natural modes, against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,12 +19,16 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from benchmarks.bent_beams import KNOWN_RESTS, known_rests
+from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
-from benchmarks.spun_up import SPIN_UP, SPUN_UP
+from benchmarks.mechanism_cases import MECHANISM_CASES
+from benchmarks.modes import KNOWN_MODES
+from benchmarks.spun_up import SPUN_UP
 
 SUMMARY = Path(__file__).parent / "summary.csv"
-CASES = (*PUBLISHED_CASES, PARALLELOGRAM)
+CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
+# What gives rows of its own.
+FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
@@ -38,7 +42,7 @@ INTEGRATORS = {
 
 
 def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
-    """A row for each of q, v and lam that is known: where it is off most, and what that is worth.
+    """A row for each thing that is known: where it is off most, and what that is worth.
 
     Of a run that does not reach its end a row that says why. `relative` is the error beside the
     largest value that is known.
@@ -51,11 +55,7 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
     if not solution.status.success:
         yield {"case": case.name, "setting": setting, "ended": solution.status.sentence}
         return
-    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-    times = np.array(case.times)
-    at = np.searchsorted(solution.t, times - 1e-9)
-    for name, known in case.answer(times).items():
-        ours = found[name][at]
+    for name, (known, ours) in case.both(solution).items():
         worst = np.unravel_index(np.argmax(np.abs(ours - known)), known.shape)
         error = abs(ours[worst] - known[worst])
         yield {
@@ -63,7 +63,7 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
             "setting": setting,
             "quantity": name,
             "entry": worst[1],
-            "t [s]": f"{times[worst[0]]:.6g}",
+            "t [s]": f"{case.times[worst[0]]:.6g}",
             "published": f"{known[worst]:.12g}",
             "ours": f"{ours[worst]:.12g}",
             "error": f"{error:.2e}",
@@ -77,16 +77,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--case", choices=[*(case.name for case in (*CASES, *KNOWN_RESTS)), SPIN_UP]
-    )
+    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
-    rests = [(case, label) for case, label in known_rests() if chosen in (None, case.name)]
-    found += [row for case, label in rests for row in case.rows(label)]
-    spun_up = SPUN_UP if chosen in (None, SPIN_UP) else []
-    found += [row for case in spun_up for row in case.rows()]
+    further = [case for case in FURTHER if chosen in (None, case.name)]
+    found += [row for case in further for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)

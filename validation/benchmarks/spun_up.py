@@ -47,6 +47,7 @@ class SpunUp:
     formulation: str
     transient: str
     steady: str
+    name = SPIN_UP
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """The worst of the times known, both peaks, and the steady extension."""
