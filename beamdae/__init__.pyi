@@ -50,6 +50,7 @@ from .parts.drivers import Driver as Driver
 from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
+from .parts.events import change_law as change_law
 from .parts.events import deactivate as deactivate
 from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
@@ -85,6 +86,7 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
+from .report.drawing import draw as draw
 from .report.mode_pictures import animate_mode as animate_mode
 from .report.mode_pictures import draw_campbell as draw_campbell
 from .report.mode_pictures import draw_modes as draw_modes

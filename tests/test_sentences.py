@@ -198,6 +198,10 @@ CALLS = {
     "Weld": (bd.Weld, JOINED),
     "activate": (lambda part: bd.activate(part), {"part": DISK}),
     "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
+    "change_law": (
+        bd.change_law,
+        {"driver": bd.Driver("d", GROUND.at(0.0, 0.0), DISK.at(0.0, 0.0), 0.0), "law": 0.5},
+    ),
     "impact": (bd.impact, {"on": FLOOR.gap(DISK.at(0.0, 0.0)), "restitution": 0.5}),
     "LineSurface.gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
@@ -272,6 +276,7 @@ ELSEWHERE = {
     "Solution",
     "Study",
     "animate",
+    "draw",
     "animate_mode",
     "check",
     "compare",

@@ -11,15 +11,15 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.observing import observing
-from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write
+from beamdae.results.files import write_result
 from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
+from beamdae.results.recovered import section_forces
 from beamdae.results.run import Run
-from beamdae.results.section_forces import SectionForces, section_forces
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
 from beamdae.symbolic.statements import Named, Quantity
 
@@ -208,13 +208,7 @@ class Solution(Run):
         BeamdaeError
             If a file cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns: dict[str, Any] = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.t)
-        return write(Path(path), columns, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.beside(**further))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""
