@@ -75,14 +75,20 @@ class LinearModel:
         """C (i w 1 - A)^-1 B + D at frequencies [Hz], (k, outputs, inputs) complex."""
         given = entries("frequency_response", "frequencies", frequencies, "a list [Hz]")
         values = [finite("frequency_response", "frequencies", f) for f in given]
-        one = np.eye(len(self.A))
-        return np.array(
-            [
-                self.C @ np.linalg.solve(2j * np.pi * f * one - self.A, self.B.astype(complex))
-                + self.D
-                for f in values
-            ]
-        ).reshape(len(values), len(self.outputs), len(self.inputs))
+        found = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
+        for row, f in zip(found, values, strict=True):
+            try:
+                with np.errstate(all="ignore"):
+                    shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
+                    row[:] = self.C @ np.linalg.solve(shifted, self.B.astype(complex)) + self.D
+            except np.linalg.LinAlgError:
+                row[:] = np.nan
+            if not np.all(np.isfinite(row)):
+                raise BeamdaeError(
+                    f"frequency_response: frequencies hold {f:g} Hz, at which the response is not "
+                    "finite: that is an undamped mode, or one that nothing drives back."
+                )
+        return found
 
 
 @single_threaded

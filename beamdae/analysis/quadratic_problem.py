@@ -54,6 +54,8 @@ class QuadraticProblem:
         """Eigenvalues (k,) and shapes (n, k) nearest to zero, at least `count` of them, or all."""
         e, n = self.e, self.e.n
         free = 2 * (n - e.m) + len(e.nonholonomic_rows)
+        if not free:
+            return np.zeros(0, complex), np.zeros((n, 0), complex)
         wanted = free if count is None else min(free, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.rate
@@ -98,6 +100,7 @@ class QuadraticProblem:
         rounding, size = rounding_of(stiffness, shapes), np.abs(values)
         still = np.maximum(rounding, STILL * self.rate**2)
         zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
+        zero |= size**2 <= self.lin.still
         upper = ~zero & (values.imag > -1e-9 * size)
         # What rounding of the stiffness makes of an eigenvalue on one of the axes.
         off = np.maximum(0.5 * rounding / np.maximum(size, 1e-300), 1e-12 * size)

@@ -103,7 +103,7 @@ def test_what_does_not_turn_is_refused():
     loaded.add(bd.Force("push", disk.at(0.5, 0.0), (0.0, 1.0)))
     with pytest.raises(bd.BeamdaeError, match="do not turn with the mechanism"):
         bd.modes(driven(loaded, disk), about=bd.rotation(2.0))
-    with pytest.raises(bd.BeamdaeError, match=r"no steady state was found|larger|beyond"):
+    with pytest.raises(bd.BeamdaeError, match="no steady state at speed 5 rad/s"):
         bd.modes(driven(*sliders(offset=(0.2, 0.0))), about=bd.rotation(5.0))
 
 
