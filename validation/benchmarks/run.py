@@ -20,7 +20,7 @@ import pandas as pd
 
 import beamdae as bd
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
-from benchmarks.modes import KNOWN_MODES
+from benchmarks.modes import FORMULATIONS, KNOWN_MODES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM)
@@ -81,7 +81,7 @@ def main() -> None:
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
     known = [case for case in KNOWN_MODES if chosen in (None, case.name)]
-    found += [row for case in known for row in case.rows()]
+    found += [row for case in known for x in FORMULATIONS for row in case.rows(x)]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)
