@@ -118,4 +118,9 @@ class QuadraticProblem:
         both = np.hstack([shapes.real, shapes.imag]) / scales
         both = both / np.maximum(np.linalg.norm(both, axis=0), 1e-300)
         left, singular, _ = la.svd(both, full_matrices=False)
-        return (scales * left[:, singular > 1e-3 * singular[0]]).astype(complex)
+        basis = scales * left[:, singular > 1e-3 * singular[0]]
+        # Where the speed of a rotation may change a double zero has one motion, and beside it what
+        # that would stretch.
+        energy, inertia = (basis.T @ (x @ basis) for x in (self.own.stiffness, self.own.mass))
+        squares, shares = la.eigh(0.5 * (energy + energy.T), 0.5 * (inertia + inertia.T))
+        return (basis @ shares[:, np.abs(squares) <= _ZERO * self.rate**2]).astype(complex)
