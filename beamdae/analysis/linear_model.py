@@ -11,6 +11,7 @@ import scipy.linalg as la
 
 from beamdae.analysis.inputs import Input, inputs_of
 from beamdae.analysis.linearization import REFERENCE, Linearization, linearization
+from beamdae.analysis.rotation import Turning
 from beamdae.analysis.saddle import saddle
 from beamdae.equations.equations_of_motion import Observable
 from beamdae.errors import BeamdaeError, entries, finite, nearest, shown
@@ -103,7 +104,8 @@ def linearize(
 
     Coordinates that joints make depend on others are eliminated, so that the states are as many as
     the degrees of freedom, twice; reactions are among what may be observed. Where a driver is an
-    input its motion and its rate are states as well, and its acceleration is the input.
+    input its motion and its rate are states as well, and its acceleration is the input. About a
+    rotation states are those of an observer who turns as well, and outputs are along axes that do.
 
     Parameters
     ----------
@@ -205,6 +207,9 @@ class _Reduction:
         solved = np.stack([self.solve(column) for column in right.T], axis=1)
         da, dlam = solved[: e.n], solved[e.n :]
         rates = np.vstack([dv[self.x_at], da[self.w_at]])
+        if lin.turning is not None:
+            # What is observed is that of the inertial frame, where all of it turns on.
+            dv = dv + lin.turning.speed * (Turning.of(e).generator @ dq)
         found, values, columns = self._observed(observed, dq, dv, dlam)
         states = [e.coordinates[k] for k in self.x_at]
         states += [e.coordinates[k].rate for k in self.w_at]

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks import mode_closed_forms as closed_forms
+from benchmarks import step_response
 from benchmarks.modes import (
     EISENBERGER,
     FORMULATIONS,
@@ -101,6 +102,16 @@ def test_a_ring_is_thin_in_the_limit():
         off.append(1.0 - own / closed_forms.thin_ring(section, 1.0, 2))
     # The mesh leaves 4e-6 of the frequency.
     assert_allclose(off[0] / off[1], 4.0, rtol=0.2)
+
+
+@pytest.mark.slow(reason="two runs of a rotating beam")
+def test_a_small_step_of_a_rotating_arm_is_that_of_the_nonlinear_run():
+    stored = STORED[STORED["case"] == step_response.CASE].to_dict("records")
+    for row, line in zip(step_response.rows(), stored, strict=True):
+        assert row["setting"] == line["setting"]
+        assert float(row["relative"]) <= 1e-3
+        for column in ("published", "ours"):
+            assert_allclose(float(row[column]), float(line[column]), rtol=1e-6)
 
 
 @pytest.mark.slow(reason="512 elements")

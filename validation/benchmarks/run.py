@@ -1,4 +1,4 @@
-"""Every integrator, and natural modes, against published and closed-form answers.
+"""Every integrator, natural modes and linear models against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -21,6 +21,8 @@ import pandas as pd
 import beamdae as bd
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 from benchmarks.modes import FORMULATIONS, KNOWN_MODES
+from benchmarks.step_response import CASE as STEP_RESPONSE
+from benchmarks.step_response import rows as step_rows
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM)
@@ -76,12 +78,15 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in (*CASES, *KNOWN_MODES)])
+    parser.add_argument(
+        "--case", choices=[case.name for case in (*CASES, *KNOWN_MODES)] + [STEP_RESPONSE]
+    )
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
     known = [case for case in KNOWN_MODES if chosen in (None, case.name)]
     found += [row for case in known for x in FORMULATIONS for row in case.rows(x)]
+    found += step_rows() if chosen in (None, STEP_RESPONSE) else []
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)
