@@ -127,10 +127,10 @@ def _active(
 ) -> tuple[EquationsOfMotion, Array]:
     """The active parts without dependent constraints, and (t, branch)."""
     own = whole
-    if instant is not None and instant.configuration is not None:
-        own = whole.configurations.of(whole, instant.configuration.inactive).equations  # type: ignore[union-attr]
-    elif whole.configurations is not None:
-        own = whole.configurations.of(whole, whole.configurations.first).equations
+    known = whole.configurations
+    if known is not None:
+        now = None if instant is None else instant.configuration
+        own = (known.of(whole, now.inactive, now.found) if now else known.begin(whole)).equations
     own = replace(own, q0=whole.q0, v0=whole.v0)
     after = min((b for b in own.breakpoints if b > t), default=t + 1.0)
     time = np.array([t, 0.5 * (t + after)]) if instant is None else instant.time

@@ -55,10 +55,14 @@ class _Shapes(NamedTuple):
         return self._bodies(self.rest + (self.ways[k] * phases[:, None, None]).real)
 
     def _bodies(self, places: Array) -> list[Body]:
-        return [
-            {"kind": kind, "x": places[:, first:last, 0], "y": places[:, first:last, 1]}
-            for kind, (first, last) in zip(self.kinds, pairwise(self.starts), strict=True)
-        ]
+        found = []
+        for kind, (first, last) in zip(self.kinds, pairwise(self.starts), strict=True):
+            points = np.arange(first, last)
+            if kind == "rigid" and len(points) > 2:
+                # Outlines are closed.
+                points = np.append(points, first)
+            found.append({"kind": kind, "x": places[:, points, 0], "y": places[:, points, 1]})
+        return found
 
 
 def draw_modes(modes: Modes) -> Plot:
