@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import beamdae as bd
-from robustness.world import Base, World, itself
+from robustness.world import KNEE, Base, World, itself
 
 
 def _leaning(world: World) -> bd.Mechanism:
