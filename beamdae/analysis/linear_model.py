@@ -36,14 +36,15 @@ class LinearModel:
     Attributes
     ----------
     A, B, C, D
-        Arrays; `tuple(model)` gives all four, as `scipy.signal` and python-control take them.
+        Arrays; `tuple(model)` gives all four, as `scipy.signal` and python-control take them:
+        `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
         Names and units: independent coordinates of the mechanism, then their rates.
     inputs
         Names and units: "push.Fy" [N]; of drivers the acceleration, "motor.angle_ddot" [rad/s^2].
     outputs
         Names and units of the observed columns.
-    state_values, input_values, output_values
+    state_values, output_values
         What deviations are from.
     about
         The state, in words.

@@ -80,8 +80,8 @@ CASES = {
 
 
 def marked(case):
-    slow = case not in ("redundant", "nonholonomic")
-    return pytest.param(case, marks=[pytest.mark.slow(reason="states to be found")] if slow else [])
+    slow = case != "nonholonomic"
+    return pytest.param(case, marks=[pytest.mark.slow(reason="one is enough")] if slow else [])
 
 
 def state(case, formulation):

@@ -182,6 +182,7 @@ def test_centrifugal_forces_stiffen_an_arm_more_than_they_soften_it():
     assert_allclose(growth, 1.193 + 1.571 * 0.3 / 0.6 - 1.0, rtol=2e-3)
 
 
+@pytest.mark.slow(reason="two rotations")
 def test_turning_the_drawing_does_not_matter():
     found = []
     for turn in (0.0, 1.1):
