@@ -1,4 +1,6 @@
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.periodic import periodic as periodic
+from .analysis.response import frequency_response as frequency_response
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -42,6 +44,7 @@ from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
 from .parts.events import deactivate as deactivate
+from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
@@ -63,7 +66,7 @@ from .parts.part import Part as Part
 from .parts.point_mass import PointMass as PointMass
 from .parts.rolling import RollingOnCircle as RollingOnCircle
 from .parts.rolling import RollingOnLine as RollingOnLine
-from .parts.rolling import Skate as Skate
+from .parts.skate import Skate as Skate
 from .parts.smooth import positive_part as positive_part
 from .parts.smooth import smooth_sign as smooth_sign
 from .parts.springs import Damper as Damper
@@ -79,6 +82,10 @@ from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
+from .results.frequency_response import FrequencyResponse as FrequencyResponse
+from .results.frequency_response import ResponsePoint as ResponsePoint
+from .results.periodic_motion import PeriodicMotion as PeriodicMotion
+from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate

@@ -286,10 +286,12 @@ def _meshes(mechanism: Any) -> tuple[MeshVerdict, ...]:
 
 
 def _prediction(equations: EquationsOfMotion, end: float) -> Prediction | None:
-    """From a trial run of at most a second."""
+    """From a trial run of at most a second; of a second one, if the first had loops to compile."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
         solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
+        if not solution.status.success:
+            solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
     reached = solution.trajectory.end / end
     if not reached > 0.0 or solution.status.kind == "failed":
         return None

@@ -195,6 +195,8 @@ CALLS = {
     "Weld": (bd.Weld, JOINED),
     "activate": (lambda part: bd.activate(part), {"part": DISK}),
     "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
+    "impact": (bd.impact, {"on": FLOOR.gap(DISK.at(0.0, 0.0)), "restitution": 0.5}),
+    "LineSurface.gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
     "frame": (
         lambda **given: bd.frame(bd.Mechanism(), **given),
@@ -257,7 +259,8 @@ ELSEWHERE = {
         "Part",
     ),
     *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("Animation", "Plot", "animate", "plot", "study", "verify"),
+    *("Animation", "Plot", "animate", "plot", "study", "verify", "SectionForces"),
+    *("FrequencyResponse", "PeriodicMotion", "ResponsePoint", "frequency_response", "periodic"),
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

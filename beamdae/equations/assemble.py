@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -98,7 +99,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         observables=mechanism.observables,
         owners=owners,
         laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
-        events=mechanism.events,
+        events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
     drawn_equations = replace(drawn_equations, mechanism=mechanism)
@@ -109,7 +110,15 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "must not switch any; leave out the constraints that follow from others."
             )
         drawn_equations = replace(drawn_equations, redundant=True)
+    drawn_equations = replace(drawn_equations, mechanism=_as_it_is(mechanism))
     return started(drawn_equations, mechanism.start if start is None else start)
+
+
+def _as_it_is(mechanism: Mechanism) -> Mechanism:
+    """The same parts, whatever is added to the mechanism later."""
+    kept = copy(mechanism)
+    kept.parts = dict(mechanism.parts)
+    return kept
 
 
 def _extent(points: Array, otherwise: float = 1.0) -> float:

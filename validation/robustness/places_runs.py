@@ -10,6 +10,8 @@ import beamdae as bd
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_periodic import PERIODIC
+from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
     KNEE,
@@ -146,6 +148,7 @@ MODELS: dict[str, Base] = {
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
             "start": "as drawn",
+            "accept_changes": False,
         },
         itself,
     ),
@@ -283,7 +286,17 @@ def _limits() -> Any:
 
 
 BASES: dict[str, Base] = (
-    PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS | MODELS | INTEGRATING | RESULTS
+    PARTS
+    | JOINTS
+    | FORCES
+    | NUMBERS
+    | MECHANISMS
+    | SYSTEMS
+    | MODELS
+    | INTEGRATING
+    | RESULTS
+    | STRESSES
+    | PERIODIC
 )
 
 # What beamdae makes and users do not; as an argument each is met above.
@@ -291,6 +304,8 @@ NOT_CALLED = {
     "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
+    "PeriodicMotion": "what periodic gives",
+    "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
     "Check": "what check gives",
@@ -299,4 +314,6 @@ NOT_CALLED = {
     "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}, "Equilibrium": {"*"}}
+NOT_GIVEN = {
+    name: {"*"} for name in ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse")
+}
