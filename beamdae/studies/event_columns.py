@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from beamdae.results.occurrences import counted
 from beamdae.results.solution import Solution
 
 EVENTS = "events"
@@ -74,9 +75,9 @@ def _of_events(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _phrase(found: Mapping[str, Any]) -> str:
     """Which happened, and how often."""
-    told: Sequence[tuple[str, int]] = [
-        (column.removeprefix("event ").removesuffix(", times"), value)
+    return counted(
+        column.removeprefix("event ").removesuffix(", times")
         for column, value in found.items()
-        if isinstance(value, int) and value
-    ]
-    return ", ".join(name if n == 1 else f"{name} {n} times" for name, n in told) or "none"
+        if isinstance(value, int)
+        for _ in range(value)
+    )
