@@ -1,6 +1,13 @@
+from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import campbell as campbell
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.linear_model import LinearModel as LinearModel
+from .analysis.linear_model import linearize as linearize
+from .analysis.modes import Modes as Modes
+from .analysis.modes import modes as modes
 from .analysis.periodic import periodic as periodic
 from .analysis.response import frequency_response as frequency_response
+from .analysis.rotation import rotation as rotation
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -79,6 +86,10 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
+from .report.drawing import draw as draw
+from .report.mode_pictures import animate_mode as animate_mode
+from .report.mode_pictures import draw_campbell as draw_campbell
+from .report.mode_pictures import draw_modes as draw_modes
 from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -86,6 +86,15 @@ class Driver(Driven):
         return self.law
 
     @property
+    def inputs(self) -> tuple[Named, ...]:
+        """The angle."""
+        return (Named("angle", "rad"),)
+
+    def following(self, values: Sequence[float]) -> Driver:
+        """The same, held there."""
+        return replace(self, law=values[0])
+
+    @property
     def facts(self) -> Mapping[str, float]:
         """By how much it turns the bodies out of the drawing."""
         return {"angle at the start, from the drawing [rad]": self._at_start}
@@ -108,6 +117,7 @@ class TranslationalDriver(Driven):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
         keep(self, direction=direction_of(self.name, self.direction))
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")
@@ -116,6 +126,15 @@ class TranslationalDriver(Driven):
     @property
     def _followed(self) -> Any:
         return self.law
+
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """The travel."""
+        return (Named("travel", "m"),)
+
+    def following(self, values: Sequence[float]) -> TranslationalDriver:
+        """The same, held there."""
+        return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.equations.mobility import Spectrum
+from beamdae.analysis.spectrum import Spectrum
 from beamdae.equations.redundancy import sentences
 
 # Lightly damped modes are those of less than this.

@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import BeamdaeError, count, may_be_path, shown
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import write
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
+from beamdae.results.recovered import of_state
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.report.curves import Plot
 
 Array = np.ndarray
 
@@ -156,6 +161,20 @@ class Equilibrium:
         held = [f"lam.{one.header}" for one in e.multipliers]
         headers = [*(one.header for one in e.coordinates), *held]
         return pd.DataFrame(np.hstack([self.q, self.lam]), columns=headers)
+
+    def section_forces(self, beam: Any, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at its end, as `Solution.section_forces`."""
+        still = np.zeros_like(self.q[-1:])
+        state = State(self.q[-1:], still, still, self.lam[-1:])
+        known = self.equations.configurations
+        factors = dict.fromkeys(known.first if known is not None else (), 0.0)
+        for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
+            factors |= dict.fromkeys(names, factor)
+        return of_state(self.equations, beam, self.t, state, factors, s)
+
+    def diagram(self, beam: Any, what: str = "M") -> Plot:
+        """Draw "N", "Q" or "M" of a beam at its end, as `Solution.diagram`."""
+        return self.section_forces(beam).diagram(what)
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:

@@ -15,10 +15,12 @@ from beamdae.errors import BeamdaeError, may_be_path, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import write
+from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
+from beamdae.results.recovered import section_forces
 from beamdae.results.run import Run
-from beamdae.results.section_forces import SectionForces, section_forces
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
 from beamdae.symbolic.statements import Named, Quantity
 
@@ -141,6 +143,10 @@ class Solution(Run):
         import pandas as pd
 
         return pd.DataFrame(table_of(self.equations, self.occurred))
+
+    def at(self, t: float) -> Instant:
+        """Where the run was at a time [s] within it, also between output times; see `modes`."""
+        return Instant.of(self.trajectory, t)
 
     @cached_property
     def ledger(self) -> pd.DataFrame:

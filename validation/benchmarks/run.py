@@ -1,4 +1,4 @@
-"""Every integrator against published and closed-form answers.
+"""Every integrator, and natural modes, against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -21,6 +21,7 @@ import pandas as pd
 import beamdae as bd
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 from benchmarks.mechanism_cases import MECHANISM_CASES
+from benchmarks.modes import KNOWN_MODES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
@@ -72,10 +73,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in CASES])
+    parser.add_argument("--case", choices=[case.name for case in (*CASES, *KNOWN_MODES)])
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
+    known = [case for case in KNOWN_MODES if chosen in (None, case.name)]
+    found += [row for case in known for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)
