@@ -28,6 +28,12 @@ def state_hash(t: float, q: Any, v: Any) -> str:
     return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
+def _listed(names: Any) -> list[str]:
+    if not isinstance(names, list):
+        raise TypeError
+    return [str(name) for name in names]
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """The last state of a run.
@@ -104,16 +110,20 @@ class Checkpoint:
         except OSError as problem:
             why = problem.strerror or problem
             raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
-        except ValueError:
+        except (ValueError, RecursionError):
             told = None
-        kind = told.get("format") if isinstance(told, dict) else None
-        if kind != _FORMAT or told.get("version") != _VERSION:
-            raise BeamdaeError(f"{path}: it is no checkpoint of version {_VERSION}.")
+        if not isinstance(told, dict) or told.get("format") != _FORMAT:
+            raise BeamdaeError(f"{path}: it is no checkpoint, or not all of one.")
+        if told.get("version") != _VERSION:
+            raise BeamdaeError(
+                f"{path}: it is a checkpoint of version {shown(told.get('version'))}, and this "
+                f"beamdae takes those of version {_VERSION}; run the model again from its start."
+            )
         try:
             t, states = float(told["t"]), told["states"]
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
-            events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
+            events, inactive = (tuple(_listed(told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
             found = {
                 str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))

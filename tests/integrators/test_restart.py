@@ -111,8 +111,10 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda told: told | {"version": 1}, "no checkpoint of version 2"),
-        (lambda told: [1], "no checkpoint of version 2"),
+        (lambda told: told | {"version": 1}, r"of version 1, and this beamdae takes those of version 2"),
+        (lambda told: told | {"version": 7}, "of version 7, and this"),
+        (lambda told: [1], "no checkpoint"),
+        (lambda told: told | {"events": "bounce"}, "damaged"),
         (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
         (lambda told: told | {"t": float("nan")}, "not finite"),
     ],
@@ -122,6 +124,15 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
     path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(bd.BeamdaeError, match=sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+
+
+def test_a_checkpoint_that_was_cut_off_is_refused(tmp_path):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    whole = path.read_bytes()
+    for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 100_000, bytes(range(256))):
+        path.write_bytes(part)
+        with pytest.raises(bd.BeamdaeError, match="it is no checkpoint, or not all of one"):
+            bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
 def test_files_that_cannot_be_had_are_told(tmp_path):

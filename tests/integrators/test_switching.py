@@ -351,6 +351,12 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
         assert_allclose(angle, SPEED, rtol=1e-6)
         assert [one.name for one in later.occurred] == ["released"]
         assert first.followed_by(later).quality.energy_imbalance < 1e-6
+    mech, _ = spinning()
+    clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0)))
+    push = mech.add(bd.Force("brake", clock.point, (1.0, 0.0)))
+    mech.when("bar.angle", 9.0, "up", bd.deactivate(push), "released")
+    with pytest.raises(bd.BeamdaeError, match="brake: an event before the start had it hold"):
+        bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
 def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
