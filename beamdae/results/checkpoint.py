@@ -54,6 +54,8 @@ class Checkpoint:
         What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    sides
+        On which sides of their values the quantities of events were, see `Solution.sides`.
     identity
         Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
         model may begin that has the coordinates.
@@ -69,6 +71,7 @@ class Checkpoint:
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
+    sides: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -89,6 +92,7 @@ class Checkpoint:
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             identity_of(solution.equations),
+            dict(solution.sides),
         )
 
     @property
@@ -129,12 +133,13 @@ class Checkpoint:
                 str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
                 for k, x in told["found"].items()
             }
+            sides = {str(k): int(x) for k, x in told["sides"].items()}
             model, identity = str(told["model"]), str(told["identity"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity)
+        known = (events, due, inactive, found, model, parameters, identity, sides)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
@@ -176,6 +181,7 @@ class Checkpoint:
                 term,
                 begins_there=term.name in self.events,
                 due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
+                side=self.sides.get(term.name, 0),
             )
             for term in equations.events
         )

@@ -12,7 +12,7 @@ from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
 
-RUNS = integrators(1e-7, 1e-4)
+RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 
 
 def slider():
@@ -96,6 +96,42 @@ def test_a_ball_bounces_by_stops_and_restarts():
         height, velocity = 0.0, -0.8 * float(flight.v[-1, 1])
     flights = 2.0 * FALL * 0.8 ** np.arange(1, 6)
     assert_allclose(times, FALL + np.cumsum([0.0, *flights]), rtol=1e-12)
+
+
+def pushed_beyond_a_line():
+    """1 m/s up to x = 1 m at t = 1 s, from there on 0.5 N push 1 kg."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    push = mech.add(bd.Force("push", ball.point, (0.5, 0.0)))
+    mech.deactivate(push)
+    mech.observe("ball", ball.point)
+    mech.when("ball.x", 1.0, "up", bd.activate(push), "pushed")
+    mech.when("ball.x", 1.0, "up", "record", "seen")
+    return mech
+
+
+@pytest.mark.parametrize("off", [-1.1e-16, 0.0, 2.2e-16])
+@COARSE
+def test_an_event_where_a_run_ends_happens_once_when_it_goes_on(integrator, off, tmp_path):
+    """To rounding on its value at the end of the first run, on whichever side."""
+    first = bd.simulate(pushed_beyond_a_line(), integrator, 1.0 + off)
+    start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
+    later = bd.simulate(pushed_beyond_a_line(), integrator, 2.0, start=start)
+    both = first.followed_by(later)
+    assert sorted(one.name for one in both.occurred) == ["pushed", "seen"]
+    assert_allclose(both.q[-1, 0], 2.25, atol=1e-9)
+
+
+@COARSE
+def test_a_run_that_is_stopped_right_after_its_start(integrator):
+    """A scout sees no more than rounding move."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.x", 1.0, "up", "stop", "end")
+    first = bd.simulate(mech, integrator, 1.0 - 1e-13)
+    later = bd.simulate(mech, integrator, 2.0, start=first)
+    assert [one.name for one in first.followed_by(later).occurred] == ["end"]
 
 
 def test_a_checkpoint_of_another_model_is_refused(tmp_path):
