@@ -60,7 +60,8 @@ class Amplitudes:
         swings[angles] = np.minimum(swings[angles], _HALF_A_TURN)
         found = {part.name: float(np.max(swings[part.rows])) for part in equations.parts}
         most = max(found.values())
-        if most <= _AT_REST:
+        rests = most <= _AT_REST
+        if rests:
             found = dict.fromkeys(found, 1.0)
         by_part = {
             part.name: _rounded(max(found[part.name], _least_share(part) * most))
@@ -76,7 +77,9 @@ class Amplitudes:
         rates = [
             float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))
             for part in equations.parts
-            if found[part.name] > _LEAST_SHARE * most and np.any(spread[part.rows] > 0.0)
+            if not rests
+            and found[part.name] > _LEAST_SHARE * most
+            and np.any(spread[part.rows] > 0.0)
         ]
         return cls(by_part, scales, _rounded(max(rates, default=0.0)))
 
