@@ -1,6 +1,13 @@
+from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import campbell as campbell
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.linear_model import LinearModel as LinearModel
+from .analysis.linear_model import linearize as linearize
+from .analysis.modes import Modes as Modes
+from .analysis.modes import modes as modes
 from .analysis.periodic import periodic as periodic
 from .analysis.response import frequency_response as frequency_response
+from .analysis.rotation import rotation as rotation
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -44,6 +51,7 @@ from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
 from .parts.events import deactivate as deactivate
+from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
 from .parts.forces import Force as Force
 from .parts.forces import Moment as Moment
@@ -65,7 +73,7 @@ from .parts.part import Part as Part
 from .parts.point_mass import PointMass as PointMass
 from .parts.rolling import RollingOnCircle as RollingOnCircle
 from .parts.rolling import RollingOnLine as RollingOnLine
-from .parts.rolling import Skate as Skate
+from .parts.skate import Skate as Skate
 from .parts.smooth import positive_part as positive_part
 from .parts.smooth import smooth_sign as smooth_sign
 from .parts.springs import Damper as Damper
@@ -77,6 +85,9 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
+from .report.mode_pictures import animate_mode as animate_mode
+from .report.mode_pictures import draw_campbell as draw_campbell
+from .report.mode_pictures import draw_modes as draw_modes
 from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint

@@ -13,8 +13,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, count, finite, positive
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
+from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, largest, sorted_multipliers
-from beamdae.results.solution import Status
 from beamdae.simulation import as_equations
 
 Array = np.ndarray

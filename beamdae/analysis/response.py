@@ -23,8 +23,8 @@ from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import sorted_multipliers
-from beamdae.results.solution import Status
 
 Array = np.ndarray
 

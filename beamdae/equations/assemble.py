@@ -99,7 +99,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         observables=mechanism.observables,
         owners=owners,
         laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
-        events=mechanism.events,
+        events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
     drawn_equations = replace(drawn_equations, mechanism=mechanism)

@@ -25,7 +25,7 @@ from beamdae.integrators.alpha_step import Start
 from beamdae.integrators.drive import StepError
 from beamdae.integrators.looping import Matrix, Running
 from beamdae.native.codes import SINGULAR
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 

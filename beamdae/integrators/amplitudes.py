@@ -88,9 +88,10 @@ def _rounded(value: float) -> float:
 
 
 def _durations(trajectory: Trajectory) -> Array:
-    """How long each step stands for [s]."""
+    """How long each step stands for [s], or shares of nothing."""
     times = [interval.t for interval in trajectory.intervals]
-    return np.concatenate([np.gradient(t) if len(t) > 1 else np.ones(1) for t in times])
+    found = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
+    return found if found.any() else np.ones(len(found))
 
 
 def _sizes(equations: EquationsOfMotion) -> Array:

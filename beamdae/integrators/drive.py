@@ -28,7 +28,8 @@ from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.spared import spared, with_all
 from beamdae.integrators.switching import Methods, first_configuration, switched
 from beamdae.results.occurrences import Occurrence
-from beamdae.results.solution import REACHED_END, Solution, Status
+from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.factorizations import single_threaded
 
@@ -139,7 +140,8 @@ class _Run:
                 except BeamdaeError as problem:
                     return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
                 self._begin_leg(start, branch, state)
-            status = self._over(start, end, branch)
+            begins = k == 0 and self._watch is not None and self._watch.begins(self._legs[0])
+            status = ACTED if begins else self._over(start, end, branch)
             while status is ACTED:
                 status = self._acted(end, branch)
             if status is not REACHED_END or not self._rows.is_finite:
@@ -191,12 +193,12 @@ class _Run:
         if stall := self.methods.stall(event, t, self._route.duration):
             return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
         try:
-            time, before, now = np.array([t, branch]), self._rows.last, self._configuration
-            now, done = switched(self._whole, now, self._route, event, time, before)
-            self._configuration, self._route = now, done.route
-            self.method = self.methods.on(done.route, now)
+            time, now = np.array([t, branch]), self._configuration
+            done = switched(self._whole, now, self._route, event, time, self._rows.last)
+            self._configuration, self._route = done.configuration, done.route
+            self.method = self.methods.on(done.route, done.configuration)
         except BeamdaeError as problem:
-            return self._failed(f"event {event.name}: {problem}")
+            return self._failed(f"event {event.name}: {str(problem).removesuffix('.')}")
         self._begin_leg(t, branch, done.state)
         self._watch.switched(self._legs[-1], done.impulses, done.energy_lost)
         return self._over(t, end, branch) if t < end else REACHED_END

@@ -30,7 +30,8 @@ from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.route import Route
 from beamdae.native.machine import MachineError
-from beamdae.results.solution import Solution, Statistics
+from beamdae.results.outcome import Statistics
+from beamdae.results.solution import Solution
 from beamdae.sundials.library import UnavailableError
 from beamdae.sundials.solver import reason
 

@@ -15,7 +15,7 @@ from beamdae.integrators.looping import Matrix
 from beamdae.native.codes import DONE, FULL
 from beamdae.native.elimination import Linear
 from beamdae.native.loops import Loop
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 from beamdae.sundials.library import library
 from beamdae.sundials.solver import Solver
 

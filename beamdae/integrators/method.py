@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from beamdae.equations.formulations import State
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 

@@ -17,7 +17,7 @@ from beamdae.integrators.ida_loop import NO_ADVANCE, Newton, preconditioned, set
 from beamdae.integrators.looping import Matrix
 from beamdae.integrators.silence import silent
 from beamdae.native.codes import DONE
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 from beamdae.symbolic.factorizations import DENSE_LIMIT
 from beamdae.symbolic.memory import require_memory
 

@@ -23,7 +23,7 @@ from beamdae.integrators.radau_run import (
 )
 from beamdae.integrators.route import Route
 from beamdae.native.codes import SINGULAR
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from beamdae.errors import BeamdaeError, finite, keep, one_of, shown
+from beamdae.parts.joints import Joint, JointByFormula
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import Quantity
 
@@ -15,15 +16,51 @@ DIRECTIONS = {"up": 1, "down": -1, "both": 0}
 
 @dataclass(frozen=True)
 class Switch:
-    """Joints and forces, by name, that become active or inactive."""
+    """Joints and forces, by name, that become active or inactive.
+
+    Attributes
+    ----------
+    on, off
+        Which become active, and which inactive.
+    as_is
+        Those of the former that hold what they find.
+    """
 
     on: tuple[str, ...] = ()
     off: tuple[str, ...] = ()
+    as_is: tuple[str, ...] = ()
 
 
-def activate(*parts: Part) -> Switch:
-    """Have joints and forces act from an event on, as `do` of it."""
-    return Switch(on=_names("activate", parts))
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """Velocities that change at once, by Newton's restitution, see `impact`."""
+
+    on: Joint | Quantity
+    restitution: float
+
+
+Action = Switch | Impact
+
+
+def activate(*parts: Part, as_is: bool = False) -> Switch:
+    """Have joints and forces act from an event on, as `do` of it.
+
+    A joint has to be closed where it becomes active. With `as_is` it holds what it finds: a driver
+    goes on from the angle or travel reached, a link keeps the length it has, a guide the offset, a
+    gear the phase; a weld or a hinge holds the point of `b` where it is on the body of `a`. Then
+    `reaction` is the force at the point of `b`; `reaction_on("a")` is without its moment about the
+    point of `a`.
+    """
+    names = _names("activate", parts)
+    if one_of("activate", "as_is", as_is, (True, False)):
+        for part in parts:
+            if not isinstance(part, JointByFormula):
+                raise BeamdaeError(
+                    f"{part.name}: it cannot hold what it finds, as_is=True is for joints that "
+                    f"hold angles, travels or points, got {shown(part)}."
+                )
+        return Switch(on=names, as_is=names)
+    return Switch(on=names)
 
 
 def deactivate(*parts: Part) -> Switch:
@@ -31,11 +68,63 @@ def deactivate(*parts: Part) -> Switch:
     return Switch(off=_names("deactivate", parts))
 
 
+def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
+    """Throw back what meets, as `do` of an event: velocities change at once.
+
+    By Newton's law of restitution the rate of the gap after the impact is -`restitution` times the
+    one before. Velocities and impulses P solve M (v+ - v-) = -G^T P with all active joints, which
+    hold theirs; without friction. The energy it takes is booked as dissipated, impulses are told in
+    `Solution.events`.
+
+    Parameters
+    ----------
+    on
+        A gap that closes, a quantity of one column such as `surface.gap(point)`: nothing happens
+        where it opens. Or a joint that is inactive, a stop: what it would hold is thrown back, from
+        either side.
+    restitution
+        From 0, nothing comes back, to 1, without loss.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+    >>> bounce = mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.8), name="bounce")
+    """
+    if isinstance(on, Quantity):
+        if len(on.columns) != 1 or on.joint is not None:
+            raise BeamdaeError(
+                "impact: a gap must be a quantity of one column that follows from positions, such "
+                f"as surface.gap(point), got {', '.join(x.header for x in on.columns)}."
+            )
+    elif not isinstance(on, Joint):
+        raise BeamdaeError(
+            f"impact: it must be on a gap, such as surface.gap(point), or on a joint, "
+            f"got {shown(on)}."
+        )
+    restitution = finite("impact", "restitution", restitution)
+    if not 0.0 <= restitution <= 1.0:
+        raise BeamdaeError(f"impact: restitution must lie in [0, 1], got {restitution:g}.")
+    return Impact(on, restitution)
+
+
 def _names(what: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
     for part in parts:
         if not isinstance(part, Part):
             raise BeamdaeError(f"{what}: expected joints and forces, got {shown(part)}.")
     return tuple(part.name for part in parts)
+
+
+def switches_of(do: Any) -> tuple[Switch, ...]:
+    """The switches among what an event does."""
+    return tuple(x for x in do if isinstance(x, Switch)) if isinstance(do, tuple) else ()
+
+
+def impacts_of(do: Any) -> tuple[Impact, ...]:
+    """The impacts among what an event does."""
+    return tuple(x for x in do if isinstance(x, Impact)) if isinstance(do, tuple) else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +143,11 @@ class Event:
     direction
         "up", "down" or "both".
     do
-        "stop": the run ends there; "record": it goes on; activate(part, ...), deactivate(part, ...)
-        or a list of these: it goes on with these joints and forces, or without. A joint that
-        becomes active is closed there; velocities change at once to what it allows, by impulses
-        told in `Solution.events`, and the energy this takes counts as dissipated.
+        "stop": the run ends there; "record": it goes on; activate(part, ...),
+        deactivate(part, ...), impact(gap) or a list of these: it goes on with these joints and
+        forces, or without, and with other velocities. A joint that becomes active is closed there,
+        or holds what it finds; velocities change at once to what it allows, by impulses told in
+        `Solution.events`, and the energy this takes counts as dissipated.
     name
         What it is called in results; default: what crosses which value.
     """
@@ -79,13 +169,13 @@ class Event:
         if self.name is None and not isinstance(self.what, str):
             raise BeamdaeError("event: one that watches a quantity needs a name=.")
         one_of(part, "direction", self.direction, tuple(DIRECTIONS))
-        do = (self.do,) if isinstance(self.do, Switch) else self.do
-        if isinstance(do, (list, tuple)) and do and all(isinstance(x, Switch) for x in do):
+        do = (self.do,) if isinstance(self.do, Action) else self.do
+        if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):
             keep(self, do=tuple(do))
         elif not (isinstance(self.do, str) and self.do in ("stop", "record")):
             raise BeamdaeError(
-                f"{part}: do must be 'stop', 'record', activate(...) or deactivate(...), "
-                f"got {shown(self.do)}."
+                f"{part}: do must be 'stop', 'record', activate(...), deactivate(...) or "
+                f"impact(...), got {shown(self.do)}."
             )
         named = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
         keep(self, crosses=crosses, name=named)

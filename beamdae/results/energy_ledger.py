@@ -89,7 +89,6 @@ class EnergyLedger:
         for interval in trajectory.intervals:
             active, state = interval.configuration, interval.rows
             own = equations if active is None else active.equations
-            inactive = None if active is None else active.inactive
             if active is not None:
                 state = state._replace(lam=active.own(state.lam))
             if id(own) not in keepers:
@@ -99,13 +98,14 @@ class EnergyLedger:
             energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
-                if inactive == before:
+                if active is before:
                     # A law whose rate jumps at a breakpoint changes the velocities at once.
                     work = work + np.array([0.0, jump[0], 0.0])
                 else:
-                    # So do joints that are switched on; springs take along what they have stored.
+                    # So do events: impacts, and joints that are switched on; springs that are
+                    # switched off take along what they have stored.
                     work = work - np.array([0.0, 0.0, jump.sum()])
-            before = inactive
+            before = active
             rows.append((energies, powers, norms))
             works.append(work + interval.sums(powers))
             work = works[-1][-1]

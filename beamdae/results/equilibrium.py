@@ -16,9 +16,9 @@ from beamdae.errors import BeamdaeError, count, may_be_path, shown
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import write
 from beamdae.results.headers import Header
+from beamdae.results.outcome import Status
 from beamdae.results.recovered import of_state
 from beamdae.results.section_forces import SectionForces
-from beamdae.results.solution import Status
 from beamdae.results.validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:

@@ -199,6 +199,12 @@ def safe_cell(value: Any) -> Any:
     return f"'{value}" if formula else value
 
 
+def plain_cell(value: Any) -> Any:
+    """What `safe_cell` made a cell of."""
+    guarded = isinstance(value, str) and value[:1] == "'" and safe_cell(value[1:]) == value
+    return value[1:] if guarded else value
+
+
 @cache
 def versions() -> dict[str, str]:
     """Versions of beamdae and of what its numbers depend on."""

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import one_of
+from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest
-from beamdae.results.solution import Solution, Status
+from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamdae.results.headers import Header
-from beamdae.results.solution import Solution, Status
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
     import pandas as pd

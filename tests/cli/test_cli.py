@@ -224,6 +224,10 @@ def test_run_goes_on_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--continue", "at/end.json")
     assert result.exit_code == 0
     table = pd.read_csv("results/arm.csv")
+    assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 0.02]
+    result = command("run", ARM, "--no-estimate", "--continue", "at/end.json", "--out", "other")
+    assert result.exit_code == 0
+    table = pd.read_csv("other/arm.csv")
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.01, 0.02]
     assert table["tip.y [m]"].iloc[0] < 0.0
     result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")

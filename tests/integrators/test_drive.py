@@ -22,7 +22,7 @@ from beamdae.integrators import rows as rows_of_a_run
 from beamdae.integrators.drive import drive, fitted
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.route import plan
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 from beamdae.symbolic import factorizations
 
 

@@ -100,15 +100,16 @@ PARTS: dict[str, Base] = {
     "Attachment": Base(_attachment, held),
     "Beam": Base(_beam, added),
     "activate": Base(
-        lambda w: {"part": bd.Moment("load", w.bar.at(*KNEE), 1.0)},
+        lambda w: {"part": w.mech.part("hinge"), "as_is": True},
         itself,
-        lambda w, part: bd.activate(part),
+        lambda w, part, as_is: bd.activate(part, as_is=as_is),
     ),
     "deactivate": Base(
         lambda w: {"part": bd.Moment("load", w.bar.at(*KNEE), 1.0)},
         itself,
         lambda w, part: bd.deactivate(part),
     ),
+    "impact": Base(lambda w: {"on": w.mech.part("hinge"), "restitution": 0.5}, itself),
     "Force": Base(
         lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": (1.0, 0.0), "axes": "body"}, added
     ),

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
+from beamdae.studies.work import Limits
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_modes import MODES
 from robustness.places_periodic import PERIODIC
 from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
@@ -148,6 +150,7 @@ MODELS: dict[str, Base] = {
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
             "start": "as drawn",
+            "accept_changes": False,
         },
         itself,
     ),
@@ -235,7 +238,7 @@ RESULTS: dict[str, Base] = {
         lambda w, **values: w.case(**values),
     ),
     "Study": Base(
-        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": _limits(), **_study(w)},
+        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": Limits(10.0)} | _study(w),
         done,
     ),
     "study": Base(
@@ -278,25 +281,8 @@ def _written(world: World, path: Any, result: Any = None) -> None:
         solution.to_csv(path)
 
 
-def _limits() -> Any:
-    from beamdae.studies.work import Limits
-
-    return Limits(time=10.0)
-
-
-BASES: dict[str, Base] = (
-    PARTS
-    | JOINTS
-    | FORCES
-    | NUMBERS
-    | MECHANISMS
-    | SYSTEMS
-    | MODELS
-    | INTEGRATING
-    | RESULTS
-    | STRESSES
-    | PERIODIC
-)
+BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
+BASES |= MODELS | INTEGRATING | RESULTS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
@@ -307,12 +293,12 @@ NOT_CALLED = {
     "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
+    "Campbell": "what campbell gives",
     "Check": "what check gives",
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {
-    name: {"*"} for name in ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse")
-}
+_TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")
+NOT_GIVEN = {name: {"*"} for name in _TOLD}
