@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,8 @@ from beamdae.model_functions import Model
 
 Array = np.ndarray
 
-_MOST_ITERATIONS = 8
+# Iterations of Newton's method, and the largest change in one.
+_MOST_ITERATIONS, _MOST_CHANGED = 8, 0.3
 # Step of differences by the parameter, over its range.
 _DIFFERENCE = 1e-5
 _SLOW = "Newton's method does not converge"
@@ -132,14 +134,14 @@ class Curve:
                 shot = Shot.of(flow, *flow.consistent(state[:n], state[n:]), None)
                 before = point.direction, point.orientation
                 now = Traced(shot, value, flow.period, *before, iteration)
+                if shot.off <= self.tolerance:
+                    found = _directed(now, self._by_parameter(now))
+                    return (found, "") if _follows(point, found) else (None, _SHARP)
                 if by_parameter is None:
                     by_parameter = self._by_parameter(now)
-                if shot.off <= self.tolerance:
-                    found = _directed(now, by_parameter)
-                    return (found, "") if _follows(point, found) else (None, _SHARP)
                 change = self._correction(now, by_parameter)
-                # No more than what the motion is as a whole.
-                change /= max(1.0, float(np.max(np.abs(change))))
+                # No more than a part of the motion as a whole, or of the range.
+                change /= max(1.0, float(np.max(np.abs(change))) / _MOST_CHANGED)
                 state = np.concatenate(shot.moved(change[:-1]))
                 value += change[-1] * self._range
         except (BeamdaeError, la.LinAlgError) as problem:
@@ -162,7 +164,7 @@ class Curve:
 
 
 def _reason(problem: Exception) -> str:
-    return str(problem).removeprefix("periodic: ").rstrip(".")
+    return re.sub("^(periodic|frequency_response): ", "", str(problem)).rstrip(".")
 
 
 def _directed(now: Traced, by_parameter: Array) -> Traced:
