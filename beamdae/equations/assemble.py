@@ -102,7 +102,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
-    drawn_equations = replace(drawn_equations, mechanism=mechanism)
+    drawn_equations = replace(drawn_equations, mechanism=_as_it_is(mechanism))
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
@@ -110,7 +110,6 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "must not switch any; leave out the constraints that follow from others."
             )
         drawn_equations = replace(drawn_equations, redundant=True)
-    drawn_equations = replace(drawn_equations, mechanism=_as_it_is(mechanism))
     return started(drawn_equations, mechanism.start if start is None else start)
 
 

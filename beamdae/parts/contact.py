@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
-from beamdae.parts.attachments import Attachment, require_attachment
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.smooth import positive_part, smooth_sign
@@ -170,6 +170,8 @@ class Contact(Part):
             friction=non_negative(self.name, "friction", self.friction),
             friction_speed=positive(self.name, "friction_speed", self.friction_speed),
         )
+        if self.friction:
+            require_angle(self.name, self.surface.on)
         if not 1.0 <= self.exponent <= 10.0:
             raise BeamdaeError(f"{self.name}: exponent must lie in [1, 10], got {self.exponent:g}.")
         if not _LEAST_RESTITUTION <= self.restitution <= 1.0:

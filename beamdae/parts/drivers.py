@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -30,6 +30,9 @@ def _travelled(time: SX, a: Any, b: Any, line: Callable[[], Any], law: Callable[
 class Driven(JointByFormula):
     """A joint that follows a law of time, which is the last of its formulas."""
 
+    # Whether its law may begin anywhere, so that an event may have it follow another one.
+    is_relative: ClassVar[bool] = True
+
     @property
     def _followed(self) -> Any:
         """The law, as it was given."""
@@ -43,7 +46,7 @@ class Driven(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """The reaction, force [N] or moment [N m], and the power [W] that the law brings in."""
-        values, data = Combined.of(Drive(self._sizes, self._gap), self._functions)
+        values, data = Combined.of(Drive(self._sizes, self._gap, self.is_relative), self._functions)
         columns = (*self.reaction.columns, Named("power", "W"))
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
@@ -114,6 +117,7 @@ class TranslationalDriver(Driven):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
         keep(self, direction=direction_of(self.name, self.direction))
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")

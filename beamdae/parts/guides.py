@@ -71,6 +71,7 @@ class PointOnLine(JointByFormula):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
         keep(self, direction=direction_of(self.name, self.direction))
         *_, offset = across(self.direction, self.a, self.b)
         gap = abs(offset)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from beamdae.errors import BeamdaeError, keep, one_of, point, positive
-from beamdae.parts.attachments import Attachment, require_attachment, rotate
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formulas import Combined, plain
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
@@ -85,6 +85,7 @@ class LineSurface(_Surface):
         keep(self, direction=point("LineSurface", "direction", self.direction))
         if not math.hypot(*self.direction) > 0.0:
             raise BeamdaeError("LineSurface: direction must have a length, got (0, 0).")
+        require_angle("LineSurface", self.on)
 
     @property
     def numbers(self) -> tuple[float, ...]:

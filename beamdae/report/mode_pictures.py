@@ -13,9 +13,9 @@ import numpy as np
 from beamdae.analysis.campbell import Campbell
 from beamdae.analysis.modes import Modes
 from beamdae.equations.owners import positions
-from beamdae.errors import BeamdaeError, count, may_be_path, shown
+from beamdae.errors import BeamdaeError, count, shown
 from beamdae.report.pictures import COLORS, saved, wrapped
-from beamdae.results.files import replacing
+from beamdae.results.files import file_path, replacing
 from beamdae.results.shapes import outlines
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def draw_modes(modes: Modes, path: str | Path, title: str = "") -> Path:
     BeamdaeError
         If the model has no parts that can be drawn, or the file cannot be written.
     """
-    drawn, target = _drawn("draw_modes", modes), _path("draw_modes", path)
+    drawn, target = _drawn("draw_modes", modes), file_path("draw_modes", path)
     chosen = range(min(len(modes), _PANELS))
     figure, axes = _panels(len(chosen), title or f"modes about {modes.about}")
     for axis, k in zip(axes, chosen, strict=True):
@@ -83,7 +83,7 @@ def animate_mode(modes: Modes, mode: int, path: str | Path, frames: int = 32) ->
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    drawn, target = _drawn("animate_mode", modes), _path("animate_mode", path)
+    drawn, target = _drawn("animate_mode", modes), file_path("animate_mode", path)
     k = count("animate_mode", "mode", mode, most=len(modes)) - 1
     number = count("animate_mode", "frames", frames, least=2, most=1000)
     figure, (axis,) = _panels(1, f"mode {_told(modes, k)}, about {modes.about}")
@@ -112,7 +112,7 @@ def draw_campbell(found: Campbell, path: str | Path, title: str = "Campbell diag
     """Draw frequencies over the speed of rotation, with multiples of the speed."""
     if not isinstance(found, Campbell):
         raise BeamdaeError(f"draw_campbell: expected what campbell gives, got {shown(found)}.")
-    target = _path("draw_campbell", path)
+    target = file_path("draw_campbell", path)
     figure, (axis,) = _panels(1, title, equal=False)
     order = np.argsort(found.speeds)
     speeds, frequencies = found.speeds[order], found.frequencies[order]
@@ -127,13 +127,6 @@ def draw_campbell(found: Campbell, path: str | Path, title: str = "Campbell diag
     axis.set_ylabel("frequency [Hz]")
     axis.grid(color="0.9", lw=0.6)
     return saved(figure, target)
-
-
-def _path(part: str, path: Any) -> Path:
-    text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (may_be_path(text) and Path(text).name):
-        raise BeamdaeError(f"{part}: path must be that of a file, got {shown(path)}.")
-    return Path(text)
 
 
 def _drawn(part: str, modes: Any) -> _Drawn:

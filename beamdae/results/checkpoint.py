@@ -12,9 +12,10 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.identity import identity_of
-from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.errors import BeamdaeError, shown
+from beamdae.parts.as_found import Held
 from beamdae.parts.events import DIRECTIONS
-from beamdae.results.files import write_text
+from beamdae.results.files import file_path, write_text
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -58,7 +59,7 @@ class Checkpoint:
     events: tuple[str, ...] = ()
     due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
-    found: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    found: dict[str, Held] = field(default_factory=dict)
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
@@ -114,7 +115,10 @@ class Checkpoint:
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
             events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
-            found = {str(k): tuple(map(float, x)) for k, x in told["found"].items()}
+            found = {
+                str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
+                for k, x in told["found"].items()
+            }
             model, identity = str(told["model"]), str(told["identity"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
@@ -131,14 +135,12 @@ class Checkpoint:
         BeamdaeError
             If it cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"checkpoint: path must be that of a file, got {shown(path)}.")
+        file = file_path("checkpoint", path)
         told = asdict(self)
         q, v = told.pop("q"), told.pop("v")
         states = {name: [q[name], v[name]] for name in q}
         whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
-        return write_text(Path(path), json.dumps(whole, indent=2) + "\n")
+        return write_text(file, json.dumps(whole, indent=2) + "\n")
 
     def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         """The equations, to start from here.
@@ -146,7 +148,8 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If it is of a model with other coordinates, naming the first one that differs.
+            If it is of a model with other coordinates, naming the first one that differs, or of one
+            whose events switch parts where none do here.
         """
         own, others = list(self.q), list(equations.q_names)
         for k in range(max(len(own), len(others))):
@@ -166,8 +169,14 @@ class Checkpoint:
         )
         q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
         known = equations.configurations
+        switched = sorted({*self.inactive, *self.found})
         if known is not None:
             known = replace(known, first=frozenset(self.inactive), found=self.found)
+        elif switched:
+            raise BeamdaeError(
+                f"start: events had switched {', '.join(switched)}, and in this model none do; "
+                "give it the same events."
+            )
         return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
     def difference(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import BeamdaeError, count, may_be_path, shown
+from beamdae.errors import count
 from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write
+from beamdae.results.files import write_result
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
 from beamdae.results.recovered import of_state
@@ -209,13 +209,7 @@ class Equilibrium:
         BeamdaeError
             If a file cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.q)
-        return write(Path(path), columns, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.beside(**further))
 
     def starting(self) -> Checkpoint:
         """Its end as the state a run begins with, at rest."""

@@ -118,12 +118,7 @@ class Run:
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
-        """Positions the run passed in which the joints lose rank and motions branch.
-
-        They are not looked for where redundant constraints have no full rank anywhere.
-        """
-        if self.equations.redundant:
-            return ()
+        """Positions the run passed in which the joints lose rank and motions branch."""
         return singular_positions(self.equations, self.trajectory)
 
     @cached_property

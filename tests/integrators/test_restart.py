@@ -180,8 +180,10 @@ def driven(law, mass=1.0):
 def test_other_formulas_and_numbers_are_refused(tmp_path, other):
     first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
-    again = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 1.0, start=path)
-    assert again.warnings == ()
+    watched = driven(lambda t: np.sin(t))
+    watched.observe("ball", watched.part("ball").point)
+    for same in (driven(lambda t: np.sin(t)), watched):
+        assert bd.simulate(same, bd.Radau(), 1.0, start=path).warnings == ()
     for start in (first, path):
         with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; go on"):
             bd.simulate(other, bd.Radau(), 1.0, start=start)
