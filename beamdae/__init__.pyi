@@ -86,6 +86,7 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
+from .report.drawing import draw as draw
 from .report.mode_pictures import animate_mode as animate_mode
 from .report.mode_pictures import draw_campbell as draw_campbell
 from .report.mode_pictures import draw_modes as draw_modes

@@ -276,6 +276,7 @@ ELSEWHERE = {
     "Solution",
     "Study",
     "animate",
+    "draw",
     "animate_mode",
     "check",
     "compare",

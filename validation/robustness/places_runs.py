@@ -257,6 +257,7 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
         lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
