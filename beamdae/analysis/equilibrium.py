@@ -28,7 +28,7 @@ def equilibrium(
     to: Any = 1.0,
     control: str | None = None,
     step: float | None = None,
-    switch: int = 0,
+    switch: Any = 0,
     most_points: int = 500,
     t: float = 0.0,
     start: Any = None,
@@ -65,7 +65,7 @@ def equilibrium(
         or by arc length of the motion, relative to the size of the mechanism or in rad (0.05).
     switch
         Leave the path at this branch point, the first is 1, on to the path that crosses it there,
-        by arc length; negative: to the other side.
+        by arc length; negative: to the other side. Several: the next is counted on that path.
     most_points
         Where the path ends whatever it has reached.
     t
