@@ -18,6 +18,8 @@ _LANDED, _WIDTH = 1e-6, 1e-3
 # The same distances for a path that only touches another, of which near points might be; and what
 # is left of the eigenvalue, of its size at the ends.
 _APART, _TOUCHED = 0.1, 1e-2
+# How often one in which several things happen is halved.
+_SPLITS = 6
 
 Array = np.ndarray
 
@@ -125,7 +127,7 @@ class Stretch:
         after = self.corrector.direction(end, self.control)
         return replace(self, end=end, values=(self.values[0], value), ways=(self.ways[0], after))
 
-    def critical(self) -> list[Found]:
+    def critical(self, splits: int = _SPLITS) -> list[Found]:
         """What is critical in it, in order."""
         counts = [point.stability.negative for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
@@ -136,7 +138,20 @@ class Stretch:
         found = [self._lost(index) for index in range(low, high)]
         if low == high and self._turns():
             found = [self._touched()]
+            if found[0] is not None and found[0].kind == LIMIT and splits:
+                # One direction is lost and one is found again.
+                return [one for half in self._halves() for one in half.critical(splits - 1)]
         return sorted(filter(None, found), key=lambda one: one.share)
+
+    def _halves(self) -> tuple[Stretch, Stretch]:
+        middle, value = self._beside(0.5), 0.5 * sum(self.values)
+        way = self.corrector.direction(middle, self.control)
+        if way is None:
+            raise StepError("paths cross there")
+        return (
+            replace(self, end=middle, values=(self.values[0], value), ways=(self.ways[0], way)),
+            replace(self, begin=middle, values=(value, self.values[1]), ways=(way, self.ways[1])),
+        )
 
     def _flutter(self, counts: Sequence[int]) -> list[Found]:
         """Where the number of unstable directions changes without a potential."""

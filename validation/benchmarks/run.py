@@ -1,4 +1,4 @@
-"""Every integrator against published and closed-form answers.
+"""Every integrator against published and closed-form answers, and equilibria.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from benchmarks import equilibria
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 
 SUMMARY = Path(__file__).parent / "summary.csv"
@@ -79,6 +80,8 @@ def main() -> None:
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
+    if chosen is None:
+        found += equilibria.rows()
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)
