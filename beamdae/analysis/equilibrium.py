@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.analysis.asked import Asked
 from beamdae.analysis.loading import Loading, loading_of
-from beamdae.analysis.tracing import indifferent, traced
+from beamdae.analysis.tracing import free_motion, traced
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, finite
 from beamdae.model_functions import Model
@@ -20,6 +20,11 @@ from beamdae.simulation import as_equations
 from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
+
+_WITHOUT_FRICTION = (
+    "friction follows the speed of sliding and holds nothing at rest: this is where the mechanism "
+    "rests without it."
+)
 
 
 def equilibrium(
@@ -138,14 +143,7 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
     e, time = loading.whole, loading.systems[0].under.time
     found = traced(loading, q, asked)
     states = np.array([point.x for point in found.points])
-    notes = []
-    if any(term.rows is not None for term in e.forces):
-        notes.append(
-            "friction follows the speed of sliding and holds nothing at rest: this is where the "
-            "mechanism rests without it."
-        )
-    if found.status.success:
-        notes.append(indifferent(e, found.points[-1]))
+    rubs = any(term.rows is not None for term in e.forces)
     return Equilibrium(
         e,
         float(time[0]),
@@ -158,5 +156,6 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
         found.critical,
         {**asked.told, "iterations": found.iterations},
         information,
-        tuple(filter(None, notes)),
+        (_WITHOUT_FRICTION,) if rubs else (),
+        free_motion(e, found.points[-1]) if found.status.success else "",
     )

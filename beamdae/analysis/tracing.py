@@ -208,7 +208,8 @@ def _released(
             )
             near = _relaxed(corrector, path.end.x[: e.n], float(first))
             if not near.stability.free:
-                path.points.append(near)
+                # It rests anywhere without the load: no path leads from there to here.
+                path.points[-1] = near
                 follow(corrector, path, stepping, targets[k:])
                 return
             path.points.append(_relaxed(corrector, path.end.x[: e.n], target))
@@ -230,14 +231,9 @@ def _moves(e: EquationsOfMotion, at: Point, index: int) -> str:
     return _most(e, at.stability.mode(index)) if len(at.stability.values) else ""
 
 
-def indifferent(e: EquationsOfMotion, at: Point) -> str:
-    """A sentence on a motion that nothing resists, or nothing."""
-    if not at.stability.free:
-        return ""
-    return (
-        f"{_free(e, at)}: it is free to move without stiffness, it rests anywhere along a motion "
-        "in which this coordinate moves most."
-    )
+def free_motion(e: EquationsOfMotion, at: Point) -> str:
+    """The coordinate that moves most in a motion that nothing resists, or nothing."""
+    return _free(e, at) if at.stability.free else ""
 
 
 def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:

@@ -128,6 +128,8 @@ def path_facts(found: Equilibrium) -> dict[str, str]:
     unstable = int(found.unstable[-1])
     told = f"unstable in {unstable} direction{'s' * (unstable > 1)}"
     stability = {0: "stable", -1: "not known"}.get(unstable, told)
+    if found.free and unstable == 0:
+        stability = f"neither stable nor unstable, {found.free} is free to move"
     critical = "; ".join(
         f"{one.kind} at {one.factor:.7g}{f', {one.moves} moves most' if one.moves else ''}"
         for one in found.critical
@@ -138,6 +140,7 @@ def path_facts(found: Equilibrium) -> dict[str, str]:
         "load factor": f"{found.factor:.7g}",
         "equilibrium": stability,
         "critical points": critical or "none",
-        "path": f"{len(found.q)} points, {found.settings['iterations']} iterations, by "
+        "path": f"{len(found.q)} point{'s' * (len(found.q) > 1)}, {found.settings['iterations']} "
+        f"iterations of Newton's method, by "
         f"{found.settings['control']}",
     }

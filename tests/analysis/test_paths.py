@@ -183,3 +183,30 @@ def test_a_path_is_a_table_and_files(tmp_path):
         short = bd.equilibrium(truss(), to={"crown.y": -0.25}, most_points=3)
     assert short.status.kind == "limited"
     assert len(short.q) == 3
+
+
+def test_a_path_shows_itself():
+    path = bd.equilibrium(truss(), to={"crown.y": -0.25})
+    assert repr(path).startswith("<Equilibrium: ok, reached the end; ")
+    assert "limit point at 3.01915" in repr(path)
+    heights = path["crown.y"]
+    assert heights.index.name == "load factor [-]"
+    assert_allclose(truss_load(heights.to_numpy()), heights.index, rtol=1e-9, atol=1e-9)
+    assert list(path["crown"].columns) == ["crown.x [m]", "crown.y [m]"]
+    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium: no column is called 'crwn'.*crown"):
+        path["crwn"]
+    with pytest.raises(bd.BeamdaeError, match="Equilibrium: no column is called 3"):
+        path.plot(3)
+
+
+def test_a_picture_is_dashed_where_the_path_is_unstable(tmp_path):
+    path = bd.equilibrium(truss(), to={"crown.y": -0.25})
+    drawn = path.plot()
+    (axis,) = drawn.figure.axes
+    first, between, last, *marks = axis.lines
+    rows = [one.row for one in path.critical]
+    assert [x.is_dashed() for x in (first, between, last)] == [False, True, False]
+    assert_allclose(between.get_xdata(), path.columns["crown.y [m]"][rows[0] : rows[1] + 1])
+    assert_allclose([x.get_ydata()[0] for x in marks], [LIMIT, -LIMIT], rtol=1e-9)
+    assert drawn.save(tmp_path / "path.png").stat().st_size > 5000
+    assert len(path.plot("crown").figure.axes) == 2
