@@ -157,5 +157,5 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
         {**asked.told, "iterations": found.iterations},
         information,
         (_WITHOUT_FRICTION,) if rubs else (),
-        free_motion(e, found.points[-1]) if found.status.success else "",
+        free_motion(e, found.points[-1]),
     )

@@ -242,7 +242,7 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
         return path.status
     end, told = path.end, path.status.sentence
     sentence = f"{told}; the last load factor that converged is {end.mu:.6g}"
-    if path.status.kind == "failed":
+    if path.status.kind == "failed" and not end.stability.free:
         control = LOAD if asked is None else asked.control
         sentence += _hint(path, system.equations, control)
     return Status(path.status.kind, sentence)

@@ -213,7 +213,8 @@ class Equilibrium:
             f"{self.free}: it is free to move without stiffness, it rests anywhere along a motion "
             "in which this coordinate moves most."
         )
-        told = (*self.notes, free if self.free else "", *(x.warning for x in self.validity))
+        rests = bool(self.free) and self.status.success
+        told = (*self.notes, free if rests else "", *(x.warning for x in self.validity))
         return tuple(filter(None, told))
 
     def beside(self, **further: Any) -> dict[str, Any]:
