@@ -8,16 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.spectrum import Spectrum, spectrum
 from beamdae.beams.beam import Beam
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.mobility import (
-    Spectrum,
-    free_motions,
-    loose_groups,
-    rigid_mobility,
-    spectrum,
-)
+from beamdae.equations.mobility import free_motions, loose_groups, rigid_mobility
 from beamdae.equations.reduced import without_dependent
 from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_joints
 from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
@@ -222,8 +217,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             free_motions=free_motions(equations, q, joints),
         )
         if state is not None and equations.n <= _MOST:
-            held = scaled_joints(starter, time, q)
-            found = replace(found, spectrum=spectrum(starter, time, state, held))
+            found = replace(found, spectrum=spectrum(starter.equations, time, state))
     if predict and end is not None and not problem:
         found = replace(found, prediction=_prediction(equations, end))
     return found
@@ -286,10 +280,12 @@ def _meshes(mechanism: Any) -> tuple[MeshVerdict, ...]:
 
 
 def _prediction(equations: EquationsOfMotion, end: float) -> Prediction | None:
-    """From a trial run of at most a second."""
+    """From a trial run of at most a second; of a second one, if the first had loops to compile."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
         solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
+        if not solution.status.success:
+            solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
     reached = solution.trajectory.end / end
     if not reached > 0.0 or solution.status.kind == "failed":
         return None

@@ -14,7 +14,7 @@ from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.given_start import started
-from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, positive, shown
+from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, one_of, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.model_functions import Model
@@ -22,7 +22,8 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN, require_start
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.solution import Solution, Status
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
 from beamdae.symbolic.memory import require_memory
 
 _MOST_ROWS = 1e7
@@ -36,6 +37,7 @@ def simulate(
     output_step: float | None = None,
     progress: Progress | None = None,
     start: Solution | Equilibrium | Path | str | Mapping[str, float] | None = None,
+    accept_changes: bool = False,
 ) -> Solution:
     """Integrate a model from t = 0, or on from where another run ended.
 
@@ -59,6 +61,9 @@ def simulate(
         of the same model, or the path of a checkpoint, see `Solution.checkpoint`: the run goes on
         from its last state. `Solution.followed_by` makes one of the two. An `Equilibrium`: at rest
         where that ends, under the loads the model has.
+    accept_changes
+        Whether it may go on from a run of a model with other parameters, numbers or formulas on the
+        same coordinates; it warns of that.
 
     Returns
     -------
@@ -95,9 +100,9 @@ def simulate(
         raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
     try:
         if begun is None:
-            equations = as_equations(model, start)
+            equations, changed = as_equations(model, start), ""
         else:
-            equations = begun.starting(as_equations(model, AS_DRAWN))
+            equations, changed = _going_on(name, begun, model, information, accept_changes)
         _require_room(equations, len(times))
         solution = method.integrate(equations, times, progress=progress)
     except (MemoryError, RuntimeError) as problem:
@@ -112,12 +117,26 @@ def simulate(
         )
     solution = replace(solution, model={**information, "t_end": float(times[-1])})
     solution, sentences = _looked_through(name, solution)
-    if begun and (changed := begun.differences(information.get("parameters", {}))):
-        told = f"{name}: it goes on from a run with other parameters, {', '.join(changed)}."
-        sentences = (told, *sentences)
+    if changed:
+        sentences = (f"{name}: it goes on from a run with {changed}.", *sentences)
     for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return solution
+
+
+def _going_on(
+    name: str, begun: Checkpoint, model: Any, information: dict[str, Any], accept: bool
+) -> tuple[EquationsOfMotion, str]:
+    """The equations to go on with, and what is other than before, if that is accepted."""
+    drawn = as_equations(model, AS_DRAWN)
+    equations = begun.starting(drawn)
+    changed = begun.difference(drawn, information.get("parameters", {}))
+    if changed and not one_of("simulate", "accept_changes", accept, (True, False)):
+        raise BeamdaeError(
+            f"{name}: start is the end of a run with {changed}; go on with the same, or say "
+            "accept_changes=True (--accept-changes)."
+        )
+    return equations, changed
 
 
 def _end_of_another(start: Any) -> Checkpoint | None:

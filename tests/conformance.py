@@ -61,11 +61,17 @@ TIP = tuple(ARC.point(ARC.length))
 DRAWN_LINK = float(np.hypot(TIP[0] - 3.0, TIP[1]))
 
 
+# Of the disk from there.
+APART = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
+TOWARDS = float(np.arctan2(0.4 - TIP[1], 0.5 - TIP[0]))
+
+
 def swing(t):
     return 0.4 * np.sin(2.0 * t) + t**2
 
 
-# Of a mechanism with a disk and a beam on ARC, each apart from the other; the name has to be "j".
+# Of a mechanism with a disk centered at (0.5, 0.4) and a beam on ARC, each apart from the other.
+# The name has to be "j".
 JOINTS = {
     "revolute to ground": lambda m, d, b: bd.Revolute("j", m.ground.at(0.1, 0.2), d.at(0.1, 0.2)),
     "ground to revolute": lambda m, d, b: bd.Revolute("j", d.at(0.1, 0.2), m.ground.at(0.1, 0.2)),
@@ -93,10 +99,31 @@ JOINTS = {
     "rack and pinion": lambda m, d, b: bd.RackAndPinion(
         "j", d.at(0.5, 0.4), b.start, 0.3, (1.0, 0.2)
     ),
+    "rolling on a line": lambda m, d, b: bd.RollingOnLine(
+        "j", m.ground.at(0.3, 0.0), d.at(0.5, 0.4), 0.4
+    ),
+    "rolling along a beam": lambda m, d, b: bd.RollingOnLine(
+        "j", b.end, d.at(0.5, 0.4), APART * abs(np.sin(TOWARDS - 1.3)), (np.cos(1.3), np.sin(1.3))
+    ),
     "sliding from the start": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.start), b),
     "sliding in the span": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.point(1.0)), b),
     "travel": lambda m, d, b: bd.TranslationalDriver(
         "j", d.at(0.0, 0.0), b.end, swing, (0.3, -1.0)
+    ),
+}
+
+# What holds velocities, of the same mechanism.
+NONHOLONOMIC = {
+    "skate": lambda m, d, b: bd.Skate("j", d.at(0.1, 0.2), direction=(1.0, -0.3)),
+    "skate on a beam": lambda m, d, b: bd.Skate("j", b.at(0.7), direction=(0.0, 2.0)),
+    "outside a circle": lambda m, d, b: bd.RollingOnCircle(
+        "j", b.end, d.at(0.5, 0.4), (0.4 * APART, 0.6 * APART)
+    ),
+    "inside a ring": lambda m, d, b: bd.RollingOnCircle(
+        "j", m.ground.at(0.5, 0.1), d.at(0.5, 0.4), (0.8, 0.5)
+    ),
+    "ring around a circle": lambda m, d, b: bd.RollingOnCircle(
+        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + APART)
     ),
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.controls import Control, LoadControl, Norm, Way
 from beamdae.analysis.corrector import Corrector, Point, StepError
 from beamdae.analysis.path import Path, Stretch
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 
 Array = np.ndarray
 

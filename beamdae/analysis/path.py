@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from beamdae.analysis.controls import Control, Way
 from beamdae.analysis.corrector import Corrector, Point, StepError
-from beamdae.results.solution import REACHED_END, Status
+from beamdae.results.outcome import REACHED_END, Status
 
 # Of a stretch: how closely a point is found where Newton's method ends the search, and the
 # distances of points by which one is found where it cannot.

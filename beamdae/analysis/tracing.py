@@ -18,7 +18,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.relaxation import relaxed
 from beamdae.errors import BeamdaeError
 from beamdae.results.equilibrium import CriticalPoint
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 
 Array = np.ndarray
 

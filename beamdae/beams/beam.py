@@ -205,15 +205,16 @@ class Beam(Part):
 
     def at(self, s: float) -> Attachment:
         """The section at arc length `s` [m]."""
-        return self._attachment(self.kinematics.material_point(self._inside(s)))
+        s = self._inside(s)
+        return self._attachment(self.kinematics.material_point(s), s)
 
     @property
     def floating_frame(self) -> Attachment:
         """The floating frame, as something to observe."""
         return self._attachment(self.kinematics.floating_frame)
 
-    def _attachment(self, at: MaterialPoint) -> Attachment:
-        return Attachment(self, at.drawn, at.inclination, at.operator, at.motion)
+    def _attachment(self, at: MaterialPoint, s: float | None = None) -> Attachment:
+        return Attachment(self, at.drawn, at.inclination, at.operator, at.motion, s=s)
 
     def _inside(self, s: float) -> float:
         s = finite(self.name, "arc length s", s)

@@ -111,6 +111,11 @@ class DistributedForce(Part):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
 
+    @property
+    def acting(self) -> str:
+        """Per length."""
+        return "line"
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load at the points at which inertia is integrated."""
         mesh = self.beam.mesh
@@ -251,6 +256,11 @@ class MovingForce(Part):
         lasting = self.beam.length / mesh.elements / abs(self.speed)
         pieces = (Formula(_none),) * (len(times) + 1)
         return (Law(pieces, tuple(map(float, times)), lasting),)
+
+    @property
+    def acting(self) -> str:
+        """Between the nodes that have shares of it."""
+        return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The shares of all nodes."""

@@ -31,11 +31,14 @@ class Material:
         Poisson's ratio, -1 < nu <= 0.5; the shear modulus is G = E / (2 (1 + nu)).
     rho
         Density [kg/m^3].
+    yield_stress
+        Stress [Pa] at which it yields, where that is known: for `SectionForces.safety`.
     """
 
     E: float
     nu: float
     rho: float
+    yield_stress: float | None = None
 
     def __post_init__(self) -> None:
         keep(
@@ -44,6 +47,8 @@ class Material:
             nu=finite("Material", "nu", self.nu),
             rho=positive("Material", "rho", self.rho),
         )
+        if self.yield_stress is not None:
+            keep(self, yield_stress=positive("Material", "yield_stress", self.yield_stress))
         if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
 

@@ -36,6 +36,9 @@ class Section:
     height
         Height [m] in the plane of motion, half of it on either side of the axis, where it is known:
         strains are asked for within it. The shapes below know theirs.
+    shear_peak
+        Largest shear stress over its mean Q / A, on the axis; 3/2 for a rectangle. The shapes below
+        know theirs.
 
     Examples
     --------
@@ -55,10 +58,11 @@ class Section:
     mass_per_length: float | None = None
     rotary_inertia_per_length: float | None = None
     height: float | None = None
+    shear_peak: float = 1.5
 
     def __post_init__(self) -> None:
         require_material("Section", self.material)
-        sizes = ("area", "second_moment", "shear_coefficient")
+        sizes = ("area", "second_moment", "shear_coefficient", "shear_peak")
         given = ("mass_per_length", "rotary_inertia_per_length", "height")
         needed = (*sizes, *(name for name in given if getattr(self, name) is not None))
         keep(self, **{name: positive("Section", name, getattr(self, name)) for name in needed})
@@ -93,6 +97,7 @@ class Section:
             6.0 * (1.0 + nu) / (7.0 + 6.0 * nu),
             damping,
             height=diameter,
+            shear_peak=4.0 / 3.0,
         )
 
     @classmethod
@@ -108,7 +113,8 @@ class Section:
         wall = positive("Section.pipe", "wall", wall)
         _require_less("Section.pipe", "wall", wall, "half the diameter", 0.5 * diameter)
         nu, inner = require_material("Section.pipe", material).nu, diameter - 2.0 * wall
-        m2 = (inner / diameter) ** 2
+        m = inner / diameter
+        m2 = m**2
         square = (1.0 + m2) ** 2
         area = np.pi * wall * (diameter - wall)
         return cls(
@@ -118,6 +124,7 @@ class Section:
             6.0 * (1.0 + nu) * square / ((7.0 + 6.0 * nu) * square + (20.0 + 12.0 * nu) * m2),
             damping,
             height=diameter,
+            shear_peak=4.0 / 3.0 * (1.0 + m + m2) / (1.0 + m2),
         )
 
     @classmethod
@@ -144,13 +151,18 @@ class Section:
         _require_less("Section.i_profile", "web", web, "the width", width)
         nu = require_material("Section.i_profile", material).nu
         inner, beside = height - 2.0 * flange, width - web
+        area = 2.0 * width * flange + inner * web
+        second_moment = (width * height**3 - beside * inner**3) / 12.0
+        # Of the half above the axis.
+        first_moment = 0.5 * width * flange * (height - flange) + web * inner**2 / 8.0
         return cls(
             material,
-            2.0 * width * flange + inner * web,
-            (width * height**3 - beside * inner**3) / 12.0,
+            area,
+            second_moment,
             _shear_of_thin_i(nu, width, height - flange, flange, web),
             damping,
             height=height,
+            shear_peak=area * first_moment / (second_moment * web),
         )
 
     def at(self, s: float) -> Section:

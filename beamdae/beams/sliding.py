@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,9 +14,10 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.track import nearest_arc_length, track_point
-from beamdae.errors import BeamdaeError, keep, shown
+from beamdae.errors import BeamdaeError, keep, one_of, shown
 from beamdae.parts.attachments import Attachment, require_attachment
-from beamdae.parts.joints import allowed_gap
+from beamdae.parts.events import Event
+from beamdae.parts.joints import allowed_gap, load_columns, load_in
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, combined_kernel, plain
 from beamdae.symbolic.statements import (
@@ -44,18 +45,57 @@ class _OnTrack:
     sizes: tuple[int, ...]
 
     def __call__(self, local: Local, *functions: Callable[..., Any]) -> ConstraintKernel:
-        *points, spacing = functions
-        ends = np.cumsum([0, *self.sizes]).tolist()
-        place, *track = (
-            at(local.q[first:last])[0]
-            for at, (first, last) in zip(points, pairwise(ends), strict=True)
-        )
-        along = local.q[-1] / spacing()[0]
+        place, *track = (at for at, _ in _moved(local, self.sizes, functions))
+        along = local.q[-1] / functions[-1]()[0]
         return ConstraintKernel(local, place - track_point(ca.horzcat(*track), along))
+
+
+@dataclass(frozen=True)
+class _ReactionOn:
+    """Force, and moment, on the point or on the beam where the point is.
+
+    Attributes
+    ----------
+    sizes
+        As of the kernel.
+    on_beam
+        Which of the two is asked for.
+    axes
+        Inertial ones, or those of the body; on the beam along and across its axis.
+    has_angle
+        Whether the body of the point turns.
+    """
+
+    sizes: tuple[int, ...]
+    on_beam: bool
+    axes: str
+    has_angle: bool
+
+    def __call__(self, local: Local, *functions: Callable[..., Any]) -> SX:
+        place, *track = _moved(local, self.sizes, functions)
+        if not self.on_beam:
+            return load_in(self.axes, place[1], -local.lam, 0 if self.has_angle else None)
+        spacing = functions[-1]()[0]
+        at = track_point(ca.horzcat(*(x for x, _ in track)), local.q[-1] / spacing)
+        slope = ca.jacobian(at, local.q[-1])
+        return load_in(self.axes, ca.atan2(slope[1], slope[0]), local.lam)
+
+
+def _moved(local: Local, sizes: tuple[int, ...], functions: Sequence[Any]) -> list[Any]:
+    """The point and those of the curve, as they have moved."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [
+        at(local.q[first:last])
+        for at, (first, last) in zip(functions[:-1], pairwise(ends), strict=True)
+    ]
 
 
 def _reaction(local: Local) -> SX:
     return -local.lam
+
+
+def _place(local: Local) -> SX:
+    return local.q
 
 
 def _arc_length(local: Local) -> SX:
@@ -70,7 +110,7 @@ class SlidingOnBeam(Part):
     mass and starts where the drawing has it. Without friction: the reaction Fx, Fy is the force on
     the body of `a` and normal to the axis, which is the smooth curve through the nodes of the beam
     with two continuous derivatives. Beyond an end of the beam the point goes on along the tangent
-    there.
+    there; that it passes an end is among the events of a run.
 
     Parameters
     ----------
@@ -80,14 +120,18 @@ class SlidingOnBeam(Part):
         The point, of a body, a particle or another beam; it has to lie on the beam as drawn.
     beam
         What it slides along.
+    ends
+        What becomes of a run where the point passes an end: "record", it goes on, or "stop".
     """
 
     name: str
     a: Attachment
     beam: Beam
+    ends: str = "record"
 
     def __post_init__(self) -> None:
         keep(self, name=require_name("SlidingOnBeam", self.name))
+        one_of(self.name, "ends", self.ends, ("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
         if not isinstance(self.beam, Beam):
             raise BeamdaeError(f"{self.name}: beam must be a Beam, got {shown(self.beam)}.")
@@ -141,14 +185,58 @@ class SlidingOnBeam(Part):
         values, _ = Combined.of(_reaction, ())
         return Quantity(columns, (), values, joint=self.name)
 
+    def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
+        """Force Fx, Fy [N] on the body of `a`, with a moment M of zero if it turns, or on the beam.
+
+        Parameters
+        ----------
+        place
+            "a", or "beam": where the point is.
+        axes
+            "inertial", or "body": those of the drawing as the body of `a` turns them; on the beam
+            along its axis and to the left of it.
+        """
+        one_of(self.name, "place", place, ("a", "beam"))
+        one_of(self.name, "axes", axes, ("inertial", "body"))
+        points, functions = self._points, self._functions
+        on_beam, sizes = place == "beam", tuple(at.size for at in points)
+        values, data = Combined.of(_ReactionOn(sizes, on_beam, axes, self.a.has_angle), functions)
+        columns = load_columns(self.a)[: 2 if on_beam else None]
+        return Quantity(columns, self._pieces, values, data, joint=self.name)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The point passes an end of the beam."""
+        values, _ = Combined.of(_place, ())
+        s = Quantity((Named("", "m"),), (Piece(self, _OWN),), values)
+        ends = {"start": 0.0, "end": self.beam.length}
+        return tuple(
+            Event(s, crosses, "both", self.ends, f"{self.name} at the {end} of {self.beam.name}")
+            for end, crosses in ends.items()
+        )
+
+    @cached_property
+    def _points(self) -> tuple[Attachment, ...]:
+        """The point, and those of the axis."""
+        return (self.a, *(self.beam.at(s) for s in self.beam.mesh.node_arc_lengths.tolist()))
+
+    @property
+    def _functions(self) -> tuple[Callable[..., Any], ...]:
+        spacing = plain(self.beam.length / (self.beam.mesh.node_count - 1))
+        return (*(at.moved for at in self._points), spacing)
+
+    @property
+    def _pieces(self) -> tuple[Piece, ...]:
+        return (*(at.piece for at in self._points), Piece(self, _OWN))
+
+    @property
+    def acting(self) -> str:
+        """Between the nodes that have shares of its reaction."""
+        return "shares"
+
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
-        mesh = self.beam.mesh
-        points = [self.a, *(self.beam.at(s) for s in mesh.node_arc_lengths.tolist())]
-        sizes = tuple(at.size for at in points)
-        spacing = plain(self.beam.length / (mesh.node_count - 1))
-        functions: list[Callable[..., Any]] = [*(at.moved for at in points), spacing]
-        kernel, data = combined_kernel(_OnTrack(sizes), functions, sum(sizes) + 1, 2)
-        pieces = (*(at.piece for at in points), Piece(self, _OWN))
+        sizes = tuple(at.size for at in self._points)
+        kernel, data = combined_kernel(_OnTrack(sizes), self._functions, sum(sizes) + 1, 2)
         multipliers = (Named("x", "N"), Named("y", "N"))
-        return [ConstraintStatement(self.name, kernel, pieces, multipliers, data)]
+        return [ConstraintStatement(self.name, kernel, self._pieces, multipliers, data)]

@@ -34,6 +34,8 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
+    from beamdae.results.continued import Parts
+    from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
 
 
@@ -78,10 +80,24 @@ def run_command(
     ] = None,
     go_on: Annotated[
         Path | None,
-        typer.Option("--continue", metavar="FILE", help="Go on from the end told by this file."),
+        typer.Option(
+            "--continue",
+            metavar="FILE",
+            help="Go on from the end told by this file; tables in --out then hold all of the run.",
+        ),
     ] = None,
+    accept_changes: Annotated[
+        bool,
+        typer.Option(
+            "--accept-changes", metavar="", help="Go on also if the model is another than before."
+        ),
+    ] = False,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG.
+
+    A run that goes on (--continue) has a table of its own, NAME_part2.csv and so on; NAME.csv is
+    that of all parts, if they are in the same folder. One that is ended early tells by which file
+    it can go on.
 
     Ends with 0 where the run reached its end, with 1 where it did not (what it reached is written),
     with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG.
@@ -105,26 +121,31 @@ def run_command(
         )
     files = _Files(out, model.name)
     require_writable(out, (files.table.name, files.beside.name, files.picture.name))
+    parts = _parts(files.table, go_on)
     if checkpoint is not None:
         require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
     # The table is on the disk before anything is told; the picture takes longer than most runs.
     told = _Told([])
     with _to_the_end(told), interrupts.held(through=1):
         begin = start_of(start) if go_on is None else go_on
-        solution = _integrated(model, method, t_end, output_step, begin)
+        solution = _integrated(model, method, t_end, output_step, begin, accept_changes)
         with interrupts.held():
-            told.written += [solution.to_csv(files.table), files.beside]
-            if checkpoint is not None:
-                told.written.append(solution.checkpoint(checkpoint))
+            columns, written = parts.write(solution)
+            told.written += written
+            if checkpoint is not None or not solution.status.success:
+                told.end = solution.checkpoint(checkpoint or files.end)
+                told.written.append(told.end)
         told.cut_short = interrupts.heard()
     if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
         with _to_the_end(told):
-            _estimate(solution, verify, files, told)
+            _estimate(solution, verify, parts.latest, told)
     _say(solution, model.name, told)
     with _to_the_end(told):
         if not interrupts.terminated():
-            _draw(solution, f"{model.name}, {method.label}", files, told)
+            _draw(columns, solution.status, f"{model.name}, {method.label}", files, told)
     say_written(console(), told.written)
+    if told.end is not None and not solution.status.success:
+        console().print(f"to go on: --continue {told.end}", style="dim", soft_wrap=True)
     if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
         reason = "interrupted after the run"
         if solution.status.kind == "interrupted":
@@ -161,6 +182,10 @@ class _Files:
         return self.folder / f"{self.name}.json"
 
     @property
+    def end(self) -> Path:
+        return self.folder / f"{self.name}_end.json"
+
+    @property
     def picture(self) -> Path:
         return self.folder / f"{self.name}.png"
 
@@ -170,14 +195,28 @@ class _Told:
     """What there is to tell of a run besides its solution, as far as it got."""
 
     written: list[Path]
+    end: Path | None = None
     errors: Any = None
     beyond: str = ""
     complete: bool = False
     cut_short: bool = False
 
 
+def _parts(table: Path, go_on: Path | None) -> Parts:
+    """The runs before the one that goes on, if it does, as far as their tables are there."""
+    from beamdae.results.checkpoint import Checkpoint
+    from beamdae.results.continued import Parts
+
+    return Parts(table) if go_on is None else Parts.ending_at(table, Checkpoint.read(go_on))
+
+
 def _integrated(
-    model: Model, method: Any, t_end: float | None, output_step: float | None, start: Any
+    model: Model,
+    method: Any,
+    t_end: float | None,
+    output_step: float | None,
+    start: Any,
+    accept_changes: bool,
 ) -> Any:
     """The solution, also one that an interrupt ended."""
     from beamdae.simulation import simulate
@@ -194,7 +233,7 @@ def _integrated(
 
         try:
             told = partial(reached, method.label)
-            return simulate(model, method, t_end, output_step, told, start)
+            return simulate(model, method, t_end, output_step, told, start, accept_changes)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 
@@ -210,7 +249,7 @@ def _to_the_end(told: _Told) -> Iterator[None]:
         told.cut_short = True
 
 
-def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> None:
+def _estimate(solution: Solution, verify: bool, table: Path, told: _Told) -> None:
     """Find how far the observed columns are off, and write that beside the table."""
     import numpy as np
 
@@ -230,17 +269,17 @@ def _estimate(solution: Solution, verify: bool, files: _Files, told: _Told) -> N
         for column, row in zip(solution.columns, rows, strict=True)
     }
     with interrupts.held():
-        write_beside(files.table, solution.beside(errors=known))
+        write_beside(table, solution.beside(errors=known))
 
 
-def _draw(solution: Solution, title: str, files: _Files, told: _Told) -> None:
+def _draw(columns: dict[str, Any], status: Status, title: str, files: _Files, told: _Told) -> None:
     """Draw the run; the title says if it ended early."""
     from beamdae.report.pictures import picture_of_run
 
-    early = "" if solution.status.success else f", ended early ({solution.status.kind})"
+    early = "" if status.success else f", ended early ({status.kind})"
     picture = drawn(
         files.picture.name,
-        lambda: [picture_of_run(files.picture, solution.all_columns(), title + early)],
+        lambda: [picture_of_run(files.picture, columns, title + early)],
     )
     told.written += picture or []
     told.complete = picture is not None

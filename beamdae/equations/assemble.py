@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -98,10 +99,10 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         observables=mechanism.observables,
         owners=owners,
         laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
-        events=mechanism.events,
+        events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
-    drawn_equations = replace(drawn_equations, mechanism=mechanism)
+    drawn_equations = replace(drawn_equations, mechanism=_as_it_is(mechanism))
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
@@ -110,6 +111,13 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             )
         drawn_equations = replace(drawn_equations, redundant=True)
     return started(drawn_equations, mechanism.start if start is None else start)
+
+
+def _as_it_is(mechanism: Mechanism) -> Mechanism:
+    """The same parts, whatever is added to the mechanism later."""
+    kept = copy(mechanism)
+    kept.parts = dict(mechanism.parts)
+    return kept
 
 
 def _extent(points: Array, otherwise: float = 1.0) -> float:

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.owners import owners_of
 from beamdae.errors import BeamdaeError
-from beamdae.parts.events import Switch
+from beamdae.parts.as_found import AsFound, Held, found_by
+from beamdae.parts.events import Impact, impacts_of, switches_of
+from beamdae.parts.gaps import ClosedGap
+from beamdae.parts.joints import Joint, JointByFormula
+from beamdae.parts.laws import Law, later
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
 
 Array = np.ndarray
+# What joints that were switched on as they were hold, by name.
+Found = Mapping[str, Held]
 
 
 @dataclass(frozen=True, eq=False)
 class Configuration:
-    """Equations of the active parts of a mechanism.
+    """Equations of the active parts of a mechanism, from one event to the next.
 
     Attributes
     ----------
@@ -28,11 +36,14 @@ class Configuration:
         Which of the multipliers of all parts are theirs.
     inactive
         Names of the other parts.
+    found
+        What joints hold that were switched on as they were.
     """
 
     equations: EquationsOfMotion
     held: Array
     inactive: frozenset[str]
+    found: Found = field(default_factory=dict)
 
     def own(self, lam: Array) -> Array:
         """Of rows of all multipliers those that there are."""
@@ -45,6 +56,23 @@ class Configuration:
         return found
 
 
+@dataclass(frozen=True)
+class Struck:
+    """Equations in which what an impact throws back is held, too.
+
+    Attributes
+    ----------
+    restitution
+        By multiplier of what is thrown back.
+    gaps
+        Those of them that open freely.
+    """
+
+    equations: EquationsOfMotion
+    restitution: Mapping[str, float]
+    gaps: frozenset[str]
+
+
 @dataclass(eq=False)
 class Configurations:
     """The configurations of a mechanism, built when they are first asked for.
@@ -53,35 +81,131 @@ class Configurations:
     ----------
     first
         Parts that are inactive at the start of a run.
+    found
+        What joints hold there that were switched on as they were.
     """
 
     mechanism: Mechanism
     build: Callable[[Mechanism], EquationsOfMotion]
     first: frozenset[str]
+    found: Found = field(default_factory=dict)
     _known: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
 
-    def of(self, whole: EquationsOfMotion, inactive: frozenset[str]) -> Configuration:
-        """The one without these parts; `whole` are the equations of all."""
-        if inactive not in self._known:
-            rest = copy(self.mechanism)
-            rest.parts = {k: x for k, x in rest.parts.items() if k not in inactive}
-            rest.observables, rest.events, rest.inactive = {}, [], set()
-            self._known[inactive] = self.build(rest)
+    def begin(self, whole: EquationsOfMotion) -> Configuration:
+        """The one at the start of a run; `whole` are the equations of all parts."""
+        return self.of(whole, self.first, self.found)
+
+    def of(self, whole: EquationsOfMotion, inactive: frozenset[str], found: Found) -> Configuration:
+        """The one without these parts, some joints of which hold what was `found`."""
+        if found:
+            # What was found once is not found again.
+            built = self.build(self._without(inactive, found))
+        elif inactive in self._known:
+            built = self._known[inactive]
+        else:
+            built = self._known[inactive] = self.build(self._without(inactive, found))
         # What a run goes by must not change on the way.
-        shared = {
-            name: getattr(whole, name)
-            for name in ("q0", "v0", "length", "parts", "breakpoints", "time_scale", "laws")
-        }
-        equations = replace(self._known[inactive], **shared)
+        shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
+        scales = [x.time_scale for x in (whole, built) if x.time_scale is not None]
+        equations = replace(
+            built,
+            breakpoints=tuple(sorted({*whole.breakpoints, *built.breakpoints})),
+            time_scale=min(scales, default=None),
+            laws=(*whole.laws, *(built.laws if found else ())),
+            **shared,
+        )
         rows = {name: k for k, name in enumerate(whole.lam_names)}
         held = np.array([rows[name] for name in equations.lam_names], int)
-        return Configuration(equations, held, inactive)
+        return Configuration(equations, held, inactive, dict(found))
 
-    def after(self, inactive: frozenset[str], switches: Iterable[Switch]) -> frozenset[str]:
-        """Which parts are inactive after some were switched."""
-        for switch in switches:
+    def after(
+        self,
+        whole: EquationsOfMotion,
+        now: Configuration,
+        event: EventTerm,
+        time: Array,
+        q: Array,
+    ) -> Configuration:
+        """The one after an event has switched parts at time = (t, branch)."""
+        inactive, found = now.inactive, dict(now.found)
+        for switch in switches_of(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
-        return inactive
+            for name in (*switch.on, *switch.off):
+                found.pop(name, None)
+            changed = dict(switch.laws)
+            for name in switch.as_is:
+                held = Held((), event.name, float(time[0])) if name in changed else Held(())
+                found[name] = self._finding(name, held, time, q)
+        if inactive == now.inactive and found == now.found:
+            return replace(now)
+        return self.of(whole, inactive, found)
+
+    def struck(
+        self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
+    ) -> Struck:
+        """What the impacts of an event throw back, with all that is active."""
+        rest = self._without(now.inactive, now.found)
+        restitution: dict[str, float] = {}
+        gaps: list[str] = []
+        for one in impacts:
+            part: Part = (
+                one.on if isinstance(one.on, Joint) else ClosedGap(_unused(event, rest), one.on)
+            )
+            if part.name in rest.parts:
+                # It is held, and nothing of it moves.
+                continue
+            rest.parts[part.name] = part
+            names = [f"{part.name}.{x.name}" for s in part.constraints() for x in s.multipliers]
+            restitution |= dict.fromkeys(names, one.restitution)
+            gaps += names if isinstance(part, ClosedGap) else []
+        shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
+        return Struck(replace(self.build(rest), **shared), restitution, frozenset(gaps))
+
+    def _finding(self, name: str, held: Held, time: Array, q: Array) -> Held:
+        """With what a joint finds at time = (t, branch)."""
+        joint, law = self.mechanism.part(name), self._law(name, held)
+        assert isinstance(joint, JointByFormula)
+        owners, pieces = owners_of(self.mechanism), joint._pieces
+        local = np.concatenate([x.operator @ q[owners.slice(x.owner)] for x in pieces])
+        # A law that begins here is on its own first piece.
+        at = time if law is None else time[[0, 0]]
+        return replace(held, found=found_by(joint, law, at, local))
+
+    def _law(self, name: str, held: Held) -> Law | None:
+        """The law that an event has a joint follow; None if it is its own."""
+        if not held.event:
+            return None
+        for event in self.mechanism.events:
+            laws = dict(law for switch in switches_of(event.do) for law in switch.laws)
+            if event.name == held.event and name in laws:
+                return later(laws[name], held.since)
+        raise BeamdaeError(
+            f"{name}: it follows the law that event {held.event} gave it at t = {held.since:g} s, "
+            "and there is no such event in this model."
+        )
+
+    def _held(self, part: Part, held: Held) -> AsFound:
+        assert isinstance(part, JointByFormula)
+        return AsFound(part, held.found, self._law(part.name, held))
+
+    def _without(self, inactive: frozenset[str], found: Found) -> Mechanism:
+        rest = copy(self.mechanism)
+        rest.parts = {
+            name: self._held(part, found[name]) if name in found else part
+            for name, part in self.mechanism.parts.items()
+            if name not in inactive
+        }
+        rest.observables, rest.events, rest.inactive = {}, [], set()
+        return rest
+
+
+def _unused(event: str, mechanism: Mechanism) -> str:
+    """A name for the gap of an event that no part has."""
+    name, count = event, 1
+    while name in mechanism.parts:
+        count += 1
+        name = f"{event} {count}"
+    return name
 
 
 def configurations_of(
@@ -94,13 +218,14 @@ def configurations_of(
     BeamdaeError
         If a part that is switched is unknown, or brings coordinates along.
     """
-    switches = [x for event in mechanism.events if isinstance(event.do, tuple) for x in event.do]
+    switches = [x for event in mechanism.events for x in switches_of(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):
         if len(mechanism.part(name).coordinates):
             raise BeamdaeError(
                 f"{name}: it brings coordinates along, only joints and forces can be switched."
             )
-    if not names and not mechanism.inactive:
+    acting = any(impacts_of(event.do) for event in mechanism.events)
+    if not (names or mechanism.inactive or acting):
         return None
     return Configurations(mechanism, build, frozenset(mechanism.inactive))

@@ -15,6 +15,7 @@ from beamdae.equations.formulations import State
 from beamdae.equations.friction_start import acceleration_with_friction
 from beamdae.equations.independence import require_independent
 from beamdae.equations.least_strain import least_strained
+from beamdae.equations.redundancy import dependent_sets, scaled_joints, sentences
 from beamdae.equations.start_sums import StartEquations
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -26,6 +27,8 @@ _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
 # Joints are closed by rigid motion before anything faster than this [s] is bent.
 _RIGID_TIME = 1.0
+# Of so many constraints it is told what motions they block: that takes their number cubed.
+_MOST_EXPLAINED = 300
 
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 _MASS = (0.0, 0.0, 1.0)
@@ -127,13 +130,26 @@ class Starter:
             If joints contradict each other or cannot be closed.
         """
         q = self._close(time, np.array(q, float))
-        self._check_rank(time, q)
+        self.require_independent(time, q)
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
 
     def gaps(self, time: Array, q: Array) -> Array:
         """How far each joint is open, g."""
         return self._own.levels(time, q)[0]
+
+    def require_independent(self, time: Array, q: Array) -> None:
+        """Refuse joints that depend on each other at positions `q`, naming them."""
+        e, pattern = self.equations, self._own.sums.gradient_pattern
+        gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
+
+        def what_they_block() -> str:
+            if e.m > _MOST_EXPLAINED:
+                return ""
+            joints = scaled_joints(self, time, q)
+            return sentences(dependent_sets(self, time, q, np.zeros(e.n), joints))
+
+        require_independent(pattern, gradients, e.lam_names, float(time[0]), what_they_block)
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""
@@ -244,7 +260,7 @@ class Starter:
                 raise BeamdaeError(f"{bad}: the constraint is not finite at t = {time[0]:g}.")
             if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
                 return q
-            self._check_rank(time, q)
+            self.require_independent(time, q)
             solver, _ = self._factorized(time, q, still, _CLOSING)
             q = q + solver.solve(np.concatenate([still, -g]))[: e.n]
         worst = int(np.argmax(np.abs(g)))
@@ -260,11 +276,6 @@ class Starter:
             return v
         solver, _ = self._factorized(time, q, v, _MASS)
         return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
-
-    def _check_rank(self, time: Array, q: Array) -> None:
-        e, pattern = self.equations, self._own.sums.gradient_pattern
-        gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
-        require_independent(pattern, gradients, e.lam_names, float(time[0]))
 
 
 def _least_inertia(mass: sp.csc_array) -> tuple[float, int]:

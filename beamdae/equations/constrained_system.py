@@ -139,6 +139,11 @@ class ConstrainedSystem:
         for event in self.events:
             if not isinstance(event, Event):
                 raise BeamdaeError(f"{KIND}: events must be Event(...), got {shown(event)}.")
+            if not isinstance(event.do, str):
+                raise BeamdaeError(
+                    f"{KIND}: it has no parts to act on, event {event.name} can do 'stop' and "
+                    f"'record', got {shown(event.do)}."
+                )
         if self.time_scale is not None:
             keep(self, time_scale=positive(KIND, "time_scale", self.time_scale))
         if self.scales is not None:

@@ -20,6 +20,7 @@ from beamdae.symbolic.statements import Named, RangeStatement
 
 if TYPE_CHECKING:
     from beamdae.equations.configurations import Configurations
+    from beamdae.parts.mechanism import Mechanism
 
 Array = np.ndarray
 
@@ -68,7 +69,8 @@ class EventTerm:
     """What a run watches: a column of an observable, the value it crosses, and what is done then.
 
     `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
-    the event, up to what a consistent start changes, and it does not happen there again.
+    the event, up to what a consistent start changes, and it does not happen there again. Where it
+    is `due`, 1 up or -1 down, the run begins with it.
     """
 
     name: str
@@ -78,6 +80,7 @@ class EventTerm:
     direction: int
     do: Any
     begins_there: bool = False
+    due: int = 0
 
     def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
         """How far the column is beyond its value, at rows of states."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
@@ -24,12 +26,16 @@ _INVERSE_ITERATIONS = 3
 
 
 def require_independent(
-    pattern: sp.csc_array, gradients: Array, names: tuple[str, ...], t: float
+    pattern: sp.csc_array,
+    gradients: Array,
+    names: tuple[str, ...],
+    t: float,
+    what_they_block: Callable[[], str],
 ) -> None:
     """Refuse constraints that hold nothing or depend on each other at time `t` [s].
 
     `gradients` are the non-zeros on `pattern` of those of the constraints `names`, a row each, in
-    the scales of the coordinates.
+    the scales of the coordinates. `what_they_block` is called where they depend on each other.
 
     Raises
     ------
@@ -61,9 +67,10 @@ def require_independent(
         left = la.svd(matrix)[0]
     involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
     listed = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
+    blocked = what_they_block()
     raise BeamdaeError(
         f"{listed}: these constraints depend on each other at t = {t:g}, "
-        f"remove {count - rank} of them."
+        f"remove {count - rank} of them{f': {blocked}' if blocked else ''}."
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,8 @@ Array = np.ndarray
 
 # Of matrices that are in memory at once.
 _ENTRIES = 2_000_000
+# Singular values of rows of length one that are none.
+_DEPENDENT = 1e-9
 # Stands for what has no coordinates.
 _GROUND = ""
 
@@ -33,11 +35,19 @@ class JointMatrix:
         CSC pattern of G.
     placed
         Of each of the joints: from the gradients of its copies to the non-zeros of G.
+    rank
+        Of G where it is not singular: less than m where constraints follow from others.
     """
 
     equations: EquationsOfMotion
     pattern: sp.csc_array
     placed: tuple[sp.csr_array, ...]
+    rank: int
+
+    def of_rank_at(self, time: Array, q: Array) -> JointMatrix:
+        """The same, its rank that of G at (t, branch) and q."""
+        singular = np.linalg.svd(self.at(time[None], q[None])[0], compute_uv=False)
+        return replace(self, rank=int(np.sum(singular > _DEPENDENT)))
 
     def at(self, times: Array, q: Array) -> Array:
         """G at rows of (t, branch) and q, columns of zeros left out, shape (rows, m, .)."""
@@ -64,17 +74,21 @@ class JointMatrix:
         return total
 
     def smallest(self, times: Array, q: Array) -> Array:
-        """Smallest singular value of G at rows of (t, branch) and q, shape (rows,)."""
+        """Smallest singular value of G at rows of (t, branch) and q, shape (rows,).
+
+        Of those that are none of redundant constraints.
+        """
         at_once = max(1, _ENTRIES // (self.equations.m * max(self.pattern.nnz, 1)))
         parts = range(0, len(q), at_once)
+        which = self.equations.m - self.rank
         return np.concatenate(
-            [_smallest(self.at(times[i : i + at_once], q[i : i + at_once])) for i in parts]
+            [_singular(self.at(times[i : i + at_once], q[i : i + at_once]), which) for i in parts]
         )
 
     def losing(self, time: Array, q: Array) -> list[str]:
         """Names of the joints whose reactions balance each other where G has lost rank."""
         left, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
-        share = np.abs(left[:, self.equations.m - 1])
+        share = np.abs(left[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
         # A tenth of the largest, so that rounding names nobody.
         return list(
@@ -85,8 +99,8 @@ class JointMatrix:
 
 
 def joint_matrix(e: EquationsOfMotion) -> JointMatrix:
-    """The joint matrix of a mechanism."""
-    return JointMatrix(e, start_sums(e.structure).gradient_pattern, _placed(e.structure))
+    """The joint matrix of a mechanism, all of whose constraints are independent."""
+    return JointMatrix(e, start_sums(e.structure).gradient_pattern, _placed(e.structure), e.m)
 
 
 @once
@@ -111,9 +125,10 @@ def _placed_copies(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
     return sp.csr_array((weight, (source, to)), shape=(len(copy), len(place)))
 
 
-def _smallest(matrices: Array) -> Array:
+def _singular(matrices: Array, which: int) -> Array:
+    """Singular values of wide matrices, counted upwards from the smallest, 0."""
     squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
-    return np.sqrt(np.maximum(squares[:, 0], 0.0))
+    return np.sqrt(np.maximum(squares[:, which], 0.0))
 
 
 def has_loops(e: EquationsOfMotion) -> bool:

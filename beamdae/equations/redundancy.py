@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.motions import described
+
+if TYPE_CHECKING:
+    from beamdae.equations.consistent_start import Starter
 
 Array = np.ndarray
 
@@ -20,7 +23,7 @@ _DEPENDENT, _SHARE = 1e-9, 1e-7
 # A set that depends only here is independent after moving on by this much of the mechanism.
 _ASIDE, _ITERATIONS = 1e-2, 20
 # Names of a sentence.
-_MOST_NAMES = 9
+_MOST_NAMES, _MOST_TOLD = 9, 8
 # Of the mechanism: what constraints may differ by that agree.
 _AGREE = 1e-10
 
@@ -51,10 +54,20 @@ class DependentSet:
 
     def __str__(self) -> str:
         """A sentence."""
-        return together([self])
+        return _together([self])
 
 
-def together(sets: Sequence[DependentSet]) -> str:
+def sentences(found: Sequence[DependentSet]) -> str:
+    """What parts depend on each other, a phrase for each group of them; "" of none."""
+    by_parts: dict[tuple[str, ...], list[DependentSet]] = {}
+    for one in found:
+        by_parts.setdefault(one.parts, []).append(one)
+    said = [_together(sets) for sets in by_parts.values()]
+    more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
+    return "; ".join([*said[:_MOST_TOLD], *more])
+
+
+def _together(sets: Sequence[DependentSet]) -> str:
     """A sentence on sets of the same parts."""
     first = sets[0]
     blocks = _listed(list(dict.fromkeys(one.blocks for one in sets)))

@@ -10,56 +10,21 @@ import numpy as np
 from beamdae.equations.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations import State
+from beamdae.integrators.crossings import Side, crossings, looks
 from beamdae.integrators.rows import Rows
+from beamdae.parts.events import impacts_of
 from beamdae.results.occurrences import DOWN, UP, Occurrence
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Where in a step it is looked for a quantity that crosses its value: two crossings closer to each
-# other than a quarter of a step may go unseen.
-_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])
-# A quantity nearer to its value than this share of the largest it was is on it.
-_ROUNDING = 1e-13
-# Times are located to rounding, of themselves or of their step.
-_TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 _SAME_TIME = 1e-12
-# A quantity that begins on its value has left it at so many times what it was off by, and at this
-# share of its size: joints that hold it there do so to the tolerance of the run.
-_LEAVING, _HELD = 4.0, 1e-6
+# Ways by which it is seen where a quantity goes, of the sizes of coordinates, and the least rate at
+# which they change [1/s].
+_AHEAD, _SLOW = 1e-6, 1e-3
 # Steps at once where an event may end them: those beyond it are taken for nothing.
 STEPS_AT_ONCE = 16
-
-
-@dataclass
-class _Side:
-    """On which side of its value a quantity is, where that is known (else 0).
-
-    Attributes
-    ----------
-    largest
-        The largest it was, or what is natural, to tell rounding by.
-    near
-        Within this much of its value it is on no side, until it has left it.
-    """
-
-    sign: float = 0.0
-    largest: float = 0.0
-    near: float = 0.0
-
-    def signs(self, beyond: Array) -> Array:
-        """Sides of further values; what is not finite is on none."""
-        finite = np.nan_to_num(beyond, nan=0.0)
-        self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
-        away = np.abs(finite) > max(_ROUNDING * self.largest, self.near)
-        if away.any():
-            self.near = 0.0
-        return np.where(away, np.sign(finite), 0.0)
-
-    def begin_near(self, beyond: float) -> None:
-        """Begin on the value, up to rounding and what a consistent start changes."""
-        self.near = max(_LEAVING * abs(beyond), _HELD * self.largest)
 
 
 @dataclass(frozen=True)
@@ -120,7 +85,7 @@ class Watch:
 
     equations: EquationsOfMotion
     occurred: list[Occurrence] = field(default_factory=list)
-    _sides: dict[str, _Side] = field(default_factory=dict)
+    _sides: dict[str, Side] = field(default_factory=dict)
     # Events that cross their values where the rows end.
     _there: set[str] = field(default_factory=set)
 
@@ -135,18 +100,53 @@ class Watch:
         name = self.occurred[-1].name
         return next(term for term in self.equations.events if term.name == name)
 
+    def begins(self, leg: Leg) -> bool:
+        """Whether the run begins with an event that is due; `leg` is its first one."""
+        begin = leg.interval(self.equations.m)
+        due = [term for term in self.equations.events if term.due]
+        for term in due:
+            self._side(term, float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0]))
+            self._there.add(term.name)
+        if due:
+            # The others come one after the other: they are on the sides they were on before.
+            term, state = due[0], State(*(x[0] for x in begin.rows))
+            self._sides[term.name].sign = float(term.due)
+            way = UP if term.due > 0 else DOWN
+            t = float(begin.nodes[0])
+            self.occurred.append(Occurrence(term.name, way, t, leg.branch, state, done=False))
+        return bool(due)
+
     def switched(self, leg: Leg, impulses: dict[str, float], energy_lost: float) -> None:
         """What the event did that happened last; `leg` is the one that begins there."""
-        self.occurred[-1] = replace(self.occurred[-1], impulses=impulses, energy_lost=energy_lost)
-        begin = leg.interval(self.equations.m)
+        self.occurred[-1] = replace(
+            self.occurred[-1], impulses=impulses, energy_lost=energy_lost, done=True
+        )
+        begin, thrown = leg.interval(self.equations.m), bool(impacts_of(self.fired.do))
         for term in self.equations.events:
             side = self._sides[term.name]
+            if term.name not in self._there:
+                continue
             beyond = float(self._beyond(term, begin.nodes, leg.branch, begin.rows)[0])
-            if term.name in self._there:
+            if thrown:
+                side.begin_on(self._goes_to(term, begin) or -side.sign, beyond)
+            else:
                 side.begin_near(beyond)
-        if self.fired.direction == 0:
+        if self.fired.direction == 0 and not thrown:
             # Whichever way it goes on: it was on its value.
             self._sides[self.fired.name].sign = 0.0
+
+    def _goes_to(self, term: EventTerm, begin: Interval) -> float:
+        """The side to which a quantity leaves its value as the velocities are, 0 if it stays."""
+        q, v, a, lam = begin.rows
+        rates = np.abs(v[0]) / self.equations.position_scales
+        ahead = _AHEAD / max(float(np.max(rates, initial=0.0)), _SLOW)
+        t = begin.nodes[0] + np.array([-ahead, ahead])
+        moved = State(
+            q[0] + np.array([[-ahead], [ahead]]) * v[0], *(x[[0, 0]] for x in (v, a, lam))
+        )
+        change = float(np.diff(self._beyond(term, t, begin.branch, moved))[0])
+        stays = _AHEAD**2 * self._sides[term.name].largest
+        return float(np.sign(change)) if abs(change) > stays else 0.0
 
     def after(self, leg: Leg, first: int) -> EventTerm | None:
         """Look through the rows from the one before `first` on; what ends the leg there.
@@ -157,7 +157,7 @@ class Watch:
         if seen is None:
             return None
         interval, begin = seen
-        t = _looks(interval.t[interval.t >= begin])
+        t = looks(interval.t[interval.t >= begin])
         state = interval.at(t)
         found: list[_Crossing] = []
         signs = []
@@ -165,7 +165,7 @@ class Watch:
             values = self._beyond(term, t, branch, state)
             side = self._side(term, float(values[0]))
             signs.append(side.signs(values))
-            located = _crossings(t, values, signs[-1], side.sign, self._at(term, interval))
+            located = crossings(t, values, signs[-1], side.sign, self._at(term, interval))
             found += [_Crossing(when, term, way) for when, way in located]
         found.sort(key=lambda one: (one.t, one.ends))
         end = next((one.t for one in found if one.ends), float(t[-1]))
@@ -194,18 +194,21 @@ class Watch:
             if one.counts:
                 at = State(*(x[0] for x in interval.at(np.array([one.t]))))
                 name = one.term.name
-                self.occurred.append(Occurrence(name, one.way, one.t, interval.branch, at))
+                self.occurred.append(
+                    Occurrence(name, one.way, one.t, interval.branch, at, done=_is_done(one))
+                )
             if one.ends:
                 fired = one.term
         return fired
 
-    def _side(self, term: EventTerm, begin: float) -> _Side:
+    def _side(self, term: EventTerm, begin: float) -> Side:
         if term.name not in self._sides:
             o, e = term.observable, self.equations
             natural = {"rad": 1.0, "m": e.length}.get(o.columns[term.column].unit, 0.0)
-            side = self._sides[term.name] = _Side(largest=max(abs(term.crosses), natural))
+            side = self._sides[term.name] = Side(largest=max(abs(term.crosses), natural))
             if term.begins_there:
                 side.begin_near(begin)
+            side.sign = -float(term.due)
         return self._sides[term.name]
 
     def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
@@ -228,39 +231,6 @@ def output_times(times: Array, end: float, status: Status) -> Array:
     return reached
 
 
-def _looks(steps: Array) -> Array:
-    """Ascending times of the steps, the first one included, and between them."""
-    inside = steps[:-1, None] + np.diff(steps)[:, None] * _LOOKS
-    inside[:, -1] = steps[1:]
-    return np.concatenate([steps[:1], inside.ravel()])
-
-
-def _crossings(
-    t: Array, values: Array, signs: Array, before: float, beyond: Callable[[float], float]
-) -> list[tuple[float, str]]:
-    """When the side changes from the one it was on before, and which way."""
-    found = []
-    for k in np.flatnonzero(signs):
-        sign = float(signs[k])
-        if before == -sign:
-            found.append((_located(t, values, int(k), sign, beyond), UP if sign > 0.0 else DOWN))
-        before = sign
-    return found
-
-
-def _located(
-    t: Array, values: Array, k: int, sign: float, beyond: Callable[[float], float]
-) -> float:
-    """When a quantity that has changed sides at look `k` did so."""
-    if k == 0:
-        return float(t[0])
-    a, b = float(t[k - 1]), float(t[k])
-    # It was on its value there already, or jumped.
-    if not values[k - 1] * sign < 0.0:
-        return a
-    if beyond(a) * sign >= 0.0 or beyond(b) * sign <= 0.0:
-        return b
-    # Here, for importing it takes as long as a short run.
-    from scipy.optimize import brentq
-
-    return float(brentq(beyond, a, b, xtol=_TIME_ROUNDING * max(abs(b), b - a), rtol=1e-15))
+def _is_done(crossing: _Crossing) -> bool:
+    """Whether nothing is left to do of an event that happens."""
+    return not (crossing.ends and isinstance(crossing.term.do, tuple))

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.route import Route
-from beamdae.results.solution import REACHED_END, Status
+from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
 
 # The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there

@@ -151,19 +151,36 @@ def arity(name: str) -> int:
 def declared(name: str) -> str:
     """IR that declares a function of the C library and calls it a lane at a time.
 
-    By another name: LLVM would put other functions in the place of those it knows.
+    A lane with the operands of the one before it has its result: lanes to spare cost nothing. By
+    another name: LLVM would put other functions in the place of those it knows.
     """
-    count = arity(name)
-    plain = ", ".join(["double"] * count)
-    lanes = ", ".join(f"{LANES.number} %{z}" for z in "xy"[:count])
+    operands = "xy"[: arity(name)]
+    plain = ", ".join(["double"] * len(operands))
+    lanes = ", ".join(f"{LANES.number} %{z}" for z in operands)
     body = []
     for lane in range(WIDTH):
-        before = "poison" if lane == 0 else f"%r{lane - 1}"
+        for z in operands:
+            body += [
+                f"%{z}{lane} = extractelement {LANES.number} %{z}, i32 {lane}",
+                # Zeros that are equal may differ in their sign.
+                f"%{z}{lane}.b = bitcast double %{z}{lane} to i64",
+            ]
+    given = [", ".join(f"double %{z}{lane}" for z in operands) for lane in range(WIDTH)]
+    body += [f"%f0 = call double @libm.{name}({given[0]})", "br label %next0", "next0:"]
+    for lane in range(1, WIDTH):
+        last = lane - 1
+        body += [f"%{z}{lane}.s = icmp eq i64 %{z}{lane}.b, %{z}{last}.b" for z in operands]
         body += [
-            f"%{z}{lane} = extractelement {LANES.number} %{z}, i32 {lane}" for z in "xy"[:count]
+            f"%s{lane} = and i1 %{operands[0]}{lane}.s, %{operands[-1]}{lane}.s",
+            f"br i1 %s{lane}, label %next{lane}, label %call{lane}",
+            f"call{lane}:",
+            f"%g{lane} = call double @libm.{name}({given[lane]})",
+            f"br label %next{lane}",
+            f"next{lane}:",
+            f"%f{lane} = phi double [%f{last}, %next{last}], [%g{lane}, %call{lane}]",
         ]
-        operands = ", ".join(f"double %{z}{lane}" for z in "xy"[:count])
-        body.append(f"%f{lane} = call double @libm.{name}({operands})")
+    for lane in range(WIDTH):
+        before = "poison" if lane == 0 else f"%r{lane - 1}"
         body.append(
             f"%r{lane} = insertelement {LANES.number} {before}, double %f{lane}, i32 {lane}"
         )

@@ -33,6 +33,8 @@ class Attachment:
         `Formula` if what is joined to it or observed of it shall be built but once.
     has_angle
         Whether it turns; a particle does not.
+    s
+        Arc length [m] of the section, on a beam.
     """
 
     body: Any
@@ -41,6 +43,7 @@ class Attachment:
     operator: sp.csr_array
     kinematics: Callable[[SX], tuple[SX, SX]]
     has_angle: bool = True
+    s: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(getattr(self.body, "name", None), str):
@@ -51,6 +54,8 @@ class Attachment:
             point=point(name, "point", self.point),
             inclination=finite(name, "inclination", self.inclination),
         )
+        if self.s is not None:
+            keep(self, s=finite(name, "s", self.s))
         if not sp.issparse(self.operator) or self.operator.ndim != 2:
             raise BeamdaeError(
                 f"{name}: the operator of an attachment must be a sparse matrix of SciPy, "
@@ -70,7 +75,7 @@ class Attachment:
     @property
     def piece(self) -> Piece:
         """Where the local coordinates come from."""
-        return Piece(self.body, self.operator)
+        return Piece(self.body, self.operator, self.s)
 
     @property
     def moved(self) -> Callable[[SX], tuple[SX, SX]]:

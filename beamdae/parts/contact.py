@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
-from beamdae.parts.attachments import Attachment, require_attachment
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.parts.smooth import positive_part, smooth_sign
@@ -33,10 +33,14 @@ _NEARLY_ELASTIC = 1e-5
 
 @dataclass(frozen=True)
 class _Touching:
-    """A point, the first of so many local coordinates, and a surface of some kind."""
+    """A point, the first of so many local coordinates, and a surface of some kind.
+
+    Without friction nothing of it is left in the formulas.
+    """
 
     size: int
     surface: Callable[..., tuple[SX, SX]]
+    rubs: bool
 
     def gap_and_slip(self, local: Local, a: Any, b: Any, drawn: Any) -> tuple[SX, SX]:
         """Gap, and velocity of the point along the surface."""
@@ -49,9 +53,12 @@ class _Touching:
 
     def forces(self, local: Local, gap: SX, slip: SX, own: Any) -> tuple[SX, SX, SX]:
         """Elastic part of the normal force, all of it, and friction against the slip."""
-        stiffness, exponent, hysteresis, friction, speed = (own()[k] for k in range(5))
+        stiffness, exponent, hysteresis = (own()[k] for k in range(3))
         elastic = stiffness * positive_part(-gap) ** exponent
         normal = elastic * positive_part(1 - hysteresis * local.dot(gap))
+        if not self.rubs:
+            return elastic, normal, SX(0)
+        friction, speed = own()[3], own()[4]
         return elastic, normal, friction * normal * smooth_sign(slip, speed)
 
 
@@ -73,12 +80,6 @@ class _Forces(_Touching):
         gap, slip = self.gap_and_slip(local, a, b, drawn)
         _, normal, rubbing = self.forces(local, gap, slip, own)
         return ca.vertcat(normal, -rubbing)
-
-
-@dataclass(frozen=True)
-class _Gap(_Touching):
-    def __call__(self, local: Local, a: Any, b: Any, drawn: Any) -> SX:
-        return self.gap_and_slip(local, a, b, drawn)[0]
 
 
 def hysteresis_factor(restitution: float, speed: float) -> float:
@@ -169,6 +170,8 @@ class Contact(Part):
             friction=non_negative(self.name, "friction", self.friction),
             friction_speed=positive(self.name, "friction_speed", self.friction_speed),
         )
+        if self.friction:
+            require_angle(self.name, self.surface.on)
         if not 1.0 <= self.exponent <= 10.0:
             raise BeamdaeError(f"{self.name}: exponent must lie in [1, 10], got {self.exponent:g}.")
         if not _LEAST_RESTITUTION <= self.restitution <= 1.0:
@@ -205,9 +208,14 @@ class Contact(Part):
         return hysteresis_factor(self.restitution, self.impact_speed)
 
     @property
+    def _kind(self) -> tuple[Any, ...]:
+        return (self.point.size, type(self.surface).kind, self.friction > 0.0)
+
+    @property
     def _functions(self) -> tuple[Any, ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
-        own = plain(*numbers, self.friction, self.friction_speed)
+        rubbing = (self.friction, self.friction_speed) if self.friction else ()
+        own = plain(*numbers, *rubbing)
         drawn = plain(*self.surface.numbers)
         return (self.point.moved, self.surface.on.moved, drawn, own)
 
@@ -217,7 +225,7 @@ class Contact(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Normal force and friction."""
-        kind = _Pushing(self.point.size, type(self.surface).kind)
+        kind = _Pushing(*self._kind)
         size = self.point.size + self.surface.on.size
         kernel, data = combined_kernel(kind, self._functions, size)
         return [ForceStatement(self.name, kernel, self._pieces, data)]
@@ -225,13 +233,11 @@ class Contact(Part):
     @property
     def force(self) -> Quantity:
         """Normal force N and friction T [N] on the point; T to the right of the outward normal."""
-        kind = _Forces(self.point.size, type(self.surface).kind)
+        kind = _Forces(*self._kind)
         values, data = Combined.of(kind, self._functions)
         return Quantity((Named("N", "N"), Named("T", "N")), self._pieces, values, data)
 
     @property
     def gap(self) -> Quantity:
         """Distance of the point from the surface [m], negative where it penetrates."""
-        kind = _Gap(self.point.size, type(self.surface).kind)
-        values, data = Combined.of(kind, self._functions[:3])
-        return Quantity((Named("", "m"),), self._pieces, values, data)
+        return self.surface.gap(self.point)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, keep, positive
-from beamdae.parts.drivers import at_start
-from beamdae.parts.joints import JointByFormula, allowed_gap
-from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.statements import SX, Named, Quantity
+from beamdae.parts.drivers import Driven
+from beamdae.parts.joints import allowed_gap
+from beamdae.parts.laws import Law
+from beamdae.symbolic.statements import SX, Named
 
 
 def _linked(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
@@ -23,7 +22,7 @@ def _linked(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class Distance(JointByFormula):
+class Distance(Driven):
     """A rigid link without mass between two points: g = (L^2 - |r_b - r_a|^2) / (2 L).
 
     Parameters
@@ -39,7 +38,10 @@ class Distance(JointByFormula):
     The reaction F is the force in the link, tension positive.
     """
 
+    is_relative = False
     length: Any = None
+    multipliers = (Named("length", "N"),)
+    reactions = ("F",)
     _gap = staticmethod(_linked)
 
     def __post_init__(self) -> None:
@@ -58,37 +60,17 @@ class Distance(JointByFormula):
                     f"{self.name}: length must be that of the reference drawing, {drawn:.6g} m, "
                     f"or a law of time, got {self.length:.6g}."
                 )
-        positive(self.name, "length at t = 0", at_start(self.laws[0]))
+        positive(self.name, "length at t = 0", self._at_start)
 
     @property
     def _drawn(self) -> float:
         return float(np.hypot(*np.subtract(self.b.point, self.a.point)))
 
-    @cached_property
-    def laws(self) -> tuple[Law, ...]:
-        """The length over time."""
-        return (as_law(self.name, self._drawn if self.length is None else self.length),)
+    @property
+    def _followed(self) -> Any:
+        return self._drawn if self.length is None else self.length
 
     @property
     def facts(self) -> Mapping[str, float]:
         """By how much it is longer than drawn at the start."""
-        return {"length at the start, beyond the drawing [m]": at_start(self.laws[0]) - self._drawn}
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("length", "N"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("F",)
-
-    @property
-    def drive(self) -> Quantity:
-        """Tension F [N], and the power [W] that the law of its length brings in."""
-        return self._drive()
-
-    @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (self.laws[0].formula,)
+        return {"length at the start, beyond the drawing [m]": self._at_start - self._drawn}

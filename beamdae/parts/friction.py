@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
-from beamdae.parts.attachments import rotate
+from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints import Joint, Revolute
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
@@ -136,6 +136,10 @@ class Friction(Part):
                 f"{name}: joint must be one that turns or slides, such as Revolute or PointOnLine, "
                 f"got {shown(self.joint)}."
             )
+        if self._is_bearing:
+            # A particle does not turn: what rubs on it would hold on to nothing.
+            require_angle(name, self.joint.a)
+            require_angle(name, self.joint.b)
         for quantity in ("regularization", "smoothing"):
             keep(self, **{quantity: positive(name, quantity, getattr(self, quantity))})
         keep(self, coefficient=non_negative(name, "coefficient", self.coefficient))

@@ -57,6 +57,8 @@ class Gear(JointByFormula):
 
     ratio: float = -1.0
     carrier: Attachment | None = None
+    multipliers = (Named("angle", "N m"),)
+    reactions = ("M",)
     _gap = staticmethod(_geared)
 
     def __post_init__(self) -> None:
@@ -71,16 +73,6 @@ class Gear(JointByFormula):
                 )
         for place in self._points.values():
             require_angle(self.name, place)
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("angle", "N m"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("M",)
 
     @property
     def _points(self) -> dict[str, Attachment]:
@@ -116,6 +108,8 @@ class RackAndPinion(JointByFormula):
 
     radius: float = 1.0
     direction: tuple[float, float] = (1.0, 0.0)
+    multipliers = (Named("travel", "N"),)
+    reactions = ("F",)
     _gap = staticmethod(_rolling)
 
     def __post_init__(self) -> None:
@@ -126,16 +120,6 @@ class RackAndPinion(JointByFormula):
             radius=_nonzero(self.name, "radius", self.radius),
             direction=direction_of(self.name, self.direction),
         )
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("travel", "N"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("F",)
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:

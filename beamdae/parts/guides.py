@@ -24,6 +24,13 @@ def direction_of(part: str, value: Any) -> tuple[float, float]:
     return direction
 
 
+def left_normal(part: str, direction: Any) -> tuple[float, float]:
+    """The left unit normal of a direction."""
+    dx, dy = direction_of(part, direction)
+    length = float(np.hypot(dx, dy))
+    return -dy / length, dx / length
+
+
 def along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
@@ -58,10 +65,13 @@ class PointOnLine(JointByFormula):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    multipliers = (Named("normal", "N"),)
+    reactions = ("F",)
     _gap = staticmethod(_on_line)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_angle(self.name, self.a)
         keep(self, direction=direction_of(self.name, self.direction))
         *_, offset = across(self.direction, self.a, self.b)
         gap = abs(offset)
@@ -70,16 +80,6 @@ class PointOnLine(JointByFormula):
                 f"{self.name}: the point must lie on the line in the reference drawing, but "
                 f"{self.b} is {gap:.6g} m off the line through {self.a}."
             )
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("normal", "N"),)
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("F",)
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
@@ -96,6 +96,8 @@ class Prismatic(JointByFormula):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    multipliers = (Named("normal", "N"), Named("angle", "N m"))
+    reactions = ("F", "M")
     _gap = staticmethod(_guided)
 
     def __post_init__(self) -> None:
@@ -103,16 +105,6 @@ class Prismatic(JointByFormula):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         keep(self, direction=direction_of(self.name, self.direction))
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("normal", "N"), Named("angle", "N m"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("F", "M")
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:

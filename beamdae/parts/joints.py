@@ -45,6 +45,17 @@ def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
         )
 
 
+def load_columns(at: Attachment) -> tuple[Named, ...]:
+    """What a load at an attachment consists of: Fx, Fy and, on what turns, M."""
+    return (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[: 3 if at.has_angle else 2]
+
+
+def load_in(axes: str, turn: SX, force: SX, moment: Any = None) -> SX:
+    """A load in inertial axes, or in those of a body that has turned; without moment: a force."""
+    seen = rotate(-turn, force) if axes == "body" else force
+    return seen if moment is None else ca.vertcat(seen, moment)
+
+
 def _reaction(local: Local) -> SX:
     return -local.lam
 
@@ -159,16 +170,29 @@ class _ReactionOn(_Gap):
         g = self.gap(local.time, *moved, *self.own(functions))
         load = -ca.jtimes(g, free, local.lam, True)
         load = ca.densify(ca.substitute(load, free, ca.vertcat(place, turn)))
-        force = rotate(-turn, load[:2]) if self.axes == "body" else load[:2]
-        return ca.vertcat(force, load[2]) if self.has_angle else force
+        return load_in(self.axes, turn, load[:2], load[2] if self.has_angle else None)
 
 
-class _Drive(_Gap):
-    """What a law of time takes to be followed, and its power."""
+@dataclass(frozen=True)
+class Drive(_Gap):
+    """What a law of time takes to be followed, and its power.
+
+    Attributes
+    ----------
+    changes
+        Whether events may have it follow another law: then its power is that of how it moves.
+    """
+
+    changes: bool
 
     def __call__(self, local: Local, *functions: Any) -> SX:
+        """Reaction and power."""
         g = self.gap(local.time, *self.points(local, functions), *self.own(functions))
-        return ca.vertcat(-local.lam, local.lam * ca.jtimes(g, local.time, SX([1, 0])))
+        if self.changes:
+            rate = -ca.jtimes(g, local.q, local.v)
+        else:
+            rate = ca.jtimes(g, local.time, SX([1, 0]))
+        return ca.vertcat(-local.lam, local.lam * rate)
 
 
 class JointByFormula(Joint):
@@ -212,6 +236,13 @@ class JointByFormula(Joint):
         kernel, data = combined_kernel(held, self._functions, sum(sizes), count)
         return [ConstraintStatement(self.name, kernel, self._pieces, self.multipliers, data)]
 
+    def _place(self, place: str, axes: str) -> Attachment:
+        """One of its points by name, if there are such axes."""
+        points = self._points
+        one_of(self.name, "place", place, tuple(points))
+        one_of(self.name, "axes", axes, ("inertial", "body"))
+        return points[place]
+
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
         """Force Fx, Fy [N] and moment M [N m] of the joint on one of its bodies, at its point.
 
@@ -223,22 +254,11 @@ class JointByFormula(Joint):
             "inertial", or "body": those of the drawing as the body (or the section of a beam) turns
             them.
         """
-        points = self._points
-        one_of(self.name, "place", place, tuple(points))
-        one_of(self.name, "axes", axes, ("inertial", "body"))
-        at = points[place]
-        build = _ReactionOn(self._sizes, self._gap, list(points).index(place), axes, at.has_angle)
-        columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[
-            : 3 if at.has_angle else 2
-        ]
+        at = self._place(place, axes)
+        which = list(self._points).index(place)
+        build = _ReactionOn(self._sizes, self._gap, which, axes, at.has_angle)
         values, data = Combined.of(build, self._functions)
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
-
-    def _drive(self) -> Quantity:
-        """What its one law takes, named as the reaction is, and the power it brings in."""
-        values, data = Combined.of(_Drive(self._sizes, self._gap), self._functions)
-        columns = (*self.reaction.columns, Named("power", "W"))
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
+        return Quantity(load_columns(at), self._pieces, values, data, joint=self.name)
 
 
 def _meeting(time: SX, a: Any, b: Any) -> SX:
@@ -253,27 +273,21 @@ def _welded(time: SX, a: Any, b: Any) -> SX:
 class Revolute(JointByFormula):
     """Common point of two bodies, free to turn: g = r_b - r_a."""
 
+    multipliers = (Named("x", "N"), Named("y", "N"))
+    reactions = ("Fx", "Fy")
     _gap = staticmethod(_meeting)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_meeting(self.name, self.a, self.b)
 
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("x", "N"), Named("y", "N"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("Fx", "Fy")
-
 
 @dataclass(frozen=True, eq=False)
 class Weld(JointByFormula):
     """Common point and common turn: g = (r_b - r_a, turn_b - turn_a)."""
 
+    multipliers = (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
+    reactions = ("Fx", "Fy", "M")
     _gap = staticmethod(_welded)
 
     def __post_init__(self) -> None:
@@ -281,13 +295,3 @@ class Weld(JointByFormula):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         require_meeting(self.name, self.a, self.b)
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("Fx", "Fy", "M")

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
-from beamdae.parts.events import Event
+from beamdae.parts.events import Event, impacts_of
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import observed
@@ -122,9 +122,10 @@ class Mechanism:
         >>> impact = mech.when("ball.y", crosses=0.0, direction="down", do="stop", name="impact")
         """
         event = Event(what, crosses, direction, do, name)
-        if isinstance(what, Quantity):
-            for piece in what.pieces:
-                self._require_member(str(event.name), piece.owner)
+        for used in (what, *(x.on for x in impacts_of(event.do))):
+            owners = [piece.owner for piece in used.pieces] if isinstance(used, Quantity) else []
+            for owner in [used] if isinstance(used, Part) else owners:
+                self._require_member(str(event.name), owner)
         self.events.append(event)
         return event
 
@@ -149,6 +150,12 @@ class Mechanism:
         import beamdae
 
         return beamdae.check(self, **settings)
+
+    def draw(self) -> Any:
+        """Its drawing with names, joints, supports and loads, see `beamdae.draw`."""
+        import beamdae
+
+        return beamdae.draw(self)
 
     @property
     def laws(self) -> list[Law]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from beamdae.symbolic.statements import (
     Named,
     RangeStatement,
 )
+
+if TYPE_CHECKING:
+    from beamdae.parts.events import Event
 
 Array = np.ndarray
 
@@ -84,6 +87,15 @@ class Part:
         """Laws of time it follows: integrators stop at their breakpoints."""
         return ()
 
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """What each of its laws prescribes, as an input of linear models; empty if it is none."""
+        return ()
+
+    def following(self, values: Sequence[float]) -> Part:
+        """The same part with numbers in place of its laws; asked of what has `inputs`."""
+        raise NotImplementedError
+
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
         """Its forces: inertia, elasticity, damping, weight under `gravity` (2,), or loads."""
         return ()
@@ -92,8 +104,22 @@ class Part:
         """What it holds."""
         return ()
 
+    @property
+    def acting(self) -> str:
+        """How its forces on sections of a beam are to be read along it, see `equations.acting`.
+
+        "points": each acts where it is stated; "line": they are a force per length, stated at the
+        points at which inertia is integrated; "shares": they are those of one force in between.
+        """
+        return "points"
+
     def ranges(self) -> Sequence[RangeStatement]:
         """What tells, after a run, whether it stayed where its strains hold."""
+        return ()
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Events of its own, besides those of `Mechanism.when`."""
         return ()
 
     @property

@@ -1,4 +1,4 @@
-"""Rolling without slip, and blades that do not slip sideways."""
+"""Rolling without slip."""
 
 from __future__ import annotations
 
@@ -9,16 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, pair, point, positive
-from beamdae.parts.attachments import (
-    Attachment,
-    require_angle,
-    require_attachment,
-    require_movable,
-    rotate,
-)
-from beamdae.parts.joints import Joint
-from beamdae.parts.part import Part, require_name
+from beamdae.errors import BeamdaeError, keep, pair, positive
+from beamdae.parts.attachments import require_angle, rotate
+from beamdae.parts.guides import left_normal
+from beamdae.parts.joints import JointByFormula, load_columns, load_in
 from beamdae.symbolic.formulas import Combined, combined_kernel, plain
 from beamdae.symbolic.statements import (
     SX,
@@ -34,28 +28,14 @@ from beamdae.symbolic.statements import (
 _TOUCHING = 1e-6
 
 
-def left_normal(part: str, direction: Any) -> tuple[float, float]:
-    """The left unit normal of a direction that is not zero."""
-    dx, dy = point(part, "direction", direction)
-    length = float(np.hypot(dx, dy))
-    if length == 0.0:
-        raise BeamdaeError(f"{part}: direction must not be zero.")
-    return -dy / length, dx / length
-
-
-@dataclass(frozen=True)
-class _OnLine:
-    """Contact and travel of a disk on a line; `size` is of the line's local coordinates."""
-
-    size: int
-
-    def __call__(self, local: Local, a: Any, b: Any, numbers: Callable[[], Any]) -> Any:
-        (root, turned), (center, turn) = a(local.q[: self.size]), b(local.q[self.size :])
-        nx, ny, height, start = (numbers()[k] for k in range(4))
-        normal, arm = rotate(turned, (nx, ny)), center - root
-        along = normal[1] * arm[0] - normal[0] * arm[1]
-        travel = along - start + height * (turn - turned)
-        return ConstraintKernel(local, ca.vertcat(ca.dot(normal, arm) - height, travel))
+def _on_line(time: SX, a: Any, b: Any, numbers: Callable[[], Any]) -> SX:
+    """Contact and travel of a disk on a line."""
+    (root, turned), (center, turn) = a, b
+    nx, ny, height, start = (numbers()[k] for k in range(4))
+    normal, arm = rotate(turned, (nx, ny)), center - root
+    along = normal[1] * arm[0] - normal[0] * arm[1]
+    travel = along - start + height * (turn - turned)
+    return ca.vertcat(ca.dot(normal, arm) - height, travel)
 
 
 @dataclass(frozen=True)
@@ -84,9 +64,33 @@ class _OnCircle:
         return NonholonomicKernel(local, slip)
 
 
+@dataclass(frozen=True)
+class _CircleReaction:
+    """Force and moment on the circle or the disk, at its center; `size` as above.
+
+    They come from the contact, which is by `arms` off the centers.
+    """
+
+    size: int
+    on_disk: bool
+    axes: str
+
+    def __call__(self, local: Local, a: Any, b: Any, arms: Callable[[], Any]) -> SX:
+        (root, turned), (center, turn) = a(local.q[: self.size]), b(local.q[self.size :])
+        arm = (center - root) / ca.norm_2(center - root)
+        push, rub = -local.lam[0], -local.lam[1]
+        force = push * arm + rub * ca.vertcat(-arm[1], arm[0])
+        if self.on_disk:
+            return load_in(self.axes, turn, force, arms()[1] * rub)
+        return load_in(self.axes, turned, -force, -arms()[0] * rub)
+
+
 @dataclass(frozen=True, eq=False)
-class _Rolling(Joint):
+class _Rolling(JointByFormula):
     """What both kinds of rolling have in common."""
+
+    multipliers = (Named("normal", "N"), Named("rolling", "N"))
+    reactions = ("Fn", "Ft")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,25 +98,8 @@ class _Rolling(Joint):
         require_angle(self.name, self.b)
 
     @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What each constraint holds."""
-        return (Named("normal", "N"), Named("rolling", "N"))
-
-    @property
-    def reactions(self) -> tuple[str, ...]:
-        """What each multiplier is called as a reaction."""
-        return ("Fn", "Ft")
-
-    @property
     def _drawn(self) -> np.ndarray:
         return np.subtract(self.b.point, self.a.point)
-
-    def _statement(
-        self, build: Callable[..., Any], held: tuple[Named, ...], *numbers: float
-    ) -> ConstraintStatement:
-        functions, size = (self.a.moved, self.b.moved, plain(*numbers)), self.a.size + self.b.size
-        kernel, data = combined_kernel(build, functions, size, len(held))
-        return ConstraintStatement(self.name, kernel, (self.a.piece, self.b.piece), held, data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +123,7 @@ class RollingOnLine(_Rolling):
 
     radius: float = 0.0
     direction: tuple[float, float] = (1.0, 0.0)
+    _gap = staticmethod(_on_line)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,12 +136,11 @@ class RollingOnLine(_Rolling):
                 f"{self.radius:.6g} m."
             )
 
-    def constraints(self) -> list[ConstraintStatement]:
-        """Contact and rolling."""
+    @property
+    def _own(self) -> tuple[Callable[..., Any], ...]:
         nx, ny = left_normal(self.name, self.direction)
         dx, dy = self._drawn.tolist()
-        numbers = (nx, ny, nx * dx + ny * dy, ny * dx - nx * dy)
-        return [self._statement(_OnLine(self.a.size), self.multipliers, *numbers)]
+        return (plain(nx, ny, nx * dx + ny * dy, ny * dx - nx * dy),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,63 +185,30 @@ class RollingOnCircle(_Rolling):
             f"nor the difference of the radii {circle:.6g} m and {disk:.6g} m."
         )
 
+    @property
+    def _own(self) -> tuple[Callable[..., Any], ...]:
+        return (plain(*self._arms),)
+
     def constraints(self) -> list[ConstraintStatement]:
         """Contact, and rolling."""
-        normal, rolling = self.multipliers
-        return [
-            self._statement(_Apart(self.a.size), (normal,), *self._arms),
-            self._statement(_OnCircle(self.a.size), (rolling,), *self._arms),
-        ]
+        found = []
+        builds: tuple[Callable[..., Any], ...] = (_Apart(self.a.size), _OnCircle(self.a.size))
+        for held, build in zip(self.multipliers, builds, strict=True):
+            kernel, data = combined_kernel(build, self._functions, sum(self._sizes), 1)
+            found.append(ConstraintStatement(self.name, kernel, self._pieces, (held,), data))
+        return found
 
+    def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
+        """Force Fx, Fy [N] and moment M [N m] on one of the bodies, at its center.
 
-def _skating(local: Local, on: Any, normal: Callable[[], Any]) -> NonholonomicKernel:
-    place, turn = on(local.q)
-    return NonholonomicKernel(local, ca.dot(rotate(turn, normal()), local.dot(place)))
-
-
-def _side_force(local: Local) -> SX:
-    return -local.lam
-
-
-@dataclass(frozen=True, eq=False)
-class Skate(Part):
-    """A blade (knife edge) at `on`: its point does not move across `direction`.
-
-    The direction is given in the drawing and turns with the body; n is its left normal. The
-    constraint n . v = 0 is nonholonomic: it takes away a motion, but no place the body can get to.
-    The reaction F is the force on the body along n.
-
-    Parameters
-    ----------
-    name, on
-        Unique name, and where the blade is.
-    direction
-        Of the blade in the drawing.
-    """
-
-    name: str
-    on: Attachment
-    direction: tuple[float, float] = (1.0, 0.0)
-
-    def __post_init__(self) -> None:
-        keep(self, name=require_name("Skate", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
-        require_angle(self.name, self.on)
-        _ = left_normal(self.name, self.direction)
-
-    @property
-    def multipliers(self) -> tuple[Named, ...]:
-        """What the constraint holds."""
-        return (Named("side", "N"),)
-
-    @property
-    def reaction(self) -> Quantity:
-        """Force [N] on the body along the left normal of the blade."""
-        held, _ = Combined.of(_side_force, ())
-        return Quantity((Named("F", "N"),), (), held, joint=self.name)
-
-    def constraints(self) -> list[ConstraintStatement]:
-        """The constraint as a local statement."""
-        functions = (self.on.moved, plain(*left_normal(self.name, self.direction)))
-        kernel, data = combined_kernel(_skating, functions, self.on.size, 1)
-        return [ConstraintStatement(self.name, kernel, (self.on.piece,), self.multipliers, data)]
+        Parameters
+        ----------
+        place
+            "a", the circle, or "b", the disk.
+        axes
+            "inertial", or "body": those of the drawing as the body turns them.
+        """
+        columns = load_columns(self._place(place, axes))
+        build = _CircleReaction(self.a.size, place == "b", axes)
+        values, data = Combined.of(build, self._functions)
+        return Quantity(columns, self._pieces, values, data, joint=self.name)

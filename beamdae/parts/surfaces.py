@@ -10,8 +10,9 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from beamdae.errors import BeamdaeError, keep, one_of, point, positive
-from beamdae.parts.attachments import Attachment, require_attachment, rotate
-from beamdae.symbolic.statements import SX
+from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.symbolic.formulas import Combined, plain
+from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 # Of the radius: the center has no nearest point of the circle, this much under the root gives one.
 _CENTERED = 1e-8
@@ -34,8 +35,40 @@ def _circle(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
     return numbers[1] * (distance - numbers[0]), perpendicular(way) / distance
 
 
+@dataclass(frozen=True)
+class _Gap:
+    """Distance from a surface of some kind; `size` is of the point's local coordinates."""
+
+    size: int
+    surface: Callable[..., tuple[SX, SX]]
+
+    def __call__(self, local: Local, a: Any, b: Any, drawn: Any) -> SX:
+        place, _ = a(local.q[: self.size])
+        root, turn = b(local.q[self.size :])
+        return self.surface(SX(turn), place - root, drawn())[0]
+
+
+class _Surface:
+    """What surfaces have in common."""
+
+    on: Attachment
+    kind: ClassVar[Callable[..., tuple[SX, SX]]]
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Those of its kind."""
+        raise NotImplementedError
+
+    def gap(self, point: Attachment) -> Quantity:
+        """Distance of a point from the surface [m], negative where it penetrates."""
+        require_attachment("gap", "point", point)
+        functions = (point.moved, self.on.moved, plain(*self.numbers))
+        values, data = Combined.of(_Gap(point.size, type(self).kind), functions)
+        return Quantity((Named("", "m"),), (point.piece, self.on.piece), values, data)
+
+
 @dataclass(frozen=True, eq=False)
-class LineSurface:
+class LineSurface(_Surface):
     """A straight line through `on` along `direction`, what it touches lies on its left.
 
     It is fixed to the body of `on`; `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
@@ -52,6 +85,7 @@ class LineSurface:
         keep(self, direction=point("LineSurface", "direction", self.direction))
         if not math.hypot(*self.direction) > 0.0:
             raise BeamdaeError("LineSurface: direction must have a length, got (0, 0).")
+        require_angle("LineSurface", self.on)
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -62,7 +96,7 @@ class LineSurface:
 
 
 @dataclass(frozen=True, eq=False)
-class CircleSurface:
+class CircleSurface(_Surface):
     """A circle of `radius` [m] about `on`; what it touches is "outside" or "inside" of it."""
 
     on: Attachment

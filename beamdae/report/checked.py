@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.equations.mobility import Spectrum
-from beamdae.equations.redundancy import DependentSet, together
+from beamdae.analysis.spectrum import Spectrum
+from beamdae.equations.redundancy import sentences
 
 # Lightly damped modes are those of less than this.
 _LIGHTLY = 0.62
-_MOST_TOLD = 8
 
 
 def facts_of(check: Any) -> Mapping[str, str]:
@@ -22,7 +21,7 @@ def facts_of(check: Any) -> Mapping[str, str]:
             f"{check.mobility} = {check.coordinates} coordinates - {check.rank} independent "
             f"constraints; {rigid} if beams are rigid and drivers hold"
         )
-        facts["dependent constraints"] = _sets(check.dependent) or "none"
+        facts["dependent constraints"] = sentences(check.dependent) or "none"
         facts["free motions"] = "; ".join(check.free_motions) or "none"
     else:
         facts["mobility"] = "not looked for, the constraints are too many"
@@ -55,16 +54,6 @@ def facts_of(check: Any) -> Mapping[str, str]:
         )
     facts["verdict"] = check.problem or "it can be run"
     return facts
-
-
-def _sets(found: tuple[DependentSet, ...]) -> str:
-    """A sentence for each group of parts, with all the motions they block."""
-    told: dict[tuple[str, ...], list[DependentSet]] = {}
-    for one in found:
-        told.setdefault(one.parts, []).append(one)
-    said = [together(sets) for sets in told.values()]
-    more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
-    return "; ".join([*said[:_MOST_TOLD], *more])
 
 
 def _start(check: Any) -> str:

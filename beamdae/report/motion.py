@@ -141,7 +141,12 @@ def _bodies(solution: Solution, frames: int) -> list[Body]:
     mechanism = solution.equations.mechanism
     if mechanism is None:
         raise BeamdaeError("animate: the run is not one of a mechanism, there is nothing to draw.")
-    return shapes(mechanism, solution, frames)
+    found = shapes(mechanism, solution, frames)
+    for body in found:
+        if body["kind"] == "rigid":
+            # Outlines are closed.
+            body |= {axis: [[*row, *row[: len(row) > 2]] for row in body[axis]] for axis in "xy"}
+    return found
 
 
 def _frame(bodies: Sequence[Body]) -> tuple[Array, Array]:

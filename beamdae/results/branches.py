@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.rank import JointMatrix, has_loops, joint_matrix
-from beamdae.results.trajectory import Trajectory
+from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
@@ -55,13 +57,40 @@ def singular_positions(
     """Singular positions of a run: dips of the smallest singular value of G to nothing.
 
     It is looked at up to 400 times of the run; dips are then seen through. A beam in a loop that
-    its elasticity decides loses no rank. Mechanisms whose parts are switched are not looked at.
+    its elasticity decides loses no rank. Where parts are switched each stretch of the run is looked
+    at with the joints that are active in it; where redundant constraints are spared it is the
+    smallest singular value that is none of theirs.
     """
+    return tuple(
+        position
+        for own, stretch in _stretches(equations, trajectory)
+        for position in _of_stretch(own, stretch)
+    )
+
+
+def _stretches(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> Iterator[tuple[EquationsOfMotion, Trajectory]]:
+    """What is run through with the same joints, with the equations of these."""
+
+    def own(interval: Interval) -> EquationsOfMotion:
+        active = interval.configuration
+        return equations if active is None else active.equations
+
+    for _, some in groupby(trajectory.intervals, lambda interval: id(own(interval))):
+        intervals = tuple(some)
+        yield own(intervals[0]), Trajectory(intervals)
+
+
+def _of_stretch(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> tuple[SingularPosition, ...]:
     start, end = trajectory.intervals[0].t[0], trajectory.end
-    switched = equations.configurations is not None
-    if end <= start or switched or not has_loops(equations):
+    if end <= start or not has_loops(equations):
         return ()
     matrix = joint_matrix(equations)
+    if equations.redundant:
+        matrix = matrix.of_rank_at(*_first(trajectory))
     looks = int(np.clip(_WORK / equations.m**3, _LEAST_LOOKS, _MOST_LOOKS))
     t = np.linspace(start, end, looks + 1)
     values = _smallest(matrix, trajectory, t)
@@ -80,6 +109,11 @@ def singular_positions(
         SingularPosition(float(when), tuple(matrix.losing(time, q)), bool(jump))
         for when, time, q, jump in zip(passed, times, state.q, jumps, strict=True)
     )
+
+
+def _first(trajectory: Trajectory) -> tuple[Array, Array]:
+    first = trajectory.intervals[0]
+    return first.times[0], first.state.q[0]
 
 
 def _dips(values: Array) -> Array:

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.identity import identity_of
 from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.parts.as_found import Held
+from beamdae.parts.events import DIRECTIONS
 from beamdae.results.files import write_text
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
 
-_FORMAT, _VERSION = "beamdae checkpoint", 1
+_FORMAT, _VERSION = "beamdae checkpoint", 2
+
+
+def state_hash(t: float, q: Any, v: Any) -> str:
+    """Hash of time, positions and velocities: that of no other run."""
+    return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -31,19 +40,29 @@ class Checkpoint:
         Coordinates and velocities by the name of the coordinate.
     events
         Events that happened at that very time: they are not to happen there again.
+    due
+        Those that happened there and have not done what they are to do yet: "up" or "down" by name.
     inactive
         Joints and forces that events have switched off.
+    found
+        What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    identity
+        Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
+        model may begin that has the coordinates.
     """
 
     t: float
     q: dict[str, float]
     v: dict[str, float]
     events: tuple[str, ...] = ()
+    due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
+    found: dict[str, Held] = field(default_factory=dict)
     model: str = ""
-    parameters: dict[str, str] | None = None
+    parameters: dict[str, str] = field(default_factory=dict)
+    identity: str = ""
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -51,16 +70,25 @@ class Checkpoint:
         end, names = solution.trajectory.end, solution.equations.q_names
         last = solution.trajectory.intervals[-1]
         q, v = (x[-1].tolist() for x in last.state[:2])
-        inactive = () if last.configuration is None else sorted(last.configuration.inactive)
+        active = last.configuration
+        at_end = [one for one in solution.occurred if one.t == end]
         return cls(
             end,
             dict(zip(names, q, strict=True)),
             dict(zip(names, v, strict=True)),
-            tuple(one.name for one in solution.occurred if one.t == end),
-            tuple(inactive),
+            tuple(one.name for one in at_end if one.done),
+            {one.name: one.direction for one in at_end if not one.done},
+            () if active is None else tuple(sorted(active.inactive)),
+            {} if active is None else dict(active.found),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
+            identity_of(solution.equations),
         )
+
+    @property
+    def state(self) -> str:
+        """See `state_hash`."""
+        return state_hash(self.t, list(self.q.values()), list(self.v.values()))
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
@@ -86,12 +114,18 @@ class Checkpoint:
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
             events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
-            model = str(told["model"])
+            due = {str(k): str(x) for k, x in told["due"].items()}
+            found = {
+                str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
+                for k, x in told["found"].items()
+            }
+            model, identity = str(told["model"]), str(told["identity"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        return cls(t, q, v, events, inactive, model, parameters)
+        known = (events, due, inactive, found, model, parameters, identity)
+        return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
         """Write it as JSON; the file appears whole or not at all.
@@ -116,7 +150,8 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If it is of another model, naming the first coordinate that differs.
+            If it is of a model with other coordinates, naming the first one that differs, or of one
+            whose events switch parts where none do here.
         """
         own, others = list(self.q), list(equations.q_names)
         for k in range(max(len(own), len(others))):
@@ -127,19 +162,33 @@ class Checkpoint:
                     f"{shown(has)} there and {shown(wants)} here."
                 )
         events = tuple(
-            replace(term, begins_there=term.name in self.events) for term in equations.events
+            replace(
+                term,
+                begins_there=term.name in self.events,
+                due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
+            )
+            for term in equations.events
         )
         q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
         known = equations.configurations
+        switched = sorted({*self.inactive, *self.found})
         if known is not None:
-            known = replace(known, first=frozenset(self.inactive))
+            known = replace(known, first=frozenset(self.inactive), found=self.found)
+        elif switched:
+            raise BeamdaeError(
+                f"start: events had switched {', '.join(switched)}, and in this model none do; "
+                "give it the same events."
+            )
         return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
-    def differences(self, parameters: dict[str, Any]) -> list[str]:
-        """Parameters that are others than in the run it is of, with what they were."""
-        before = self.parameters or {}
-        return [
-            f"{name} was {before[name]}"
+    def difference(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:
+        """What is other than in the run it is of, a phrase, or nothing."""
+        changed = [
+            f"{name} was {self.parameters[name]}"
             for name, value in parameters.items()
-            if name in before and before[name] != str(value)
+            if name in self.parameters and self.parameters[name] != str(value)
         ]
+        if changed:
+            return f"other parameters, {', '.join(changed)}"
+        same = not self.identity or identity_of(equations) == self.identity
+        return "" if same else "other numbers or formulas"

@@ -13,8 +13,8 @@ from beamdae.results.energy_ledger import EnergyLedger
 # of the largest force for more than this share of the time: single steps do so, those after a load
 # that is there at once and those through a singular position, up to 0.8 % of published cases.
 _IMBALANCE, _RESIDUAL, _TIME = 0.1, 0.5, 0.05
-# What moves by less than this share of its size is at rest; energies are rounded to the other one.
-_AT_REST, _ROUNDING = 1e-9, 1e-12
+# What moves by less than this share of its size is at rest.
+_AT_REST = 1e-9
 
 _REMEDY = (
     "take a tenth of rtol or a smaller step, or another integrator, and look for loads and "
@@ -33,8 +33,7 @@ def doubts(
     Energies and forces that a mechanism at rest is full of by rounding alone are none.
     """
     energy, force = books.energy, books.force
-    at_rest = _AT_REST * force.scale * equations.length + _ROUNDING * energy.largest
-    if not (energy.share <= _IMBALANCE or energy.off <= at_rest):
+    if not energy.share <= _IMBALANCE:
         yield (
             f"energy: its balance is off by {_percent(energy.share)} of the energy turned over, "
             f"so the motion is not to be trusted; {_REMEDY}."

@@ -15,6 +15,8 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 _TINY = np.finfo(float).tiny
+# Energies below are those of rounding: of forces over the size of the mechanism, and of energies.
+_BY_FORCES, _BY_ENERGIES = 1e-8, 1e-11
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Quality:
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated - start| relative to the
-        largest energy turned over.
+        largest energy turned over; at rest to 1e-8 of the forces over the size of the mechanism.
     """
 
     max_residual: float
@@ -67,6 +69,8 @@ class EnergyLedger:
 
     Attributes
     ----------
+    length
+        Size of the mechanism [m].
     energies, powers, norms
         By interval: rows at its nodes, see `measures.balance`.
     works
@@ -74,6 +78,7 @@ class EnergyLedger:
     """
 
     trajectory: Trajectory
+    length: float
     energies: tuple[Array, ...]
     powers: tuple[Array, ...]
     norms: tuple[Array, ...]
@@ -89,7 +94,6 @@ class EnergyLedger:
         for interval in trajectory.intervals:
             active, state = interval.configuration, interval.rows
             own = equations if active is None else active.equations
-            inactive = None if active is None else active.inactive
             if active is not None:
                 state = state._replace(lam=active.own(state.lam))
             if id(own) not in keepers:
@@ -99,18 +103,20 @@ class EnergyLedger:
             energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
-                if inactive == before:
+                if active is before:
                     # A law whose rate jumps at a breakpoint changes the velocities at once.
                     work = work + np.array([0.0, jump[0], 0.0])
                 else:
-                    # So do joints that are switched on; springs take along what they have stored.
+                    # So do events: impacts, and joints that are switched on; springs that are
+                    # switched off take along what they have stored.
                     work = work - np.array([0.0, 0.0, jump.sum()])
-            before = inactive
+            before = active
             rows.append((energies, powers, norms))
             works.append(work + interval.sums(powers))
             work = works[-1][-1]
         all_energies, all_powers, all_norms = zip(*rows, strict=True)
-        return cls(trajectory, all_energies, all_powers, all_norms, tuple(works))
+        books = (all_energies, all_powers, all_norms, tuple(works))
+        return cls(trajectory, equations.length, *books)
 
     def at(self, times: Array) -> Array:
         """Energies, works and what the books are off by [J] at ascending times of the run.
@@ -140,8 +146,9 @@ class EnergyLedger:
         turnover = max(
             np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
         )
-        off = np.max(np.abs(_imbalance(books, books[0])))
-        return Balance(float(off), float(turnover), float(np.max(np.abs(books))))
+        off, largest = (float(np.max(np.abs(x))) for x in (_imbalance(books, books[0]), books))
+        rounding = _BY_FORCES * self.force.scale * self.length + _BY_ENERGIES * largest
+        return Balance(off, max(float(turnover), rounding), largest)
 
     @cached_property
     def _norms(self) -> Array:

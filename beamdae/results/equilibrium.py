@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import BeamdaeError, count, may_be_path, shown
+from beamdae.errors import count
 from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write
+from beamdae.results.files import write_result
 from beamdae.results.headers import Header
+from beamdae.results.outcome import Status
+from beamdae.results.recovered import of_state
+from beamdae.results.section_forces import SectionForces
 from beamdae.results.selecting import selected
-from beamdae.results.solution import Status
 from beamdae.results.validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
@@ -201,6 +204,20 @@ class Equilibrium:
         headers = [*(one.header for one in e.coordinates), *held]
         return pd.DataFrame(np.hstack([self.q, self.lam]), columns=headers)
 
+    def section_forces(self, beam: Any, s: Any = None) -> SectionForces:
+        """N, Q and M of a beam (or its name) at its end, as `Solution.section_forces`."""
+        still = np.zeros_like(self.q[-1:])
+        state = State(self.q[-1:], still, still, self.lam[-1:])
+        known = self.equations.configurations
+        factors = dict.fromkeys(known.first if known is not None else (), 0.0)
+        for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
+            factors |= dict.fromkeys(names, factor)
+        return of_state(self.equations, beam, self.t, state, factors, s)
+
+    def diagram(self, beam: Any, what: str = "M") -> Plot:
+        """Draw "N", "Q" or "M" of a beam at its end, as `Solution.diagram`."""
+        return self.section_forces(beam).diagram(what)
+
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
         """How far each beam went from its floating frame, and what that makes of its strains."""
@@ -241,13 +258,7 @@ class Equilibrium:
         BeamdaeError
             If a file cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.q)
-        return write(Path(path), columns, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.beside(**further))
 
     def starting(self) -> Checkpoint:
         """Its end as the state a run begins with, at rest."""

@@ -42,5 +42,6 @@ def joined(first: Solution, later: Any) -> Solution:
         trajectory=Trajectory((*first.trajectory.intervals, *later.trajectory.intervals)),
         t=np.concatenate([first.t, later.t[1:]]),
         statistics=replace(later.statistics, **costs),
-        occurred=(*first.occurred, *later.occurred),
+        # What the first one left to do is among the later ones.
+        occurred=(*(one for one in first.occurred if one.done), *later.occurred),
     )

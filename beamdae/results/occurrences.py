@@ -30,9 +30,11 @@ class Occurrence:
     state
         The state there, on the polynomials of the dense output, before parts are switched.
     impulses
-        By multiplier, where parts were switched: what changed the velocities at once [N s].
+        By multiplier, where velocities changed at once: what changed them [N s], joints and gaps.
     energy_lost
         Kinetic energy that this took [J].
+    done
+        Whether it did what it was to do: a run that ended before goes on with that.
     """
 
     name: str
@@ -42,13 +44,15 @@ class Occurrence:
     state: State
     impulses: dict[str, float] = field(default_factory=dict)
     energy_lost: float = 0.0
+    done: bool = True
 
     @property
     def plain(self) -> dict[str, Any]:
         """What happened when."""
         told = {"event": self.name, "direction": self.direction, measures.TIME: self.t}
         switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
-        return told | (switched if self.impulses else {})
+        due = {} if self.done else {"done": False}
+        return told | (switched if self.impulses else {}) | due
 
 
 def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:
@@ -60,7 +64,7 @@ def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> di
     }
     if any(one.impulses for one in occurred):
         columns["energy lost [J]"] = np.array([one.energy_lost for one in occurred])
-        for name in equations.lam_names:
+        for name in dict.fromkeys(name for one in occurred for name in one.impulses):
             columns[f"impulse.{name}"] = np.array([one.impulses.get(name, 0.0) for one in occurred])
     headers = [header for o in equations.observables for header in o.headers]
     times = np.array([(one.t, one.branch) for one in occurred]).reshape(-1, 2)

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, iterated, positive, shown
-from beamdae.results.solution import Solution, Status
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import column_names, compared
 from beamdae.studies.references import Reference

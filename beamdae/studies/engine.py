@@ -14,7 +14,7 @@ import pandas as pd
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.results.files import guarded, write_bytes, write_text
 from beamdae.results.headers import observed_columns
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import require_columns

@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError
 from typing import Protocol
 
 from beamdae.errors import BeamdaeError
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.packing import Packed
 from beamdae.studies.reads import forget

@@ -14,7 +14,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError
 from beamdae.results.files import sweep, write_bytes
-from beamdae.results.solution import Kind, Status
+from beamdae.results.outcome import Kind, Status
 from beamdae.studies.reads import changed
 from beamdae.studies.rows import from_text, to_text
 from beamdae.studies.work import Outcome, Task

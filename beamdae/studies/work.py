@@ -18,8 +18,9 @@ import pandas as pd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
 from beamdae.parts.mechanism import Mechanism
+from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.shapes import frame_times, shapes
-from beamdae.results.solution import REACHED_END, Solution, Status
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.memory import bounded, forget_peak, peak_memory

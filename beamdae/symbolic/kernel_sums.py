@@ -160,11 +160,13 @@ class SumPlan:
         """
         local = np.zeros(self.n_local)
         local[self.data_at] = p[self.data_of]
-        kernels: Any = [_Evaluated(call) for call in self.calls]
+        kernels: Any
         alive: tuple[Any, ...] = ()
         if native:
             alive = tuple(call.kernel.native for call in self.calls)
             kernels = np.array([kernel.address for kernel in alive], np.int64)
+        else:
+            kernels = [_Evaluated(call) for call in self.calls]
         return Sum(
             np.zeros(self.n_shared),
             local,

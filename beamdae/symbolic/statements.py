@@ -57,10 +57,14 @@ class Named(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Rows of a constant operator on the coordinates of one owner (a body, or a joint's lam)."""
+    """Rows of a constant operator on the coordinates of one owner (a body, or a joint's lam).
+
+    `s` is the arc length [m] of the section whose coordinates they are, where the owner is a beam.
+    """
 
     owner: Any
     operator: sp.csr_array
+    s: float | None = None
 
 
 @dataclass(frozen=True)

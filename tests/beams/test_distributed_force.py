@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
 from support import ARC, VARIANTS, Numeric
 
 import beamdae as bd
@@ -76,35 +75,6 @@ def test_a_law_of_place_sees_where_the_axis_is():
     assert_allclose(numeric.force(q)[:3], [0.0, force, moment], rtol=1e-12, atol=1e-10)
 
 
-@pytest.mark.slow(reason="runs of seconds")
-@pytest.mark.parametrize(
-    "integrator", [bd.Ida(rtol=1e-5), bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=2e-3)]
-)
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_moving_load_on_a_simply_supported_beam(integrator, direction):
-    """Krylov's series of a constant force at constant speed."""
-    length, load, speed = 4.0, 5.0, 3.0
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, STRIP, elements=8))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.PointOnLine("roller", mech.ground.at(length, 0.0), beam.end, (1.0, 0.0)))
-    start = 0.0 if direction > 0.0 else length
-    mech.add(bd.MovingForce("load", beam, (0.0, -load), direction * speed, start))
-    mech.observe("middle", beam.at(0.5 * length))
-    solution = bd.simulate(mech, integrator, t_end=length / speed, output_step=0.02)
-    assert solution.status.success, solution.status.sentence
-    t, expected = solution.t, 0.0
-    for n in range(1, 40, 2):
-        own = (n * np.pi / length) ** 2 * np.sqrt(STRIP.EI / STRIP.rhoA)
-        driven = n * np.pi * speed / length
-        wave = (np.sin(driven * t) - driven / own * np.sin(own * t)) / (own**2 - driven**2)
-        expected = expected - 2.0 * load / (STRIP.rhoA * length) * np.sin(0.5 * n * np.pi) * wave
-    # Shear and rotary inertia, and the shortening of the beam: 1e-4; fixed steps in the third mode.
-    assert_allclose(solution.observed["middle.y [m]"], expected, atol=2e-3 * np.abs(expected).max())
-    assert solution.quality.energy_imbalance < 1e-3
-
-
 def test_a_moving_load_is_nowhere_before_and_after():
     mech = free(bd.Line((0.0, 0.0), (1.0, 0.0)))
     mech.add(bd.MovingForce("load", mech.part("beam"), (3.0, -2.0), speed=2.0, start=-1.0))
@@ -114,42 +84,6 @@ def test_a_moving_load_is_nowhere_before_and_after():
         assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
         # At the place of the force: its moment about the start.
         assert_allclose(-numeric.force()[2], acting * -2.0 * (2.0 * t - 1.0), atol=1e-12)
-
-
-def test_cantilever_under_a_follower_force_in_slow_motion():
-    """E I psi'' = P cos(psi) from the tip, psi the turn back from it."""
-    length, ratio = 1.0, 1.5
-    load = ratio * STRIP.EI / length**2
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beams = bd.welded_beams(mech, "beam", line, STRIP, bodies=4, elements=2)
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
-    # The load rises in a twentieth of a second times 40 periods, and then rests.
-    ramp = bd.piecewise((3.0, lambda t: load * (0.5 - 0.5 * np.cos(np.pi * t / 3.0))), load)
-    mech.add(bd.Force("follower", beams[-1].end, (0.0, ramp), axes="body"))
-    for beam in beams:
-        mech.add(bd.RayleighDamping(f"{beam.name} air", beam, mass=20.0))
-    mech.observe("tip", beams[-1].end)
-    solution = bd.simulate(mech, bd.GeneralizedAlpha(rtol=1e-4), t_end=4.0, output_step=0.5)
-    assert solution.status.success, solution.status.sentence
-    back = solve_ivp(
-        lambda s, y: [y[1], ratio * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])],
-        (0.0, length),
-        np.zeros(4),
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    psi, _, along, across = back.y[:, -1]
-    # Seen from the clamp, whose section is turned by psi from that of the tip.
-    expected = np.array(
-        [
-            along * np.cos(psi) + across * np.sin(psi),
-            along * np.sin(psi) - across * np.cos(psi),
-            psi,
-        ]
-    )
-    found = solution.observed[["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]].to_numpy()[-1]
-    assert_allclose(found, expected, rtol=0.0, atol=5e-3)
 
 
 BEAM = VARIANTS[0].beam(ARC)

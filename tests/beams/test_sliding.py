@@ -174,6 +174,63 @@ def test_the_reaction_is_on_the_point_and_along_the_axis_works_on_s():
     assert_allclose(on_s, -lam[0], rtol=1e-12)
 
 
+def test_loads_of_the_size_reported_do_what_the_slider_does():
+    """At a node of the beam, where the curve is its axis."""
+    mech, loaded = bd.Mechanism(), bd.Mechanism()
+    beam = CHORD.beam(ARC)
+    disk = bd.RigidBody("disk", 1.0, 0.1, center=(0.5, 0.4))
+    for mechanism in (mech, loaded):
+        mechanism.add(beam)
+        mechanism.add(disk)
+    s = float(beam.mesh.node_arc_lengths[3])
+    point = disk.at(*ARC.point(s).tolist())
+    slide = mech.add(bd.SlidingOnBeam("slide", point, beam))
+    for name, where in (("a", ("a", "body")), ("beam", ("beam",)), ("s", None)):
+        mech.observe(name, slide.s if where is None else slide.reaction_on(*where))
+    numeric = Numeric(mech)
+    rng = np.random.default_rng(4)
+    q = numeric.equations.q0 + 0.1 * rng.standard_normal(numeric.n)
+    q[-1], lam = s, rng.standard_normal(2)
+    *force, moment = numeric.observed("a", q=q, lam=lam).tolist()
+    on_beam = numeric.observed("beam", q=q, lam=lam).tolist()
+    assert moment == 0.0
+    loaded.add(bd.Force("on a", point, tuple(force), "body"))
+    loaded.add(bd.Force("on beam", beam.at(s), tuple(on_beam)))
+    by_loads = Numeric(loaded).force(q[:-1]) - numeric.force(q)[:-1]
+    assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding
+
+
+def test_the_force_on_the_beam_is_across_its_axis():
+    mech = hanging(4)
+    slide = mech.part("slide")
+    mech.observe("on beam", slide.reaction_on("beam", axes="body"))
+    mech.observe("on bead", slide.reaction_on())
+    found = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.05).columns
+    across = found["on beam.Fy [N]"]
+    size = np.hypot(found["on bead.Fx [N]"], found["on bead.Fy [N]"])
+    # It hangs below the bead and is pushed down, to the right of the curve.
+    assert_allclose(across, -size, rtol=1e-6)
+    assert_allclose(found["on beam.Fx [N]"], 0.0, atol=1e-6 * size.max())
+    with pytest.raises(bd.BeamdaeError, match="slide: place must be one of 'a', 'beam', got 'b'"):
+        slide.reaction_on("b")
+
+
+@pytest.mark.parametrize("ends", ["record", "stop"])
+def test_passing_an_end_is_an_event(ends):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.02)
+    rail = mech.add(bd.Beam("rail", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rail.start))
+    bead = mech.add(bd.PointMass("bead", 1e-3, at=(0.4, 0.0), velocity=(2.0, 0.0)))
+    mech.add(bd.SlidingOnBeam("slide", bead.point, rail, ends=ends))
+    solution = bd.simulate(mech, bd.Radau(), t_end=0.5)
+    (passed,) = solution.events.to_dict("records")
+    assert passed["event"] == "slide at the end of rail"
+    assert passed["direction"] == "up"
+    assert_allclose(passed["t [s]"], 0.3, rtol=1e-6)
+    assert_allclose(solution.t[-1], 0.5 if ends == "record" else 0.3, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

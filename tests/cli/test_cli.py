@@ -224,6 +224,10 @@ def test_run_goes_on_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--continue", "at/end.json")
     assert result.exit_code == 0
     table = pd.read_csv("results/arm.csv")
+    assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 0.02]
+    result = command("run", ARM, "--no-estimate", "--continue", "at/end.json", "--out", "other")
+    assert result.exit_code == 0
+    table = pd.read_csv("other/arm.csv")
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.01, 0.02]
     assert table["tip.y [m]"].iloc[0] < 0.0
     result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")
@@ -453,3 +457,11 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)
     assert "interrupted at t = 0 s" in result.output
+
+
+def test_draw_shows_a_model_without_a_run(command):
+    done = command("draw", ARM, "--set", "name=$pin")
+    assert done.exit_code == 0, done.output
+    assert "arm_drawing.png" in done.output
+    assert Path("results/arm_drawing.png").stat().st_size > 5000
+    assert_mistake(command("draw", NO_START), "nowhere states equations, which have no shape.")

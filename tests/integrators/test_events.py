@@ -14,9 +14,10 @@ from scipy.special import ellipk
 from support import by_class
 
 import beamdae as bd
-from beamdae.integrators.drive import drive, fitted
+from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
-from beamdae.results.solution import Statistics
+from beamdae.integrators.method import fitted
+from beamdae.results.outcome import Statistics
 
 # From a height of 2 m, and from the horizontal to the bottom of a pendulum of 1 m.
 FALL = np.sqrt(4.0 / 9.81)

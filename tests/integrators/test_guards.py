@@ -21,7 +21,8 @@ from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
 from beamdae.integrators.preconditioned import PreconditionedResidual
 from beamdae.integrators.radau_method import Collocating
-from beamdae.results.solution import Solution, Statistics
+from beamdae.results.outcome import Statistics
+from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)

@@ -111,8 +111,8 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda told: told | {"version": 2}, "no checkpoint of version 1"),
-        (lambda told: [1], "no checkpoint of version 1"),
+        (lambda told: told | {"version": 1}, "no checkpoint of version 2"),
+        (lambda told: [1], "no checkpoint of version 2"),
         (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
         (lambda told: told | {"t": float("nan")}, "not finite"),
     ],
@@ -140,7 +140,7 @@ def test_runs_that_do_not_meet_are_not_joined():
         first.followed_by(3)
 
 
-def test_other_parameters_are_told(tmp_path):
+def test_other_parameters_are_refused_or_told(tmp_path):
     @bd.model(t_end=1.0)
     def thrown(gravity=-9.81):
         return falling(gravity=gravity)
@@ -151,5 +151,39 @@ def test_other_parameters_are_told(tmp_path):
 
     first = bd.simulate(thrown, bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
-    with pytest.warns(bd.BeamdaeWarning, match=r"other parameters, gravity was -9\.81"):
+    other = r"run with other parameters, gravity was -9\.81"
+    with pytest.raises(bd.BeamdaeError, match=f"thrown_on_the_moon: start is the end of a {other}"):
         bd.simulate(thrown_on_the_moon, bd.Radau(), start=path)
+    with pytest.warns(bd.BeamdaeWarning, match=other):
+        later = bd.simulate(thrown_on_the_moon, bd.Radau(), start=path, accept_changes=True)
+    assert_allclose(later.a[-1, 1], -1.62, rtol=1e-9)
+
+
+def driven(law, mass=1.0):
+    """A mechanism without parameters by name."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", ball.point, (law, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        driven(lambda t: np.cos(t)),
+        driven(lambda t: 1.0000001 * np.sin(t)),
+        driven(lambda t: np.sin(t), mass=2.0),
+        driven(bd.piecewise((5.0, lambda t: np.sin(t)), 0.0)),
+    ],
+    ids=["formula", "number in a formula", "mass", "breakpoint"],
+)
+def test_other_formulas_and_numbers_are_refused(tmp_path, other):
+    first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
+    path = first.checkpoint(tmp_path / "end.json")
+    watched = driven(lambda t: np.sin(t))
+    watched.observe("ball", watched.part("ball").point)
+    for same in (driven(lambda t: np.sin(t)), watched):
+        assert bd.simulate(same, bd.Radau(), 1.0, start=path).warnings == ()
+    for start in (first, path):
+        with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; go on"):
+            bd.simulate(other, bd.Radau(), 1.0, start=start)

@@ -11,6 +11,8 @@ import beamdae as bd
 from beamdae.symbolic.statements import Named, Quantity
 
 RUNS = integrators(1e-7, 2e-4)
+# Of what others show with all of them.
+SOME = integrators(1e-7, 2e-4, slow=("ida", "alpha", "alpha stabilized", "alpha adaptive"))
 SPEED, INERTIA = 2.0, 0.3
 
 
@@ -109,7 +111,7 @@ def test_a_driver_gives_way_to_another(integrator):
     assert_allclose(solution.occurred[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
 
 
-@RUNS
+@SOME
 def test_a_force_ends_and_comes_back(integrator):
     """1 N pushes 1 kg from 0 to 1 m, not from there to 2 m, and again from there on."""
     mech = bd.Mechanism()
@@ -218,3 +220,247 @@ def test_a_checkpoint_holds_what_was_switched(tmp_path):
     both = first.followed_by(later)
     assert both.quality.energy_imbalance < 1e-6
     assert np.isfinite(both.table().to_numpy(float)).all()
+
+
+@SOME
+def test_a_driver_takes_over_where_another_one_is(integrator):
+    """Continuous in position wherever that is: by the laws alone they would be 7 rad apart."""
+    mech, bar = spinning(angular_velocity=0.0)
+    sides = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
+    slow = mech.add(bd.Driver("slow", *sides, law=lambda t: 1.0 * t))
+    fast = mech.add(bd.Driver("fast", *sides, law=lambda t: 3.0 * t - 8.0))
+    mech.deactivate(fast)
+    mech.when("bar.angle", 0.5, "up", [bd.deactivate(slow), bd.activate(fast, as_is=True)], "shift")
+    solution = bd.simulate(mech, integrator, 1.0)
+    assert_allclose(solution.occurred[0].t, 0.5, atol=1e-7)
+    angle, t = solution.columns["bar.angle [rad]"], solution.t
+    assert_allclose(angle, np.where(t < 0.5, t, 3.0 * t - 1.0), atol=1e-6)
+    assert_allclose(solution.occurred[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
+    assert solution.quality.energy_imbalance < 1e-6
+
+
+def braked(brake_of, **bar):
+    """A bar that turns until it is braked after a second, and is let go another one later."""
+    mech, bar = spinning(**bar)
+    clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech.observe("clock", clock.point)
+    brake = mech.add(brake_of(mech, bar))
+    mech.deactivate(brake)
+    mech.when("clock.x", 1.0, "up", bd.activate(brake, as_is=True), "locked")
+    mech.when("clock.x", 2.0, "up", bd.deactivate(brake), "released")
+    return mech, brake
+
+
+@SOME
+def test_a_hinge_is_locked_wherever_it_is_and_let_go(integrator):
+    mech, brake = braked(
+        lambda m, b: bd.Driver("brake", m.ground.at(0.0, 0.0), b.at(0.0, 0.0), law=0.0)
+    )
+    bar = mech.part("bar")
+    mech.add(bd.Moment("push", bar.at(0.0, 0.0), 0.9))
+    mech.observe("brake", brake.reaction)
+    solution = bd.simulate(mech, integrator, 3.0)
+    locked, _ = solution.occurred
+    t, angle = solution.t, solution.columns["bar.angle [rad]"]
+    # 2 rad/s and 0.9 / 0.3 rad/s^2 for a second, then at rest, and again from there.
+    still = SPEED + 1.5
+    assert_allclose(angle[(t > 1.0) & (t < 2.0)], still, rtol=1e-6)
+    assert_allclose(angle[-1], still + 1.5, rtol=1e-6)
+    assert_allclose(locked.impulses["brake.angle"], INERTIA * 5.0, rtol=1e-6)
+    assert_allclose(locked.energy_lost, 0.5 * INERTIA * 25.0, rtol=1e-6)
+    held = solution.columns["brake.M [N m]"]
+    assert_allclose(held[(t > 1.0) & (t < 2.0)], -0.9, rtol=1e-6)
+    assert np.all(held[t > 2.0] == 0.0)
+    assert solution.quality.energy_imbalance < 1e-6
+    assert solution.quality.max_position_drift < 1e-9
+
+
+def test_a_slide_and_a_link_are_locked_wherever_they_are():
+    for brake_of in (
+        lambda g, b: bd.TranslationalDriver("brake", g, b, 0.0, (1.0, 0.0)),
+        lambda g, b: bd.Distance("brake", g, b),
+    ):
+        mech = bd.Mechanism()
+        block = mech.add(
+            bd.RigidBody("block", mass=2.0, inertia=1.0, center=(1.0, 0.0), velocity=(3.0, 0.0))
+        )
+        ends = mech.ground.at(0.0, 0.0), block.at(1.0, 0.0)
+        mech.add(bd.Prismatic("rail", *ends))
+        brake = mech.add(brake_of(*ends))
+        mech.deactivate(brake)
+        mech.observe("block", block.at(1.0, 0.0))
+        mech.when("block.x", 1.7, "up", bd.activate(brake, as_is=True), "locked")
+        solution = bd.simulate(mech, bd.Radau(), 1.0)
+        assert_allclose(solution.columns["block.x [m]"][-1], 1.7, rtol=1e-9)
+        assert_allclose(solution.occurred[0].energy_lost, 9.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("joint", [bd.Weld, bd.Revolute])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_turning_gripper_takes_what_it_finds(joint, swapped):
+    """Momentum is kept, and what it holds stays where it is on it."""
+    mech = bd.Mechanism()
+    hand = mech.add(
+        bd.RigidBody("hand", mass=2.0, inertia=0.4, velocity=(1.0, 0.0), angular_velocity=1.5)
+    )
+    box = mech.add(bd.RigidBody("box", mass=1.0, inertia=0.1, center=(0.5, 0.2)))
+    # Drawn where they meet, to be joined wherever they are.
+    places = [hand.at(0.5, 0.2), box.at(0.5, 0.2)]
+    grip = mech.add(joint("grip", *(places[::-1] if swapped else places)))
+    mech.deactivate(grip)
+    mech.observe("hand", hand.at(0.0, 0.0))
+    mech.observe("box", box.at(0.5, 0.2))
+    mech.when("hand.x", 0.3, "up", bd.activate(grip, as_is=True), "gripped")
+    solution = bd.simulate(mech, bd.Radau(1e-8), 2.0)
+    x = {k.partition(" ")[0]: v for k, v in solution.columns.items()}
+    after = solution.t > 0.3
+    # That of the box from the hand, seen from whichever body carries it.
+    carrier = "box" if swapped else "hand"
+    way = np.array([x["box.x"] - x["hand.x"], x["box.y"] - x["hand.y"]])
+    c, s = np.cos(x[f"{carrier}.angle"]), np.sin(x[f"{carrier}.angle"])
+    seen = np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
+    if joint is bd.Weld or not swapped:
+        # A hinge holds a point of its second body: here the center of the box.
+        assert_allclose(seen[:, after] - seen[:, after][:, :1], 0.0, atol=1e-7)
+    turn = x["box.angle"] - x["hand.angle"]
+    assert (np.ptp(turn[after]) < 1e-7) == (joint is bd.Weld)
+    momentum = 2.0 * x["hand.x_dot"] + 1.0 * x["box.x_dot"]
+    assert_allclose(momentum, 2.0, rtol=1e-7)
+    spin = sum(
+        inertia * x[f"{n}.angle_dot"]
+        + mass * (x[f"{n}.x"] * x[f"{n}.y_dot"] - x[f"{n}.y"] * x[f"{n}.x_dot"])
+        for n, mass, inertia in (("hand", 2.0, 0.4), ("box", 1.0, 0.1))
+    )
+    assert_allclose(spin, spin[0], atol=1e-6)
+    assert solution.occurred[0].energy_lost > 0.0
+    assert solution.quality.energy_imbalance < 1e-6
+
+
+def test_a_checkpoint_holds_what_was_found(tmp_path):
+    def locked(t_end, **more):
+        mech, _ = braked(
+            lambda m, b: bd.Driver("brake", m.ground.at(0.0, 0.0), b.at(0.0, 0.0), law=0.0)
+        )
+        return bd.simulate(mech, bd.Radau(), t_end, **more)
+
+    first = locked(1.5)
+    path = first.checkpoint(tmp_path / "end.json")
+    for start in (first, path):
+        later = locked(3.0, start=start)
+        angle = later.columns["bar.angle [rad]"]
+        assert_allclose(angle, SPEED, rtol=1e-6)
+        assert [one.name for one in later.occurred] == ["released"]
+        assert first.followed_by(later).quality.energy_imbalance < 1e-6
+
+
+def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
+    """The lock is open in the first run; in the second it holds what it finds."""
+
+    def caught(as_is, t_end, **more):
+        mech, bar = spinning()
+        lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.7))
+        mech.deactivate(lock)
+        mech.when("bar.angle", 0.5, "up", bd.activate(lock, as_is=as_is), "caught")
+        return bd.simulate(mech, bd.Radau(), t_end, **more)
+
+    with pytest.warns(bd.BeamdaeWarning, match="activate.*as_is=True"):
+        first = caught(False, 1.0)
+    path = first.checkpoint(tmp_path / "end.json")
+    for start in (first, path):
+        later = caught(True, 1.0, start=start)
+        assert_allclose(later.columns["bar.angle [rad]"], 0.5, rtol=1e-6)
+        (once,) = first.followed_by(later).occurred
+        assert once.energy_lost > 0.5
+
+
+def test_what_cannot_hold_what_it_finds_is_refused():
+    mech, bar = spinning()
+    push = mech.add(bd.Moment("push", bar.at(0.0, 0.0), 0.9))
+    with pytest.raises(bd.BeamdaeError, match="push: it cannot hold what it finds"):
+        bd.activate(push, as_is=True)
+    with pytest.raises(bd.BeamdaeError, match="as_is must be one of True, False"):
+        bd.activate(mech.part("hinge"), as_is=1)
+
+
+CYCLES = [bd.Radau(1e-7), bd.Ida(1e-7), bd.GeneralizedAlpha(step=2e-3)]
+
+
+def cycled(integrator, t_end=3.0, **more):
+    """1 rad/s up to 0.6 rad, there a second law with two breakpoints, held at the end."""
+    mech, bar = spinning(angular_velocity=0.0)
+    drive = bd.Driver("drive", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=lambda t: 1.0 * t)
+    drive = mech.add(drive)
+    # 1 rad/s for 0.5 s, down to rest in 1 s, then another 0.25 rad/s.
+    law = bd.piecewise(
+        (0.5, lambda t: 7.0 + t),
+        (1.5, lambda t: 7.5 + (t - 0.5) - 0.5 * (t - 0.5) ** 2),
+        lambda t: 8.0 + 0.25 * (t - 1.5),
+    )
+    mech.observe("drive", drive.drive)
+    mech.when("bar.angle", 0.6, "up", bd.change_law(drive, law), "slower")
+    mech.when("bar.angle", 1.7, "up", bd.change_law(drive, 0.0), "held")
+    return bd.simulate(mech, integrator, t_end, **more)
+
+
+def angle_of(t):
+    """See `cycled`."""
+    s = t - 0.6
+    bent = np.select(
+        [s < 0.0, s < 0.5, s < 1.5],
+        [s, s, s - 0.5 * (s - 0.5) ** 2],
+        1.0 + 0.25 * (s - 1.5),
+    )
+    return np.minimum(0.6 + bent, 1.7)
+
+
+@pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
+def test_a_driver_follows_another_law_from_an_event_on(integrator):
+    solution = cycled(integrator)
+    assert_allclose([one.t for one in solution.occurred], [0.6, 2.5], atol=1e-6)
+    x, t = solution.columns, solution.t
+    assert_allclose(x["bar.angle [rad]"], angle_of(t), atol=2e-6)
+    braked = (t > 1.11) & (t < 2.09)
+    assert_allclose(x["drive.M [N m]"][braked], -INERTIA, atol=1e-5)
+    # Off by the events' times.
+    rate = 1.0 - (t - 1.1)
+    assert_allclose(x["drive.power [W]"][braked], (-INERTIA * rate)[braked], atol=1e-5)
+    # The law starts and goes on without a jump of velocities; it is caught at the end of it.
+    slower, held = solution.occurred
+    assert abs(slower.energy_lost) < 1e-9
+    assert_allclose(held.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
+    assert solution.quality.energy_imbalance < 1e-6
+    # It restarts where pieces of the law meet.
+    ends = [interval.t[-1] for interval in solution.trajectory.intervals]
+    assert_allclose(ends, [0.6, 1.1, 2.1, 2.5, 3.0], atol=1e-6)
+
+
+def test_a_checkpoint_holds_the_law_an_event_gave(tmp_path):
+    first = cycled(bd.Radau(1e-7), 0.9)
+    path = first.checkpoint(tmp_path / "end.json")
+    for start in (first, path):
+        later = cycled(bd.Radau(1e-7), start=start)
+        assert_allclose(later.columns["bar.angle [rad]"], angle_of(later.t), atol=2e-6)
+        assert first.followed_by(later).quality.energy_imbalance < 1e-6
+    mech, bar = spinning(angular_velocity=0.0)
+    drive = bd.Driver("drive", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=lambda t: 1.0 * t)
+    drive = mech.add(drive)
+    with pytest.raises(bd.BeamdaeError, match="events had switched drive, and in this model none"):
+        bd.simulate(mech, bd.Radau(), 2.0, start=path)
+    mech.when("bar.angle", 5.0, "up", bd.change_law(drive, 0.0), "held")
+    with pytest.raises(bd.BeamdaeError, match="drive: it follows the law that event slower gave"):
+        bd.simulate(mech, bd.Radau(), 2.0, start=path)
+
+
+def test_laws_that_cannot_be_changed_to_are_refused():
+    mech, bar = spinning()
+    ends = mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)
+    drive = mech.add(bd.Driver("drive", *ends, law=lambda t: SPEED * t))
+    for driver in ("drive", mech.part("hinge")):
+        with pytest.raises(bd.BeamdaeError, match="change_law: it is for a Driver or a Transl"):
+            bd.change_law(driver, 0.0)
+    with pytest.raises(bd.BeamdaeError, match="change_law of drive"):
+        bd.change_law(drive, "fast")
+    mech.when("bar.angle", 0.5, "up", bd.change_law(drive, lambda t: 1.0 / (t - 0.25)), "pole")
+    with pytest.warns(bd.BeamdaeWarning, match="event pole: drive: its law becomes infinite"):
+        solution = bd.simulate(mech, bd.Radau(), 1.0)
+    assert solution.status.kind == "failed"

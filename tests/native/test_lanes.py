@@ -14,7 +14,8 @@ from numpy.testing import assert_array_equal
 
 from beamdae.beams.floating_frame_element import ElementType, beam_kernel
 from beamdae.native import operations
-from beamdae.native.lanes import WIDTH, LaneKernel, lane_kernel, lane_source, padded
+from beamdae.native.lane_code import lane_source
+from beamdae.native.lanes import WIDTH, LaneKernel, lane_kernel, padded
 
 SX = ca.SX
 
@@ -120,6 +121,13 @@ def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every
         assert_same(*every, [first, second], pairs)
     for second in VALUES:
         assert_same(*every, [0.3, second], pairs)
+
+
+@pytest.mark.parametrize("repeated", [2, 3, WIDTH])
+def test_lanes_with_the_numbers_of_the_one_before_have_its_results(every, repeated):
+    numbers = np.repeat([0.0, -0.0, 0.3, math.nan, 2.0, -2.0, math.inf, 1e-310], repeated)
+    local = np.stack([numbers, np.roll(numbers, 1)])
+    assert_same(*every, [0.3, -0.0], local)
 
 
 @pytest.mark.slow(reason="thousands of values in all operations")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conformance import JOINTS, TIP
+from conformance import JOINTS, NONHOLONOMIC, TIP
 from numpy.testing import assert_allclose
 from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative, slope
 
@@ -24,9 +24,8 @@ def parts(variant=TANGENT):
 
 every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
 # Those of points of bodies alone: of a slider on a beam see test_sliding.
-every_joint_of_points = pytest.mark.parametrize(
-    "make", [JOINTS[name] for name in JOINTS if not name.startswith("sliding")]
-)
+OF_POINTS = {x: make for x, make in JOINTS.items() if not x.startswith("sliding")} | NONHOLONOMIC
+every_joint_of_points = pytest.mark.parametrize("make", OF_POINTS.values(), ids=list(OF_POINTS))
 every_frame = pytest.mark.parametrize(
     "variant",
     [TANGENT, EXACT, pytest.param(CHORD, marks=pytest.mark.slow)],
@@ -92,9 +91,8 @@ def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, var
     """G^T lam is what forces and moments of the size reported do, in either axes."""
     _, mech = jointed(make, variant)
     joint = mech.part("j")
-    places = {"a": joint.a, "b": joint.b}
-    if getattr(joint, "carrier", None):
-        places["carrier"] = joint.carrier
+    known = {x: getattr(joint, x, None) for x in ("a", "b", "carrier", "on")}
+    places = {name: place for name, place in known.items() if place is not None}
     both = [(place, axes) for place in places for axes in ("inertial", "body")]
     for place, axes in both:
         mech.observe(f"{place} {axes}", joint.reaction_on(place, axes))
@@ -119,7 +117,8 @@ def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, var
     reported = numeric.observed("reaction", q=q, lam=lam)
     names = [column.name for column in joint.reaction.columns]
     assert_allclose(reported, -lam, rtol=1e-15)
-    on_b = dict(zip(("Fx", "Fy", "M"), found["b", "inertial"], strict=True))
+    of_b = found.get(("b", "inertial"), (0.0, 0.0, 0.0))
+    on_b = dict(zip(("Fx", "Fy", "M"), of_b, strict=True))
     for name, value in zip(names, reported, strict=True):
         if name in on_b:
             assert_allclose(on_b[name], value, atol=1e-14)  # rounding

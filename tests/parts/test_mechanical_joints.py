@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.mechanisms import slider_on_rod
 from conformance import integrators
 from numpy.testing import assert_allclose
 from support import Numeric
@@ -19,43 +20,10 @@ def started(mech):
     return numeric, Starter(e).state(np.zeros(2), e.q0, e.v0)
 
 
-def rotating_slider(omega, distance, offset=0.0):
-    """A slider on a rod that turns at a constant rate."""
-    mech = bd.Mechanism()
-    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0))
-    velocity = (-omega * offset, omega * distance)
-    slider = mech.add(bd.RigidBody("slider", 0.4, 0.01, (distance, offset), velocity, omega))
-    center = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
-    mech.add(bd.Revolute("pivot", *center))
-    motor = mech.add(bd.Driver("motor", *center, law=lambda t: omega * t))
-    guide = mech.add(bd.Prismatic("guide", center[1], slider.at(distance, offset)))
-    mech.observe("slider", slider.at(distance, offset))
-    mech.observe("guide", guide.reaction)
-    mech.observe("motor", motor.drive)
-    return mech
-
-
-@integrators(rtol=1e-6, step=1e-3)
-def test_a_mass_slides_out_on_a_rotating_rod(integrator):
-    """r = r0 cosh(omega t); F = 2 m omega r'; the motor does the work the slider gains."""
-    omega, distance, mass = 2.0, 0.3, 0.4
-    solution = bd.simulate(rotating_slider(omega, distance), integrator, t_end=0.9)
-    r = distance * np.cosh(omega * solution.t)
-    rate = omega * distance * np.sinh(omega * solution.t)
-    found = solution.observed
-    # The promise of README is 100 rtol of the range, 1 m; fixed steps of 1 ms have 1e-6.
-    assert_allclose(np.hypot(found["slider.x [m]"], found["slider.y [m]"]), r, atol=2e-5)
-    force = 2.0 * mass * omega * rate
-    assert_allclose(found["guide.F [N]"], force, atol=1e-3 * force.max())
-    assert_allclose(found["motor.M [N m]"], force * r, atol=1e-3 * (force * r).max())
-    assert_allclose(found["motor.power [W]"], omega * found["motor.M [N m]"], rtol=1e-12)
-    assert solution.quality.energy_imbalance < 1e-4
-
-
 def test_a_slider_keeps_its_offset_and_its_angle():
     """x'' = omega^2 x along the axis; across it F = -m omega^2 d + 2 m omega x'."""
     omega, distance, offset, mass = 2.0, 0.3, 0.2, 0.4
-    numeric, state = started(rotating_slider(omega, distance, offset))
+    numeric, state = started(slider_on_rod(rate=omega, distance=distance, offset=offset))
     # x' = 0 at the start: the guide pulls the slider in.
     expected = [-mass * omega**2 * offset, 0.0]
     assert_allclose(numeric.observed("guide", q=state.q, lam=state.lam), expected, atol=1e-12)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.cases import pendulum_motion
-from conformance import IDA_FORMS, integrators, tuned
+from conformance import IDA_FORMS, NONHOLONOMIC, integrators, tuned
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric, assert_derivative, slope
 
@@ -24,22 +23,6 @@ def run(model, integrator, t_end, step=None):
 
 
 MASS, INERTIA = 1.3, 0.4
-# Of a mechanism with a disk centered at (0.5, 0.4) and a beam on ARC, each apart from the other.
-TIP = tuple(ARC.point(ARC.length))
-APART = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
-NONHOLONOMIC = {
-    "skate": lambda m, d, b: bd.Skate("j", d.at(0.1, 0.2), direction=(1.0, -0.3)),
-    "skate on a beam": lambda m, d, b: bd.Skate("j", b.at(0.7), direction=(0.0, 2.0)),
-    "outside a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", b.end, d.at(0.5, 0.4), (0.4 * APART, 0.6 * APART)
-    ),
-    "inside a ring": lambda m, d, b: bd.RollingOnCircle(
-        "j", m.ground.at(0.5, 0.1), d.at(0.5, 0.4), (0.8, 0.5)
-    ),
-    "ring around a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + APART)
-    ),
-}
 every_constraint = pytest.mark.parametrize("make", NONHOLONOMIC.values(), ids=list(NONHOLONOMIC))
 
 
@@ -190,27 +173,6 @@ def test_disk_rolls_down_an_incline(integrator):
         held = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
         forces = [found.columns["r.Fn [N]"], found.columns["r.Ft [N]"]]
         assert_allclose(along * np.array(forces).T, np.tile(held, (5, 1)), rtol=1e-5)
-
-
-@integrators(1e-7, 1e-3)
-def test_disk_swings_in_a_ring_like_a_pendulum(integrator):
-    """(R - r) phi'' = -g sin(phi) / (1 + I/(m r^2)); with R - r = 1 a pendulum of length 1."""
-    ring, radius, gravity, angle, speed = 1.25, 0.25, 9.81, 0.8, 0.5
-    reduced = gravity / (1.0 + INERTIA / (MASS * radius**2))
-    e = np.array([np.sin(angle), -np.cos(angle)])
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    across = np.array([np.cos(angle), np.sin(angle)])
-    disk = mech.add(
-        bd.RigidBody("disk", MASS, INERTIA, tuple(e), tuple(speed * across), -speed / radius)
-    )
-    mech.add(bd.RollingOnCircle("r", mech.ground.at(0, 0), disk.at(*e), (ring, radius)))
-    found = run(mech, integrator, 5.0, 0.25)
-    known = pendulum_motion(reduced, angle, speed, found.t)
-    # Generalized-alpha is off by 1e-6 at this step, the others by some rtol.
-    assert_allclose(found.q[:, :2], known["q"], rtol=0.0, atol=1e-5)
-    swung = np.arctan2(found.q[:, 0], -found.q[:, 1]) - angle
-    assert_allclose(found.q[:, 2], -swung / radius, rtol=0.0, atol=1e-5)
-    assert found.quality.energy_imbalance < 1e-5
 
 
 def test_jerk_of_positions_is_the_same_in_loops():

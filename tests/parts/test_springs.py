@@ -27,28 +27,6 @@ def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
     return mech
 
 
-@every_integrator
-@pytest.mark.parametrize("ratio", [0.0, 0.2, 1.0, 2.5])
-def test_mass_on_spring_and_damper(integrator, ratio):
-    """m x'' + c x' + k x = 0 from rest: under-, over- and critically damped."""
-    stiffness, mass, start = 90.0, 2.5, 0.3
-    w = np.sqrt(stiffness / mass)
-    solution = bd.simulate(
-        oscillator(2.0 * ratio * mass * w), integrator, t_end=2.0, output_step=0.02
-    )
-    assert solution.status.success, solution.status.sentence
-    t = solution.t
-    root = np.sqrt(complex(ratio**2 - 1.0)) * w
-    if ratio == 1.0:
-        x = start * (1.0 + w * t) * np.exp(-w * t)
-    else:
-        one, other = -ratio * w + root, -ratio * w - root
-        x = (start * (other * np.exp(one * t) - one * np.exp(other * t)) / (other - one)).real
-    # (w h)^2 / 12 a radian of twelve for a step of 1 ms; the others stay below.
-    assert_allclose(solution.q[:, 0] - 1.0, x, rtol=0.0, atol=5e-5 * start)
-    assert solution.quality.energy_imbalance < 1e-5
-
-
 @pytest.mark.parametrize("native", [True, False])
 def test_observed_force_and_elongation(native, monkeypatch):
     if not native:

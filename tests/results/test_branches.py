@@ -16,9 +16,9 @@ SPEED = 6.0
 FIRST, HALF_TURN = 0.5 * np.pi / SPEED, np.pi / SPEED
 
 
-def rhombus(longer=0.0):
+def rhombus(longer=0.0, **settings):
     """Four bars of 1 m, turned by both cranks at a steady speed without gravity."""
-    mech = bd.Mechanism()
+    mech = bd.Mechanism(**settings)
     bars = [((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.0), (1.0, 1.0 + longer))]
     cranks = []
     for k, (pivot, tip) in enumerate(bars):
@@ -92,6 +92,39 @@ def test_a_run_through_singular_positions_says_when_and_where():
     np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
     assert not any(passed.jump for passed in solution.singular_positions)
     assert len(solution.warnings) == 1
+
+
+def test_redundant_constraints_do_not_hide_singular_positions():
+    """A third crank in the middle has one constraint too many, everywhere."""
+    mech = rhombus(redundant="minimum norm")
+    coupler = mech.part("coupler")
+    middle = bd.RigidBody("crank 2", 1.0, 0.1, (0.5, 0.5), (-0.5 * SPEED, 0.0), SPEED)
+    mech.add(middle)
+    mech.add(bd.Revolute("pivot 2", mech.ground.at(0.5, 0.0), middle.at(0.5, 0.0)))
+    mech.add(bd.Revolute("crank 2 tip", middle.at(0.5, 1.0), coupler.at(0.5, 1.0)))
+    with pytest.warns(bd.BeamdaeWarning, match=r"pivot .* lose rank near t = 0\.26"):
+        solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=2.0 * FIRST)
+    assert solution.status.success
+    (passed,) = solution.singular_positions
+    assert passed.t == pytest.approx(FIRST, abs=1e-3)
+    # Away from there one constraint too many is no singular position.
+    assert bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.9 * FIRST).singular_positions == ()
+
+
+def test_switched_parts_do_not_hide_singular_positions():
+    """A brake takes hold between the first and the second of them, and lets go."""
+    mech = rhombus()
+    wheel = mech.part("crank 0")
+    spring = mech.add(bd.TorsionSpring("brake", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), 1e-3))
+    mech.deactivate(spring)
+    mech.observe("crank", wheel.at(0.0, 0.0))
+    for turn, do in ((2.5, bd.activate(spring)), (3.5, bd.deactivate(spring))):
+        mech.when("crank.angle", crosses=turn, do=[do])
+    with pytest.warns(bd.BeamdaeWarning, match=r"lose rank near t = 0\.26.*and at 1 later"):
+        solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
+    assert len(solution.occurred) == 2
+    times = [passed.t for passed in solution.singular_positions]
+    np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
 
 
 @pytest.mark.parametrize("longer", [1e-3, 0.05])

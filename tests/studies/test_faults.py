@@ -16,7 +16,7 @@ import pytest
 from slow_study import slow_study
 
 import beamdae as bd
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.studies import engine, pool
 from beamdae.studies.engine import Results
 from beamdae.studies.estimates import Forecast

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.results.solution import Status
+from beamdae.results.outcome import Status
 from beamdae.studies import engine, store
 from beamdae.studies.pool import SerialPool
 from beamdae.studies.store import Store

@@ -18,8 +18,11 @@ from scipy.optimize import brentq
 
 import beamdae as bd
 
-STORED = pd.read_csv(SUMMARY)
-STORED = STORED[STORED["case"].isin([case.name for case in CASES])]
+SUMMARIZED = pd.read_csv(SUMMARY)
+STORED = SUMMARIZED[SUMMARIZED["setting"].isin(INTEGRATORS)]
+FLOORS = {case.name: case.floor for case in CASES}
+# Runs of beams take as long as all others.
+OF_BEAMS = ("moving load", "follower load")
 ADAPTIVE = [bd.Ida(1e-6), bd.Radau(1e-6), bd.GeneralizedAlpha(rtol=1e-6)]
 # What passes a change point ends there where steps have to be far smaller than the way around it.
 UNFINISHED = {("parallelogram linkage", f"{name} rtol 1e-08") for name in ("Ida", "Radau")}
@@ -38,11 +41,18 @@ def test_every_integrator_met_every_case():
             assert set(lines["quantity"]) == known, (case.name, setting)
 
 
+def kind(quantity):
+    """Of a quantity: positions, velocities or forces."""
+    by_unit = {"m": "q", "rad": "q", "N": "lam", "N m": "lam"}
+    return by_unit.get(quantity.partition("[")[2].rstrip("]"), quantity)
+
+
 @pytest.mark.parametrize("method", ["Ida", "Radau", "GeneralizedAlpha"])
 def test_stored_errors_keep_the_promise(method):
     lines = STORED[STORED["setting"].str.startswith(f"{method} rtol") & STORED["ended"].isna()]
     rtol = lines["setting"].str.split().str[-1].astype(float)
-    share = (lines["relative"] / rtol).groupby([lines["case"], lines["quantity"]]).max()
+    off = lines["relative"] - lines["case"].map(FLOORS)
+    share = (off / rtol).groupby([lines["case"], lines["quantity"].map(kind)]).max()
     # What README promises of positions.
     assert share.xs("q", level="quantity").max() < 100.0
     # Velocities of the springs of the car axis, a thousandth of its motion, are not promised.
@@ -55,25 +65,34 @@ def test_stored_errors_keep_the_promise(method):
 
 @pytest.mark.parametrize("quantity", ["q", "v", "lam"])
 def test_stored_errors_of_fixed_steps_are_of_second_order(quantity):
-    lines = STORED[STORED["setting"].str.contains("step") & (STORED["quantity"] == quantity)]
-    # The springs of the car axis turn by 0.18 rad in the longest step: not yet the limit.
-    lines = lines[lines["case"] != "car axis"]
+    lines = STORED[STORED["setting"].str.contains("step") & STORED["ended"].isna()]
+    lines = lines[lines["quantity"].map(kind) == quantity]
+    # The springs of the car axis turn by 0.18 rad in the longest step, contacts last six of them:
+    # not yet the limit.
+    lines = lines[~lines["case"].isin(["car axis", "bouncing ball"])]
+    lines = lines[lines["case"].map(FLOORS) == 0.0]
     if quantity == "lam":
         # Of its force no error of the steps is left, down to what Newton's iteration leaves.
         knife = lines["case"] == "knife edge"
         assert lines[knife]["relative"].max() < 1e-8
         lines = lines[~knife]
-    errors = lines.pivot_table(index="case", columns="setting", values="relative")
+    errors = lines.pivot_table(index=["case", "quantity"], columns="setting", values="relative")
     for case, (longest, half, quarter) in errors[
         [f"GeneralizedAlpha step {h:g}" for h in (4e-3, 2e-3, 1e-3)]
     ].iterrows():
         orders = np.log2([longest / half, half / quarter])
         # Where the largest error lies at another time, a step has a share of that.
-        assert_allclose(orders, 2.0, rtol=0.0, atol=0.35, err_msg=case)
+        assert_allclose(orders, 2.0, rtol=0.0, atol=0.35, err_msg=str(case))
 
 
 @pytest.mark.parametrize(
-    "case", [case for case in CASES if case.t_end < 10.0], ids=lambda case: case.name
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.slow] if case.name in OF_BEAMS else [])
+        for case in CASES
+        if case.t_end < 10.0
+    ],
+    ids=lambda case: case.name,
 )
 def test_the_table_is_what_runs_give(case):
     setting = "Radau rtol 1e-06"

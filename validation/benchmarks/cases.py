@@ -37,8 +37,9 @@ class PublishedCase:
     """A system, and what is known of its motion.
 
     `answer(t)` gives rows of whatever is known at times t by name: "q", "v", "lam" with the
-    multipliers in beamdae's sign, M q'' + G^T lam = f. `times` are where it is known; `rate` is
-    the fastest angular rate of the motion [rad/s].
+    multipliers in beamdae's sign, M q'' + G^T lam = f, or observed columns by their headers.
+    `times` are where it is known; `rate` is the fastest angular rate of the motion [rad/s];
+    `floor` is by how much the answer leaves out what the mechanism has, relative to its size.
     """
 
     name: str
@@ -47,6 +48,7 @@ class PublishedCase:
     times: tuple[float, ...]
     rate: float
     answer: Callable[[Array], dict[str, Array]]
+    floor: float = 0.0
 
     @cached_property
     def equations(self) -> bd.EquationsOfMotion:
@@ -69,12 +71,20 @@ class PublishedCase:
         assert solution.status.success, solution.status.sentence
         return solution
 
+    def both(self, solution: bd.Solution) -> dict[str, tuple[Array, Array]]:
+        """What is known at `times`, and what was found, a row each."""
+        times = np.array(self.times)
+        rows = np.searchsorted(solution.t, times - 1e-9)
+        found = {"q": solution.q, "v": solution.v, "lam": solution.lam, **solution.columns}
+        return {
+            name: (known.reshape(len(times), -1), found[name][rows].reshape(len(times), -1))
+            for name, known in self.answer(times).items()
+        }
+
     def errors(self, solution: bd.Solution) -> dict[str, float]:
         """Largest error at `times` of each thing known."""
-        known = self.answer(np.array(self.times))
-        rows = np.searchsorted(solution.t, np.array(self.times) - 1e-9)
-        found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-        return {name: float(np.max(np.abs(found[name][rows] - known[name]))) for name in known}
+        both = self.both(solution)
+        return {name: float(np.max(np.abs(x - known))) for name, (known, x) in both.items()}
 
 
 def _car_axis_answer(t: Array) -> dict[str, Array]:

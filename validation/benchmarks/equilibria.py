@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_bvp
@@ -18,31 +19,48 @@ Array = np.ndarray
 ARCH = bd.load_model(str(Path(__file__).parents[2] / "models" / "shallow_arch.py"))
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A number that is known of an equilibrium path, and what was found.
+class Answer(NamedTuple):
+    """A number that is known of an equilibrium path.
 
     Attributes
     ----------
-    case, setting, quantity
+    setting, quantity
         Which.
     known, ours
-        Both numbers.
+        What is known, and what was found.
     points
         Of the path.
     """
 
-    case: str
     setting: str
     quantity: str
     known: float
     ours: float
     points: int
 
-    @property
-    def relative(self) -> float:
-        """The error relative to what is known."""
-        return abs(self.ours - self.known) / abs(self.known)
+
+@dataclass(frozen=True)
+class KnownPath:
+    """A structure, and what is known of its equilibria."""
+
+    name: str
+    answers: Callable[[], Iterator[Answer]]
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """A row for each of the numbers; a step is a point of the path."""
+        for one in self.answers():
+            error = abs(one.ours - one.known)
+            yield {
+                "case": self.name,
+                "setting": one.setting,
+                "quantity": one.quantity,
+                "published": f"{one.known:.12g}",
+                "ours": f"{one.ours:.12g}",
+                "error": f"{error:.2e}",
+                "relative": f"{error / abs(one.known):.2e}",
+                "steps": one.points,
+                "ended": "",
+            }
 
 
 def by_stiffness(EI: float, EA: float, GA: float) -> bd.Section:
@@ -99,7 +117,6 @@ def elastica_answers() -> Iterator[Answer]:
     for k, name in enumerate(("shortening / L", "deflection / L", "slope [rad]")):
         row = int(np.argmax(np.abs(ours - known)[:, k]))
         yield Answer(
-            "elastica cantilever",
             "8 exact elements",
             f"{name} at {list(ELASTICA)[row]} EI / L^2",
             known[row, k],
@@ -182,11 +199,11 @@ def shallow_arch_answers() -> Iterator[Answer]:
         path = shallow_arch_path(elements, formulation)
         setting = f"{elements} elements, {formulation}"
         for (name, (load, height)), one in zip(known.items(), path.critical, strict=True):
-            case, points = "shallow arch", len(path.q)
-            yield Answer(case, setting, f"{name} limit load", load, one.factor, points)
+            points = len(path.q)
+            yield Answer(setting, f"{name} limit load", load, one.factor, points)
             down = path.columns["crown.y [m]"][one.row]
             what = f"height of the crown at it [m], {name}"
-            yield Answer(case, setting, what, height, float(down), points)
+            yield Answer(setting, what, height, float(down), points)
 
 
 # Published critical loads -------------------------------------------------------------------------
@@ -249,36 +266,23 @@ def euler_column(elements: int = 4) -> bd.Mechanism:
     return mech
 
 
-def critical_answers() -> Iterator[Answer]:
-    """Loads at which arch and column give way."""
+def deep_arch_answers() -> Iterator[Answer]:
+    """The load it gives way at."""
     path = bd.equilibrium(deep_arch(), to={"crown.y": -15.0}, control="arc length")
     found = path.critical[0].factor
-    yield Answer(
-        "deep arch", "16 exact elements", "limit load [EI / R^2]", 8.97, found, len(path.q)
-    )
+    yield Answer("16 exact elements", "limit load [EI / R^2]", 8.97, found, len(path.q))
+
+
+def euler_column_answers() -> Iterator[Answer]:
+    """The load it gives way at."""
     path = bd.equilibrium(euler_column(), to=1.2)
     found = path.critical[0].factor
-    yield Answer("Euler column", "4 exact elements", "branch point", 1.0, found, len(path.q))
+    yield Answer("4 exact elements", "branch point", 1.0, found, len(path.q))
 
 
-def answers() -> Iterator[Answer]:
-    """All of them."""
-    yield from elastica_answers()
-    yield from shallow_arch_answers()
-    yield from critical_answers()
-
-
-def rows() -> Iterator[dict[str, object]]:
-    """The same as rows of summary.csv; a step is a point of the path."""
-    for one in answers():
-        yield {
-            "case": one.case,
-            "setting": one.setting,
-            "quantity": one.quantity,
-            "published": f"{one.known:.12g}",
-            "ours": f"{one.ours:.12g}",
-            "error": f"{abs(one.ours - one.known):.2e}",
-            "relative": f"{one.relative:.2e}",
-            "steps": one.points,
-            "ended": "",
-        }
+KNOWN_PATHS = (
+    KnownPath("elastica cantilever", elastica_answers),
+    KnownPath("shallow arch", shallow_arch_answers),
+    KnownPath("deep arch", deep_arch_answers),
+    KnownPath("Euler column", euler_column_answers),
+)

@@ -1,4 +1,4 @@
-"""Every integrator against published and closed-form answers, and equilibria.
+"""Every integrator, natural modes and equilibria against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,11 +19,15 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from benchmarks import equilibria
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.equilibria import KNOWN_PATHS
+from benchmarks.mechanism_cases import MECHANISM_CASES
+from benchmarks.modes import KNOWN_MODES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
-CASES = (*PUBLISHED_CASES, PARALLELOGRAM)
+CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
+# What gives rows of its own.
+FURTHER = (*KNOWN_MODES, *KNOWN_PATHS)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
@@ -37,7 +41,7 @@ INTEGRATORS = {
 
 
 def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
-    """A row for each of q, v and lam that is known: where it is off most, and what that is worth.
+    """A row for each thing that is known: where it is off most, and what that is worth.
 
     Of a run that does not reach its end a row that says why. `relative` is the error beside the
     largest value that is known.
@@ -50,11 +54,7 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
     if not solution.status.success:
         yield {"case": case.name, "setting": setting, "ended": solution.status.sentence}
         return
-    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-    times = np.array(case.times)
-    at = np.searchsorted(solution.t, times - 1e-9)
-    for name, known in case.answer(times).items():
-        ours = found[name][at]
+    for name, (known, ours) in case.both(solution).items():
         worst = np.unravel_index(np.argmax(np.abs(ours - known)), known.shape)
         error = abs(ours[worst] - known[worst])
         yield {
@@ -62,7 +62,7 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
             "setting": setting,
             "quantity": name,
             "entry": worst[1],
-            "t [s]": f"{times[worst[0]]:.6g}",
+            "t [s]": f"{case.times[worst[0]]:.6g}",
             "published": f"{known[worst]:.12g}",
             "ours": f"{ours[worst]:.12g}",
             "error": f"{error:.2e}",
@@ -76,12 +76,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in CASES])
+    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
-    if chosen is None:
-        found += equilibria.rows()
+    further = [case for case in FURTHER if chosen in (None, case.name)]
+    found += [row for case in further for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)

@@ -24,7 +24,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 MODELS = Path(__file__).parents[2] / "models"
 sys.path.insert(0, str(MODELS))
@@ -37,12 +36,11 @@ from pendulum import pendulum
 from pieces import PIECES, Pieces, first_order_pieces, step_pieces
 from slider_crank import slider_crank
 from tables import RESULTS, write
-from timing import Times, in_turns, integrated, taken
+from timing import Times, in_turns, integrated, taken, within_loops
 from workers import Worker, checkout, exudyn
 
 import beamdae as bd
-from beamdae.native.loops import Loop
-from beamdae.results.solution import Statistics
+from beamdae.results.outcome import Statistics
 from beamdae.symbolic.factorizations import single_threaded
 
 MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
@@ -129,18 +127,7 @@ def _watched(
     in_loops: Times,
 ) -> float:
     """Time of a run; that within its compiled loops goes to `in_loops`."""
-    inside = 0.0
-    call = Loop.__call__
-
-    def timed(loop: Loop) -> int:
-        nonlocal inside
-        begin = time.process_time()
-        code = call(loop)
-        inside += time.process_time() - begin
-        return code
-
-    with patch.object(Loop, "__call__", timed):
-        whole, _ = integrated(equations, integrator, times)
+    whole, inside = within_loops(equations, integrator, times)
     in_loops.all.append(inside)
     return whole
 

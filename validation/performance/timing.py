@@ -9,10 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from unittest.mock import patch
 
 import numpy as np
 
 import beamdae as bd
+from beamdae.native.loops import Loop
 
 Array = np.ndarray
 
@@ -56,6 +58,25 @@ def integrated(
     solution = integrator.integrate(equations, times)
     taken, found = time.process_time() - begin, solution.statistics
     return taken * found.wall_time / (found.wall_time + found.setup_time), solution
+
+
+def within_loops(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: Array
+) -> tuple[float, float]:
+    """Time of the integration, as above, and that of it within compiled loops."""
+    inside = 0.0
+    call = Loop.__call__
+
+    def timed(loop: Loop) -> int:
+        nonlocal inside
+        begin = time.process_time()
+        code = call(loop)
+        inside += time.process_time() - begin
+        return code
+
+    with patch.object(Loop, "__call__", timed):
+        whole, _ = integrated(equations, integrator, times)
+    return whole, inside
 
 
 def taken(action: Callable[[], object]) -> float:

@@ -73,7 +73,7 @@ JOINTS: dict[str, Base] = {
     ),
     "Skate": Base(lambda w: {"name": "blade", "on": _disk(w, 1.0), "direction": (1.0, 0.0)}, added),
     "SlidingOnBeam": Base(
-        lambda w: {"name": "slide", "a": _bead(w), "beam": w.beam},
+        lambda w: {"name": "slide", "a": _bead(w), "beam": w.beam, "ends": "record"},
         added,
     ),
     "TranslationalDriver": Base(

@@ -7,9 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
+from beamdae.studies.work import Limits
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_modes import MODES
+from robustness.places_periodic import PERIODIC
+from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
     KNEE,
@@ -146,6 +150,7 @@ MODELS: dict[str, Base] = {
             "output_step": OUTPUT_STEP,
             "progress": lambda t: None,
             "start": "as drawn",
+            "accept_changes": False,
         },
         itself,
     ),
@@ -233,7 +238,7 @@ RESULTS: dict[str, Base] = {
         lambda w, **values: w.case(**values),
     ),
     "Study": Base(
-        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": _limits(), **_study(w)},
+        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": Limits(10.0)} | _study(w),
         done,
     ),
     "study": Base(
@@ -252,6 +257,7 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
         lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
@@ -276,27 +282,24 @@ def _written(world: World, path: Any, result: Any = None) -> None:
         solution.to_csv(path)
 
 
-def _limits() -> Any:
-    from beamdae.studies.work import Limits
-
-    return Limits(time=10.0)
-
-
-BASES: dict[str, Base] = (
-    PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS | MODELS | INTEGRATING | RESULTS
-)
+BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
+BASES |= MODELS | INTEGRATING | RESULTS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
     "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",
+    "PeriodicMotion": "what periodic gives",
+    "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
+    "Campbell": "what campbell gives",
     "Check": "what check gives",
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {"Solution": {"*"}, "Equilibrium": {"*"}}
+_TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")
+NOT_GIVEN = {name: {"*"} for name in _TOLD}

@@ -1,0 +1,54 @@
+"""How a run ended and what it cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+# How a run may end: at its end, stopped by a limit or by the user, or because it could not go on.
+Kind = Literal["ok", "limited", "interrupted", "failed"]
+
+
+@dataclass(frozen=True)
+class Status:
+    """How a run ended: its kind, and a sentence."""
+
+    kind: Kind
+    sentence: str
+
+    @property
+    def success(self) -> bool:
+        """Whether it reached its end."""
+        return self.kind == "ok"
+
+
+REACHED_END = Status("ok", "reached the end")
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a run cost.
+
+    Attributes
+    ----------
+    steps, rejected_steps
+        Accepted steps; attempts given up (error test or Newton).
+    residual_calls, jacobian_calls, factorizations, solves
+        Calls of the compiled residual and Jacobian, LU factorizations and solutions.
+    newton_failures
+        Newton iterations that did not converge with the Jacobian of an earlier step, which is then
+        renewed, or for good. scikit-sundae's class does not tell: there these are Jacobians renewed
+        within a step.
+    setup_time, wall_time
+        Building and compiling; integration alone [s].
+    """
+
+    steps: int = 0
+    rejected_steps: int = 0
+    residual_calls: int = 0
+    jacobian_calls: int = 0
+    factorizations: int = 0
+    solves: int = 0
+    newton_failures: int = 0
+    setup_time: float = 0.0
+    wall_time: float = 0.0

@@ -1,0 +1,112 @@
+"""The result of a search for periodic motion: one period, its stability, amplitudes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from beamdae.results.headers import Header
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Beyond one by this much a multiplier is taken to be.
+_UNSTABLE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicMotion:
+    """A motion that repeats after a period, and its stability (Floquet).
+
+    Attributes
+    ----------
+    solution
+        One period of it.
+    period
+        [s].
+    multipliers
+        Floquet multipliers, the eigenvalues of the monodromy matrix on the motions the joints
+        allow, largest first: what a disturbance has grown to after a period. Disturbances in modes
+        too fast for the steps die out in them, damped or not.
+    multiplier_error
+        By how much the largest changed when the steps of the disturbances were halved.
+    off
+        By how much a period misses its start, over how far coordinates move.
+    iterations
+        Of Newton's method.
+    status
+        Whether it converged, and a sentence.
+    """
+
+    solution: Solution
+    period: float
+    multipliers: Array
+    multiplier_error: float
+    off: float
+    iterations: int
+    status: Status = field(default=Status("ok", "repeats after its period"))
+
+    @property
+    def stable(self) -> bool:
+        """Whether no disturbance grows; where damping has no part in it, none does either."""
+        return largest(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
+
+    @property
+    def stability(self) -> str:
+        """In words: stable, or how disturbances grow."""
+        if self.stable:
+            return "stable"
+        most = self.multipliers[0]
+        how = "disturbances turn around it"
+        if abs(most.imag) <= 1e-6 * abs(most):
+            how = "they grow on one side" if most.real > 0 else "they double the period"
+        return f"unstable: disturbances grow by {abs(most):.6g} in a period, {how}"
+
+    def amplitudes(self) -> pd.DataFrame:
+        """One row an observed column: mean, half the range, least and largest of the period."""
+        import pandas as pd
+
+        rows = {}
+        for header, values in self.solution.columns.items():
+            mean = float(np.trapezoid(values, self.solution.t) / np.ptp(self.solution.t))
+            unit = Header.of(header).unit
+            rows[header] = (mean, half_range(values), *extremes(values), unit)
+        names = ["mean", "half range", "least", "largest", "unit"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=names)
+
+
+def extremes(values: Array) -> tuple[float, float]:
+    """Least and largest of what was sampled evenly, by parabolas through three samples."""
+    return -_top(-values), _top(values)
+
+
+def half_range(values: Array) -> float:
+    """Half of largest less least."""
+    least, most = extremes(values)
+    return 0.5 * (most - least)
+
+
+def _top(values: Array) -> float:
+    k = int(np.clip(np.argmax(values), 1, len(values) - 2))
+    before, here, after = values[k - 1 : k + 2].tolist()
+    slope, bend = 0.5 * (after - before), before - 2.0 * here + after
+    # Beyond the samples a parabola tells nothing: the end is the largest.
+    inside = abs(slope) < -bend
+    return here - 0.5 * slope**2 / bend if inside else max(before, here, after)
+
+
+def largest(multipliers: Array) -> float:
+    """Largest modulus."""
+    return float(np.max(np.abs(multipliers), initial=0.0))
+
+
+def sorted_multipliers(carried: Array) -> Array:
+    """Eigenvalues of a monodromy matrix, the largest first."""
+    found = np.linalg.eigvals(carried)
+    return found[np.argsort(-np.abs(found), kind="stable")]

@@ -1,0 +1,181 @@
+"""Impacts with restitution, by events: against closed forms, with the books closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+RUNS = integrators(1e-7, 2e-4, slow=("ida", "alpha", "alpha stabilized", "alpha adaptive"))
+G, HEIGHT = 9.81, 1.0
+FALL = np.sqrt(2.0 * HEIGHT / G)
+
+
+def bouncing(restitution, floor=(0.0, 0.0), slope=0.0, **ball):
+    """A ball over a floor that is inclined."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    ball = mech.add(bd.PointMass("ball", 2.0, **({"at": (0.0, HEIGHT)} | ball)))
+    direction = (np.cos(slope), np.sin(slope))
+    gap = bd.LineSurface(mech.ground.at(*floor), direction).gap(ball.point)
+    mech.observe("ball", ball.point)
+    mech.observe("gap", gap)
+    mech.when("gap", 0.0, "down", bd.impact(gap, restitution), "bounce")
+    return mech
+
+
+@RUNS
+def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
+    e = 0.8
+    solution = bd.simulate(bouncing(e, velocity=(0.3, 0.0)), integrator, 2.3)
+    speed = G * FALL * e ** np.arange(4)
+    times = FALL + np.cumsum([0.0, *(2.0 * e * speed[:-1] / G)])
+    found = solution.events
+    # 100 rtol of a second, of fixed steps rounding: they are exact for parabolas.
+    assert_allclose(found["t [s]"], times, atol=1e-5)
+    assert_allclose(found["ball.y_dot [m/s]"], -speed, rtol=1e-5)
+    assert_allclose(found["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
+    lost = 0.5 * 2.0 * (1.0 - e**2) * speed**2
+    assert_allclose(found["energy lost [J]"], lost, rtol=1e-5)
+    assert_allclose(solution.columns["ball.x [m]"], 0.3 * solution.t, atol=1e-9)
+    assert solution.columns["gap [m]"].min() > -1e-6
+    assert solution.quality.energy_imbalance < 1e-6
+    dissipated = solution.ledger["energy.dissipated [J]"].iloc[-1]
+    assert_allclose(dissipated, found["energy lost [J]"].sum(), rtol=1e-9)
+
+
+@RUNS
+def test_bounces_that_accumulate_end_the_run_with_the_reason(integrator):
+    """Zeno: all of them are over at FALL (1 + e) / (1 - e)."""
+    e = 0.5
+    with pytest.warns(bd.BeamdaeWarning, match="impacts of event bounce accumulate"):
+        solution = bd.simulate(bouncing(e), integrator, 3.0)
+    assert solution.status.kind == "limited"
+    # Flights that are shorter than a fixed step of 2e-4 s cannot be told from none.
+    assert_allclose(solution.trajectory.end, FALL * (1.0 + e) / (1.0 - e), atol=1e-3)
+    assert solution.columns["gap [m]"].min() > -1e-6
+
+
+@pytest.mark.parametrize("e", [0.0, 1.0])
+def test_a_dull_and_a_perfect_impact(e):
+    solution = bd.simulate(bouncing(e), bd.Radau(1e-7), 0.9)
+    if e == 0.0:
+        assert solution.status.kind == "limited"
+        assert_allclose(solution.trajectory.end, FALL, rtol=1e-6)
+        assert_allclose(solution.occurred[0].energy_lost, 2.0 * G * HEIGHT, rtol=1e-6)
+    else:
+        assert_allclose(solution.q[-1, 1], 0.9 * 2.0 * G * FALL - 0.5 * G * 0.81 - 3.0, rtol=1e-4)
+        assert_allclose(solution.occurred[0].energy_lost, 0.0, atol=1e-9)
+
+
+def test_an_impact_on_a_slope_keeps_the_speed_along_it():
+    slope, e = -0.4, 0.6
+    solution = bd.simulate(bouncing(e, slope=slope), bd.Radau(1e-8), 0.6)
+    (bounce,) = solution.occurred
+    along = np.array([np.cos(slope), np.sin(slope)])
+    normal = np.array([-along[1], along[0]])
+    before, after = bounce.state.v, solution.trajectory.intervals[1].rows.v[0]
+    assert_allclose(after @ along, before @ along, rtol=1e-9)
+    assert_allclose(after @ normal, -e * before @ normal, rtol=1e-9)
+
+
+@RUNS
+def test_a_bar_is_thrown_back_by_a_stop(integrator):
+    """Newton's restitution on a hinge's angle, from either side, with the hinge's impulses."""
+    mech = bd.Mechanism()
+    bar = mech.add(
+        bd.RigidBody(
+            "bar",
+            mass=2.0,
+            inertia=0.3,
+            center=(0.5, 0.0),
+            velocity=(0.0, 1.0),
+            angular_velocity=2.0,
+        )
+    )
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("hinge", root, bar.at(0.0, 0.0)))
+    mech.observe("bar", bar.at(0.0, 0.0))
+    for name, angle, way in (("left", 0.5, "up"), ("right", -0.25, "down")):
+        stop = mech.add(bd.Driver(name, root, bar.at(0.0, 0.0), law=angle))
+        mech.deactivate(stop)
+        mech.when("bar.angle", angle, way, bd.impact(stop, 0.5), f"hit {name}")
+    solution = bd.simulate(mech, integrator, 2.0)
+    left, right = solution.occurred
+    # About the hinge: 0.3 + 2 0.5^2 kg m^2.
+    about = 0.8
+    assert_allclose([left.t, right.t], [0.25, 1.0], rtol=1e-6)
+    assert_allclose(solution.columns["bar.angle_dot [rad/s]"][-1], 0.5, rtol=1e-6)
+    assert_allclose(left.impulses["left.angle"], about * 3.0, rtol=1e-6)
+    assert_allclose(right.impulses["right.angle"], -about * 1.5, rtol=1e-6)
+    assert_allclose(left.energy_lost, 0.5 * about * (4.0 - 1.0), rtol=1e-6)
+    # The center was at 2 rad/s 0.5 m and is at half of it the other way: 2 kg times 1.5 m/s.
+    hinge = np.hypot(left.impulses["hinge.x"], left.impulses["hinge.y"])
+    assert_allclose(hinge, 2.0 * 1.5, rtol=1e-5)
+    assert solution.quality.energy_imbalance < 1e-6
+
+
+def test_a_rod_that_falls_on_its_end_turns():
+    """Impulse at the end of a free rod: v+ of the end -e v-, of momentum and spin about it."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    rod = mech.add(bd.RigidBody("rod", mass=1.5, inertia=0.2, center=(0.0, 1.0)))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(rod.at(0.6, 1.0))
+    mech.when(gap, 0.0, "down", [bd.impact(gap, 0.4)], "hit")
+    solution = bd.simulate(mech, bd.Radau(1e-8), 0.5)
+    (hit,) = solution.occurred
+    speed = G * FALL
+    impulse = 1.4 * speed / (1.0 / 1.5 + 0.36 / 0.2)
+    assert_allclose(hit.impulses["hit.gap"], impulse, rtol=1e-6)
+    after = solution.trajectory.intervals[1].rows.v[0]
+    assert_allclose(after, [0.0, impulse / 1.5 - speed, 0.6 * impulse / 0.2], atol=1e-5)
+
+
+def test_a_gap_that_opens_is_left_alone():
+    """The event asks for an impact where nothing meets."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0), velocity=(1.0, 1.0)))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+    mech.observe("ball", ball.point)
+    mech.when("ball.x", 0.5, "up", bd.impact(gap, 0.4), "nothing")
+    solution = bd.simulate(mech, bd.Radau(), 1.0)
+    assert [one.name for one in solution.occurred] == ["nothing"]
+    assert solution.occurred[0].impulses == {}
+    assert_allclose(solution.q[-1], [1.0, 2.0], rtol=1e-9)
+
+
+def test_a_moving_floor_gives_its_speed():
+    """A racket at 2 m/s: the speed relative to it is reversed."""
+    mech = bd.Mechanism()
+    racket = mech.add(bd.RigidBody("racket", mass=1.0, inertia=1.0))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Prismatic("guide", root, racket.at(0.0, 0.0), (0.0, 1.0)))
+    lift = bd.TranslationalDriver("lift", root, racket.at(0.0, 0.0), lambda t: 2.0 * t, (0, 1))
+    mech.add(lift)
+    gap = bd.LineSurface(racket.at(0.0, 0.0)).gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), "hit")
+    solution = bd.simulate(mech, bd.Radau(1e-7), 1.0)
+    (hit,) = solution.occurred
+    assert_allclose(hit.t, 0.5, rtol=1e-9)
+    assert_allclose(solution.v[-1][solution.equations.q_names.index("ball.y")], 3.0, rtol=1e-9)
+    # What the driver gives is booked with the impact.
+    assert_allclose(hit.energy_lost, -0.5 * 9.0, rtol=1e-9)
+    assert_allclose(hit.impulses["lift.travel"], -3.0, rtol=1e-9)
+    assert solution.quality.energy_imbalance < 1e-9
+
+
+def test_impacts_that_make_no_sense_are_refused():
+    mech = bouncing(0.5)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(mech.part("ball").point)
+    for arguments, sentence in (
+        ((gap, 1.5), r"restitution must lie in \[0, 1\], got 1.5"),
+        ((gap, "a"), "impact: restitution must be"),
+        ((mech.part("ball"), 0.5), "it must be on a gap, such as surface.gap"),
+        ((bd.parts.observables.motion(mech.part("ball").point), 0.5), "a quantity of one column"),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=sentence):
+            bd.impact(*arguments)
+    with pytest.raises(bd.BeamdaeError, match="must be added to this mechanism first"):
+        bouncing(0.5).when("ball.y", do=bd.impact(gap), name="other")

@@ -1,0 +1,183 @@
+"""Forces as they are drawn: how each is built in a frame, by its kind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import beamdae as bd
+
+
+def spring(w, name, a, b, n):
+    """Numbers of a spring and damper side by side."""
+    f = w.frame
+    return bd.SpringDamper(
+        name,
+        w.at(a),
+        w.at(b),
+        stiffness=f.number(n["stiffness"], "N/m"),
+        damping=f.number(n["damping"], "N s/m"),
+        free_length=f.number(n["free"], "m"),
+        preload=f.number(n["preload"], "N"),
+    )
+
+
+def lawful(w, name, a, b, n):
+    """A progressive spring with a damper, and its energy."""
+    f = w.frame
+    size, force = f.number(n["free"], "m"), f.number(abs(n["preload"]), "N")
+    rate = n["damping"]
+    speed = f.number(1.0, "m/s")
+    return bd.SpringDamper(
+        name,
+        w.at(a),
+        w.at(b),
+        law=lambda x, v: force * (np.sinh(x / size) + rate * np.tanh(v / speed)),
+        energy=lambda x: force * size * np.cosh(x / size),
+    )
+
+
+def torsion(w, name, a, b, n):
+    f = w.frame
+    return bd.TorsionSpring(
+        name,
+        w.at(a),
+        w.at(b),
+        stiffness=f.number(n["stiffness"], "N m"),
+        damping=f.number(n["damping"], "N m s"),
+        free_angle=f.turn(n["free"]),
+        preload=f.turn(n["preload"], "N m"),
+    )
+
+
+def bushing(w, name, a, b, n):
+    f, k, c = w.frame, n["stiffness"], n["damping"]
+    return bd.Bushing(
+        name,
+        w.at(a),
+        w.at(b),
+        kx=f.number(k, "N/m"),
+        ky=f.number(2.0 * k, "N/m"),
+        ktheta=f.number(0.3 * k, "N m"),
+        cx=f.number(c, "N s/m"),
+        cy=f.number(0.5 * c, "N s/m"),
+        ctheta=f.number(0.2 * c, "N m s"),
+        angle=f.heading(n["angle"]),
+    )
+
+
+def _touching(w, name, point, surface, n):
+    f = w.frame
+    return bd.Contact(
+        name,
+        w.at(point),
+        surface,
+        stiffness=f.number(n["stiffness"], "N/m^1.5"),
+        restitution=n["restitution"],
+        impact_speed=f.number(1.0, "m/s"),
+        friction=n["friction"],
+        friction_speed=f.number(0.1, "m/s"),
+    )
+
+
+def contact_line(w, name, a, b, n):
+    x, y = n["direction"]
+    direction = w.frame.way(w.frame.sense * x, w.frame.sense * y, unit="")
+    return _touching(w, name, b, bd.LineSurface(w.at(a), direction), n)
+
+
+def contact_circle(w, name, a, b, n):
+    surface = bd.CircleSurface(w.at(a), w.frame.number(n["radius"], "m"), n["side"])
+    return _touching(w, name, b, surface, n)
+
+
+def force(w, name, a, b, n):
+    return bd.Force(name, w.at(b), w.frame.laws(n["wave"], n["direction"], "N"), n["axes"])
+
+
+def moment(w, name, a, b, n):
+    return bd.Moment(name, w.at(b), w.frame.law(n["wave"], "N m", w.frame.sense))
+
+
+def pair_law(w, name, a, b, n):
+    """Two points draw each other near with a pull of finite range, damped along the way."""
+    f = w.frame
+    force, reach = f.number(n["preload"], "N"), f.number(1.0, "m")
+    damping = f.number(n["damping"], "N s/m")
+
+    def law(p, q, t):
+        way = (q.position - p.position) / reach
+        square = 1.0 + way @ way
+        rate = way @ (q.velocity - p.velocity)
+        pull = (force / square + damping * rate / square) * way
+        return [pull, -pull]
+
+    def energy(p, q):
+        way = (q.position - p.position) / reach
+        return 0.5 * force * reach * np.log(1.0 + way @ way)
+
+    return bd.ForceLaw(name, (w.at(a), w.at(b)), law, energy, dissipative=True)
+
+
+def line_load(w, name, a, b, n):
+    f, beam = w.frame, w.parts[w.bodies[b.body].name]
+    if n["axes"] == "section":
+        along, left = n["direction"]
+        law = (f.law(n["wave"], "N/m", along), f.law(n["wave"], "N/m", f.sense * left))
+        return bd.DistributedForce(name, beam, law, axes="section")
+    return bd.DistributedForce(name, beam, f.laws(n["wave"], n["direction"], "N/m"))
+
+
+def moving_force(w, name, a, b, n):
+    f, beam = w.frame, w.parts[w.bodies[b.body].name]
+    x, y = (n["wave"].value * d for d in n["direction"])
+    speed, start = f.number(n["speed"], "m/s"), f.number(n["start"], "m")
+    return bd.MovingForce(name, beam, f.way(x, y, "N"), speed, start)
+
+
+def rayleigh(w, name, a, b, n):
+    f, beam = w.frame, w.parts[w.bodies[b.body].name]
+    return bd.RayleighDamping(name, beam, mass=n["mass"] / f.time, stiffness=f.number(1e-4, "s"))
+
+
+def drag(w, name, a, b, n):
+    beam = w.parts[w.bodies[b.body].name]
+    return bd.AirDrag(name, beam, w.frame.number(n["damping"], "kg/m^2"))
+
+
+def load_mass(w, name, a, b, n):
+    return bd.PointMass(name, w.frame.number(n["mass"], "kg"), on=w.at(b))
+
+
+def friction(w, name, a, b, n):
+    """In the joint named `of`."""
+    f, joint = w.frame, w.parts[n["of"]]
+    more = {"radius": f.number(0.05, "m")} if n["radius"] else {}
+    if n["static"]:
+        more |= {"static": 1.5 * n["friction"], "stribeck": f.number(0.3, "m/s")}
+    return bd.Friction(
+        name,
+        joint,
+        n["friction"],
+        regularization=f.number(0.1, "m/s"),
+        smoothing=f.number(1e-3, "N"),
+        **more,
+    )
+
+
+FORCES = {
+    "spring": spring,
+    "law of a spring": lawful,
+    "torsion spring": torsion,
+    "bushing": bushing,
+    "contact with a line": contact_line,
+    "contact with a circle": contact_circle,
+    "force": force,
+    "moment": moment,
+    "law of two points": pair_law,
+    "load by length": line_load,
+    "moving force": moving_force,
+    "Rayleigh": rayleigh,
+    "drag": drag,
+    "mass": load_mass,
+    "friction": friction,
+}

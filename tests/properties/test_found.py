@@ -1,0 +1,73 @@
+"""Regression tests: what random mechanisms found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+
+def particle_and_disk():
+    mech = bd.Mechanism()
+    particle = mech.add(bd.PointMass("particle", 1.0, at=(0.0, 0.0), velocity=(0.3, 0.0)))
+    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1, (0.0, 0.0), angular_velocity=2.0))
+    return mech, particle.point, disk.at(0.0, 0.0)
+
+
+REFUSED = {
+    "friction in a bearing": lambda p, d: bd.Friction(
+        "rub", bd.Revolute("pin", p, d), 0.3, regularization=0.1, radius=0.1
+    ),
+    "a line": lambda p, d: bd.PointOnLine("rub", p, d),
+    "a driven travel": lambda p, d: bd.TranslationalDriver("rub", p, d, lambda t: 0.1 * t),
+    "a line that is touched": lambda p, d: bd.LineSurface(p),
+    "a circle that rubs": lambda p, d: bd.Contact(
+        "rub", d, bd.CircleSurface(p, 0.1), 10.0, friction=0.3
+    ),
+}
+
+
+@pytest.mark.parametrize("make", REFUSED.values(), ids=REFUSED)
+def test_regression_nothing_holds_on_to_the_angle_of_a_particle(make):
+    """Moments that a particle cannot bear came from nowhere: angular momentum was not conserved."""
+    _, particle, disk = particle_and_disk()
+    with pytest.raises(bd.BeamdaeError, match=r"particle at \(0, 0\) is a particle and has no ang"):
+        make(particle, disk)
+
+
+def test_a_circle_without_friction_may_be_a_particle():
+    mech, particle, disk = particle_and_disk()
+    mech.add(bd.Contact("touch", disk, bd.CircleSurface(particle, 0.1, "inside"), 10.0))
+    assert bd.simulate(mech, bd.Radau(1e-4), 0.1).status.success
+
+
+@integrators(1e-6, 1e-3)
+def test_regression_a_mechanism_at_rest_has_its_books_closed(integrator):
+    """Its energy was off by all that was turned over: by rounding, of nothing."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    particle = mech.add(bd.PointMass("particle", 0.568, at=(-0.278, -0.662), velocity=(0.3, 0.6)))
+    mech.add(bd.Revolute("pin", mech.ground.at(-0.278, -0.662), particle.point))
+    mech.add(bd.Force("pull", particle.point, (-2.7387, 0.083)))
+    quality = bd.simulate(mech, integrator, 1.0).quality
+    assert quality.energy_imbalance < 1e-9
+    assert quality.max_residual < 1e-9
+
+
+@integrators(1e-5, 1e-3)
+def test_regression_the_drive_of_what_moves_by_law_alone_is_found(integrator):
+    """The angle is a parabola that Ida passes in long steps, the load on it a sine: 13 % off."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 0.4))
+    hub = (mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0))
+    mech.add(bd.Revolute("bearing", *hub))
+    motor = mech.add(bd.Driver("motor", *hub, law=lambda t: 0.6 * t + 0.8 * t**2))
+    mech.add(bd.Moment("load", disk.at(0.0, 0.0), law=lambda t: -6.0 * np.sin(5.8 * t)))
+    mech.observe("motor", motor.drive)
+    solution = bd.simulate(mech, integrator, 1.0)
+    known = 0.4 * 1.6 + 6.0 * np.sin(5.8 * solution.t)
+    # Of the largest moment: the promise, 100 rtol.
+    assert_allclose(solution.columns["motor.M [N m]"], known, rtol=0.0, atol=6.6e-3)
+    assert solution.quality.energy_imbalance < 1e-3
