@@ -183,3 +183,20 @@ def test_a_blade_has_no_place_to_rest():
     mech.add(bd.Force("push", sled.at(0.0, 0.0), (1.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match=r"blade.*holds velocities alone"):
         bd.equilibrium(mech)
+
+
+def test_modes_are_about_the_end_of_a_path():
+    def heavy(load):
+        mech = hung()
+        mech.add(bd.Force("pull", mech.parts["mass"].at(0.3, 0.0), (load, 0.0)))
+        return mech
+
+    path = bd.equilibrium(heavy(5.0))
+    own, found = (bd.modes(heavy(5.0), about=about) for about in (path, "equilibrium"))
+    assert not own.warnings
+    assert_allclose(own.eigenvalues, found.eigenvalues, rtol=1e-9)
+    # The pull stiffens the turn: frequencies are not those of the drawing.
+    assert abs(own.eigenvalues[0]) > 1.02 * abs(bd.modes(hung()).eigenvalues[0])
+    half = bd.equilibrium(heavy(5.0), to=0.5)
+    with pytest.raises(bd.BeamdaeError, match=r"one at the load factor 0\.5, and a model moves"):
+        bd.modes(heavy(5.0), about=half)
