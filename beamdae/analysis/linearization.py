@@ -36,6 +36,8 @@ Array = np.ndarray
 REFERENCE = "reference"
 # Forces that do not balance, beside those there are, and beside what rounding leaves of stiffness.
 _UNBALANCED, _ROUNDING = 1e-6, 1e-13
+# What Newton's method leaves of a load factor of one.
+_WHOLE = 1e-9
 # Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
 _STEP = 1e-4
 
@@ -149,9 +151,9 @@ def _resting(whole: EquationsOfMotion, found: Equilibrium) -> EquationsOfMotion:
     """The equations with the end of a path as their start."""
     factors = found.factors[-1]
     off = np.abs(factors - 1.0)
-    if np.max(off, initial=0.0) > _ROUNDING:
+    if np.max(off, initial=0.0) > _WHOLE:
         raise BeamdaeError(
-            f"about: this equilibrium is one at the load factor {factors[np.argmax(off)]:.6g}, and a "
+            f"about: this equilibrium is one at the load factor {factors[np.argmax(off)]:.6g}, a "
             "model moves under the whole of its loads; state them as large as they are there."
         )
     return found.starting().starting(whole)
