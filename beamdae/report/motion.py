@@ -140,7 +140,8 @@ def _moving(bodies: Sequence[Body], captions: Sequence[str], interval: int) -> F
 
 def look(body: Body) -> dict[str, Any]:
     """How matplotlib draws a body, by its kind."""
-    if body["kind"] in ("point", "ground"):
+    # A body that is held at one point alone is drawn as that.
+    if body["kind"] in ("point", "ground") or len(body["x"][0]) == 1:
         color = "0.55" if body["kind"] == "ground" else COLORS[3]
         mark = "^" if body["kind"] == "ground" else "o"
         found: dict[str, Any] = {"color": color, "marker": mark, "ls": "none", "ms": 6}
