@@ -1,4 +1,4 @@
-"""Every integrator, natural modes and linear models against published and closed-form answers.
+"""Every integrator, beams at rest and their modes against published and closed-form answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,14 +19,17 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 from benchmarks.mechanism_cases import MECHANISM_CASES
-from benchmarks.modes import FORMULATIONS, KNOWN_MODES
-from benchmarks.step_response import CASE as STEP_RESPONSE
-from benchmarks.step_response import rows as step_rows
+from benchmarks.modes import KNOWN_MODES
+from benchmarks.spun_up import SPUN_UP
+from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
+# What gives rows of its own.
+FURTHER = (*KNOWN_MODES, *STEP_RESPONSES, *KNOWN_RESTS, *SPUN_UP)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
@@ -75,15 +78,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--case", choices=[case.name for case in (*CASES, *KNOWN_MODES)] + [STEP_RESPONSE]
-    )
+    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
-    known = [case for case in KNOWN_MODES if chosen in (None, case.name)]
-    found += [row for case in known for x in FORMULATIONS for row in case.rows(x)]
-    found += step_rows() if chosen in (None, STEP_RESPONSE) else []
+    further = [case for case in FURTHER if chosen in (None, case.name)]
+    found += [row for case in further for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)

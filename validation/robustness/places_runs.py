@@ -228,6 +228,13 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "load": Base(lambda w: {"path": w.solution.save("run.beamdae"), "model": w.mech}, itself),
+    "Solution.save": Base(
+        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: w.solution.save(path)
+    ),
+    "Solution.difference": Base(
+        lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
+    ),
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
@@ -270,6 +277,7 @@ NOT_CALLED = {
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
+    "SavedRun": "what load gives",
 }
 # Arguments users do not give.
 _TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")
