@@ -228,9 +228,13 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
-    "load": Base(lambda w: {"path": w.solution.save("run.beamdae"), "model": w.mech}, itself),
+    "load": Base(
+        lambda w: {"path": "out/run.beamdae", "model": w.mech},
+        itself,
+        lambda w, **given: (w.solution.save("out/run.beamdae"), bd.load(**given))[1],
+    ),
     "Solution.save": Base(
-        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: w.solution.save(path)
+        lambda w: {"path": "out/run.beamdae"}, itself, lambda w, path: w.solution.save(path)
     ),
     "Solution.difference": Base(
         lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
@@ -238,7 +242,7 @@ RESULTS: dict[str, Base] = {
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
-        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+        lambda w: {"solution": w.solution, "path": "out/run.gif", "speed": 1.0, "frames": 3}, itself
     ),
     "Solution.observe": Base(
         lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
