@@ -242,7 +242,7 @@ RESULTS: dict[str, Base] = {
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
-        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+        lambda w: {"solution": w.solution, "path": "out/run.gif", "speed": 1.0, "frames": 3}, itself
     ),
     "Solution.observe": Base(
         lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
