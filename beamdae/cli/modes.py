@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.run import configured
+from beamdae.cli.options import ModelFile, ModelName, Out, Settings, configured, require_writable
 from beamdae.cli.saying import console, drawn, say_warnings, say_written
 from beamdae.errors import BeamdaeError, one_of
 

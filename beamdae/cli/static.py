@@ -16,10 +16,10 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     assignments,
+    configured,
     require_writable,
     start_of,
 )
-from beamdae.cli.run import configured
 from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
