@@ -6,7 +6,8 @@ from pathlib import Path
 
 import typer
 
-from beamdae.cli.options import ModelFile, ModelName, Out, Settings, configured, require_writable
+from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
+from beamdae.cli.run import configured
 from beamdae.cli.saying import console, drawn, say_written
 from beamdae.errors import BeamdaeError
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beamdae.errors import BeamdaeError, shown
-
-if TYPE_CHECKING:
-    from beamdae.model_functions import Model
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
 ModelName = Annotated[
@@ -89,11 +85,3 @@ def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "-
         raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} allows no files.")
     if taken is not None:
         raise BeamdaeError(f"{option} {folder}: it cannot be written, {taken} is a folder.")
-
-
-def configured(path: Path, name: str | None, settings: list[str] | None) -> Model:
-    """The model of a file with the values of --set as its defaults."""
-    from beamdae.cli.model_file import load_model
-
-    model = load_model(path, name)
-    return replace(model, parameters=model.complete(assignments(settings)))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli import interrupts
-from beamdae.cli.integrators import integrator_of
+from beamdae.cli.asked import configured, integrator_of
 from beamdae.cli.options import (
     EndTime,
     ModelFile,
@@ -24,7 +24,6 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     TimeLimit,
-    configured,
     require_writable,
     start_of,
 )
@@ -281,9 +280,12 @@ def _draw(columns: dict[str, Any], status: Status, title: str, files: _Files, to
 def _say(solution: Solution, name: str, told: _Told) -> None:
     """Tables and sentences of a run on the screen."""
     from beamdae.report import terminal
+    from beamdae.results.occurrences import counted
 
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
+    if solution.equations.events:
+        rows["events"] = counted(one.name for one in solution.occurred)
     screen.print(terminal.facts(name, rows))
     if solution.columns:
         screen.print(terminal.ranges(solution.columns, told.errors))

@@ -1,21 +1,28 @@
-"""Integrators by the options of commands."""
+"""What the options of a command ask for: a model with its parameters, an integrator."""
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.options import assignments
 from beamdae.errors import BeamdaeError, one_of
+
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
+
+
+def configured(path: Path, name: str | None, settings: list[str] | None) -> Model:
+    """The model of a file with the values of --set as its defaults."""
+    from beamdae.cli.model_file import load_model
+
+    model = load_model(path, name)
+    return replace(model, parameters=model.complete(assignments(settings)))
 
 
 def integrator_of(name: str, options: dict[str, Any]) -> Any:
-    """The integrator of a name with the options that were given, others being None.
-
-    Raises
-    ------
-    BeamdaeError
-        If there is none of the name, or it does not know an option.
-    """
+    """The integrator of a name, with those of the options that are given."""
     from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
 
     kinds: dict[str, Any] = {
