@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.errors import BeamdaeError, count, positive, shown
 from beamdae.report.curves import picture_path
 from beamdae.report.pictures import COLORS
 from beamdae.results.files import replacing
@@ -61,6 +61,8 @@ def animate(
     BeamdaeError
         If the run is not one of a mechanism, the file is of another kind or cannot be written.
     """
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(f"animate: solution must be what simulate gave, got {shown(solution)}.")
     t = frame_times(solution, 2)
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
