@@ -41,6 +41,15 @@ def test_cost_of_small_sizes(tmp_path):
     assert scaling.measured(scaling.ring, 4, 1)["unknowns"] > 0
 
 
+def test_time_of_mechanisms_over_what_their_size_predicts(monkeypatch):
+    import mechanisms
+
+    monkeypatch.setattr(mechanisms, "STEPS", 200)
+    lines = mechanisms.compared(1)
+    assert list(lines["four-bar"]) == list(mechanisms.CASES)
+    assert (lines[["step [us]", "predicted [us]", "ratio by residual"]] > 0.0).all(axis=None)
+
+
 def test_errors_against_the_stored_reference(tmp_path):
     import work_precision as wp
 
