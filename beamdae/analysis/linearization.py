@@ -35,8 +35,10 @@ Array = np.ndarray
 REFERENCE = "reference"
 # Forces that do not balance, beside those there are, and beside what rounding leaves of stiffness.
 _UNBALANCED, _ROUNDING = 1e-6, 1e-13
+# Beside accelerations where forces do not balance: what elements leave of a frequency that is zero.
+_STILL = 1e-6
 # Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
-_STEP = 1e-4
+_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ class Linearization:
         How it turns, if it does: coordinates are then those of an observer who turns as well.
     warnings
         What the result has to be read with.
+    still
+        Squares of frequencies [1/s^2] up to this are zero.
     """
 
     equations: EquationsOfMotion
@@ -69,6 +73,7 @@ class Linearization:
     tangent: Tangent
     turning: Rotation | None = None
     warnings: tuple[str, ...] = ()
+    still: float = 0.0
 
     @property
     def nonholonomic(self) -> Array:
@@ -162,7 +167,8 @@ def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
         "state is no equilibrium; frequencies are those of the second derivatives of the potential "
         "there, about='equilibrium' finds where it rests."
     )
-    return Linearization(own, whole, told, time, state, found, warnings=(sentence,))
+    still = _STILL * float(share[worst])
+    return Linearization(own, whole, told, time, state, found, None, (sentence,), still)
 
 
 def _released(e: EquationsOfMotion, time: Array, q: Array) -> State:
@@ -201,8 +207,9 @@ def _covariant(e: EquationsOfMotion, time: Array, state: State, found: Tangent) 
     still = tangent(e, time, state._replace(a=np.zeros(e.n)))
     by_inertia = found.stiffness - still.stiffness
     step = _STEP / float(np.max(np.abs(state.a) / e.position_scales))
-    ahead, behind = (
-        tangent(e, time, state._replace(q=state.q + h * state.a)).mass for h in (step, -step)
-    )
-    changed = (ahead - behind) / (2.0 * step)
+    masses = [
+        tangent(e, time, state._replace(q=state.q + k * step * state.a)).mass
+        for k in (-2, -1, 1, 2)
+    ]
+    changed = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
     return sp.csc_array(found.stiffness - 0.5 * (by_inertia - by_inertia.T + changed))
