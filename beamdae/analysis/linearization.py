@@ -27,6 +27,7 @@ from beamdae.equations.reduced import reduced
 from beamdae.equations.tangents import Tangent, tangent
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.instant import Instant
 from beamdae.simulation import as_equations
 
@@ -37,6 +38,8 @@ REFERENCE = "reference"
 _UNBALANCED, _ROUNDING = 1e-6, 1e-13
 # Beside accelerations where forces do not balance: what elements leave of a frequency that is zero.
 _STILL = 1e-6
+# What Newton's method leaves of a load factor of one.
+_WHOLE = 1e-9
 # Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
 _STEP = 1e-3
 
@@ -109,12 +112,14 @@ def linearization(model: Any, about: Any = REFERENCE, t: float = 0.0) -> Lineari
         state, found = steady(own, time, about)
         told = f"rotation at {about.speed:g} rad/s about {about.center}"
         return Linearization(own, whole, told, time, state, found, about)
+    if isinstance(about, Equilibrium):
+        return _at_rest(_resting(as_equations(model, AS_DRAWN), about), EQUILIBRIUM, about.t)
     if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
         return _at_rest(as_equations(model, AS_DRAWN), REFERENCE, t)
     if not (isinstance(about, (str, Mapping))):
         raise BeamdaeError(
-            f"{name}: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...) "
-            f"or solution.at(t), got {shown(about)}."
+            f"{name}: it must be 'reference', 'equilibrium', positions by name, an Equilibrium, "
+            f"bd.rotation(...) or solution.at(t), got {shown(about)}."
         )
     require_start(name, about)
     whole = started(as_equations(model, AS_DRAWN), about, t)
@@ -145,6 +150,18 @@ def _on_the_way(whole: EquationsOfMotion, instant: Instant) -> Linearization:
     state = Starter(own).state(time, instant.state.q, instant.state.v)
     told = f"the motion at t = {instant.t:g} s, as if it stayed there"
     return Linearization(own, whole, told, time, state, tangent(own, time, state))
+
+
+def _resting(whole: EquationsOfMotion, found: Equilibrium) -> EquationsOfMotion:
+    """The equations with the end of a path as their start."""
+    factors = found.factors[-1]
+    off = np.abs(factors - 1.0)
+    if np.max(off, initial=0.0) > _WHOLE:
+        raise BeamdaeError(
+            f"about: this equilibrium is one at the load factor {factors[np.argmax(off)]:.6g}, a "
+            "model moves under the whole of its loads; state them as large as they are there."
+        )
+    return found.starting().starting(whole)
 
 
 def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:

@@ -22,6 +22,7 @@ MOTIONS = {
     "sliding_mass": ["s [m]", "bead.x [m]", "bead.y [m]", "tip.x [m]", "tip.y [m]"],
     "ring_mount": ["motor.x [m]", "motor.y [m]", "motor.angle [rad]"],
     "governor": ["rotor.angle [rad]", "energy.dissipated [J]"],
+    "shallow_arch": ["crown.y [m]", "quarter.y [m]", "quarter.angle [rad]"],
 }
 
 
