@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -145,6 +147,28 @@ def test_free_motions_turn_about_instantaneous_centers():
     assert "bar 0 can turn about (0, 0)" in told
     assert "bar 1 can turn about (1, 0)" in told
     assert "coupler can travel along (0.958, -0.287)" in told
+
+
+def free_chain(joint):
+    """Twelve bars in a line, joined to each other alone."""
+    mech = bd.Mechanism()
+    bars = [
+        mech.add(bd.RigidBody.rod(f"bar {k}", a=(k, 0.0), b=(k + 1.0, 0.0), mass=1.0))
+        for k in range(12)
+    ]
+    for k, (one, other) in enumerate(pairwise(bars)):
+        mech.add(joint(f"joint {k}", one.at(k + 1.0, 0.0), other.at(k + 1.0, 0.0)))
+    return mech
+
+
+def test_parts_that_move_alike_are_told_together():
+    welded = free_chain(bd.Weld).check().free_motions
+    assert len(welded) == 3
+    assert all(told.startswith("the whole mechanism can ") for told in welded)
+    linked = free_chain(bd.Revolute).check()
+    assert len(linked.free_motions) == linked.mobility == 14
+    assert "bar 0 and bar 1 can travel along (0, 1), bar 2 can turn about (3, 0)" in str(linked)
+    assert "; and 6 more" in str(linked)
 
 
 def test_a_mechanism_that_is_right():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.asked import configured
 from beamdae.cli.options import (
     ModelFile,
     ModelName,
@@ -19,7 +20,6 @@ from beamdae.cli.options import (
     require_writable,
     start_of,
 )
-from beamdae.cli.run import configured
 from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,18 @@ Array = np.ndarray
 _FAR = 100.0
 # What rounding leaves of zero in a motion of size one.
 _NONE = 1e-9
+# Of more names a sentence has the first ones.
+_MOST_NAMES = 9
 _FRAMES = (("x", "y", "angle"), ("x0", "y0", "theta"))
 # Coordinates of the nodes of what has no frame.
 _NODES = ("x", "y", "psi")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in words, of many the first ones."""
+    if len(names) > _MOST_NAMES:
+        names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} others"]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 class Body(NamedTuple):
@@ -111,8 +121,9 @@ def described(e: EquationsOfMotion, q: Array, motion: Array) -> str:
 
 def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     """A motion of all bodies that nothing holds, as a sentence: who turns about what."""
-    told = []
-    for body in bodies(e):
+    who: dict[str, list[str]] = {}
+    everything = bodies(e)
+    for body in everything:
         travel, turn, other = _sizes(e, q, body, motion)
         if max(travel, turn, other) <= _NONE:
             continue
@@ -126,8 +137,12 @@ def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
             size = _NONE * e.length
             center = [c if abs(c) > size else 0.0 for c in (x - dy / rate, y + dx / rate)]
             how = f"turn about ({center[0]:.4g}, {center[1]:.4g})"
-        told.append(f"{body.name} can {how}")
-    return ", ".join(told)
+        who.setdefault(how, []).append(body.name)
+    if len(everything) > 1 and [len(names) for names in who.values()] == [len(everything)]:
+        return f"the whole mechanism can {next(iter(who))}"
+    told = [f"{listed(names)} can {how}" for how, names in who.items()]
+    others = sum(len(names) for names in list(who.values())[_MOST_NAMES:])
+    return ", ".join([*told[:_MOST_NAMES], *([f"{others} others move along"] if others else [])])
 
 
 def _direction(body: Body, motion: Array) -> str:

@@ -63,13 +63,19 @@ def write_result(
     BeamdaeError
         If `path` is none of a file, or a file cannot be written.
     """
-    text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (may_be_path(text) and Path(text).name):
-        raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
+    file = file_path("to_csv", path)
     if not status.success:
         rows = len(next(iter(columns.values())))
         columns = {**columns, "status": np.full(rows, status.kind)}
-    return write(Path(path), columns, beside)
+    return write(file, columns, beside)
+
+
+def file_path(name: str, path: Any) -> Path:
+    """The path of a file, as an argument of `name`."""
+    text = str(path) if isinstance(path, (str, Path)) else ""
+    if not (may_be_path(text) and Path(text).name):
+        raise BeamdaeError(f"{name}: path must be that of a file, got {shown(path)}.")
+    return Path(text)
 
 
 def write_beside(path: Path, beside: Mapping[str, Any]) -> None:

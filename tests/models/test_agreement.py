@@ -43,7 +43,14 @@ def test_integrators_agree_within_100_rtol(name):
         assert share.max() < 100.0 * RTOL, (label, share.to_dict())
 
 
-@pytest.mark.parametrize("name", MOTIONS)
+# Two of the larger meshes, a ring and a slider on a beam, in the slow run.
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=[pytest.mark.slow] if x in ("ring_mount", "sliding_mass") else [])
+        for x in MOTIONS
+    ],
+)
 def test_nothing_is_wrong_with_a_model(name):
     found = bd.check(MODELS[name])
     assert not found.problem

@@ -161,9 +161,9 @@ SHORT = {
     "spin_up": {"ida"},
     "four_bar": {"ida", "alpha"},
     "quick_return": {"ida", "radau", "alpha"},
-    "leaf_spring_vehicle": {"ida", "alpha"},
-    "sliding_mass": {"ida", "alpha"},
-    "ring_mount": {"ida", "alpha"},
+    "leaf_spring_vehicle": {"alpha"},
+    "sliding_mass": {"alpha"},
+    "ring_mount": {"alpha"},
     "governor": {"ida", "alpha"},
     "shallow_arch": {"ida", "radau"},
 }
