@@ -67,6 +67,8 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
         raise BeamdaeError(f"equilibrium: loads must be {_WHAT}, got {shown(name)}.")
     if name == GRAVITY and _is_heavy(mechanism):
         return
+    if name == GRAVITY and name not in mechanism.parts:
+        raise BeamdaeError("equilibrium: loads name 'gravity', of which the mechanism has none.")
     if name not in mechanism.parts:
         known = (*mechanism.parts, GRAVITY)
         raise BeamdaeError(f"equilibrium: loads, no part {shown(name)}{nearest(name, known)}.")
