@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -38,17 +39,16 @@ class KnownModes:
     ours: Callable[[int, str], Array]
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Those by both formulations."""
-        for label in FORMULATIONS:
-            yield from self.rows_by(label)
+        """A row for each of the numbers and formulations."""
+        return chain.from_iterable(map(self.rows_of, FORMULATIONS))
 
-    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers, by a formulation."""
-        found = self.ours(self.elements, FORMULATIONS[label])
+    def rows_of(self, formulation: str) -> Iterator[dict[str, Any]]:
+        """A row for each of the numbers; the formulation is a key of `FORMULATIONS`."""
+        found = self.ours(self.elements, FORMULATIONS[formulation])
         for k, (own, known) in enumerate(zip(found, self.known, strict=True)):
             yield {
                 "case": self.name,
-                "setting": f"modes, {self.elements} {label}",
+                "setting": f"modes, {self.elements} {formulation}",
                 "quantity": "frequency",
                 "entry": k,
                 "published": f"{known:.12g}",

@@ -198,6 +198,21 @@ INTEGRATING: dict[str, Base] = {
     ),
 }
 
+
+def _kept(world: World, path: Any, model: Any) -> Any:
+    file = world.solution.save("run.beamdae")
+    try:
+        return bd.load(path, model)
+    finally:
+        file.unlink()
+
+
+def _saved(world: World, path: Any) -> None:
+    (world.folder / "deep").mkdir(parents=True)
+    with chdir(world.folder / "deep"):
+        world.solution.save(path)
+
+
 RESULTS: dict[str, Base] = {
     "Case": Base(
         lambda w: {"model": w.swing, "parameters": {"mass": 2.0}, "integrator": w.integrator},
@@ -228,14 +243,8 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
-    "load": Base(
-        lambda w: {"path": "out/run.beamdae", "model": w.mech},
-        itself,
-        lambda w, **given: (w.solution.save("out/run.beamdae"), bd.load(**given))[1],
-    ),
-    "Solution.save": Base(
-        lambda w: {"path": "out/run.beamdae"}, itself, lambda w, path: w.solution.save(path)
-    ),
+    "load": Base(lambda w: {"path": "run.beamdae", "model": w.mech}, itself, _kept),
+    "Solution.save": Base(lambda w: {"path": Path("run.beamdae")}, itself, _saved),
     "Solution.difference": Base(
         lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
     ),
@@ -245,11 +254,13 @@ RESULTS: dict[str, Base] = {
         lambda w: {"solution": w.solution, "path": "out/run.gif", "speed": 1.0, "frames": 3}, itself
     ),
     "Solution.observe": Base(
-        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
         itself,
         lambda w, **given: w.solution.observe(**given),
     ),
-    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
+    "Solution.__getitem__": Base(
+        lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]
+    ),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
