@@ -188,5 +188,5 @@ def test_response_of_duffing_s_oscillator_past_both_folds():
         np.testing.assert_allclose(x, known, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
     known = [fold(response.points[k].parameter, sampled(response.points[k]) - 1.0) for k in turns]
-    # Of parabolas through three points each.
-    np.testing.assert_allclose(response.folds, known, rtol=2e-4)
+    # Of parabolas through three points each, as far apart as a fifth of the range.
+    np.testing.assert_allclose(response.folds, known, rtol=1e-3)
