@@ -1,4 +1,4 @@
-"""Every integrator, beams at rest and natural modes, against published and closed-form answers.
+"""Integrators, beams at rest, modes, section forces and periodic motions, against known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -23,12 +23,14 @@ from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
+from benchmarks.periodic_motions import KNOWN_PERIODIC
+from benchmarks.section_forces import KNOWN_SECTION_FORCES
 from benchmarks.spun_up import SPUN_UP
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
-FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP)
+FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP, *KNOWN_SECTION_FORCES, *KNOWN_PERIODIC)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
