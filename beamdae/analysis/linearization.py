@@ -27,6 +27,7 @@ from beamdae.equations.reduced import reduced
 from beamdae.equations.tangents import Tangent, tangent
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.instant import Instant
 from beamdae.simulation import as_equations
 
@@ -35,8 +36,12 @@ Array = np.ndarray
 REFERENCE = "reference"
 # Forces that do not balance, beside those there are, and beside what rounding leaves of stiffness.
 _UNBALANCED, _ROUNDING = 1e-6, 1e-13
+# Beside accelerations where forces do not balance: what elements leave of a frequency that is zero.
+_STILL = 1e-6
+# What Newton's method leaves of a load factor of one.
+_WHOLE = 1e-9
 # Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
-_STEP = 1e-4
+_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ class Linearization:
         How it turns, if it does: coordinates are then those of an observer who turns as well.
     warnings
         What the result has to be read with.
+    still
+        Squares of frequencies [1/s^2] up to this are zero.
     """
 
     equations: EquationsOfMotion
@@ -69,6 +76,7 @@ class Linearization:
     tangent: Tangent
     turning: Rotation | None = None
     warnings: tuple[str, ...] = ()
+    still: float = 0.0
 
     @property
     def nonholonomic(self) -> Array:
@@ -104,12 +112,14 @@ def linearization(model: Any, about: Any = REFERENCE, t: float = 0.0) -> Lineari
         state, found = steady(own, time, about)
         told = f"rotation at {about.speed:g} rad/s about {about.center}"
         return Linearization(own, whole, told, time, state, found, about)
+    if isinstance(about, Equilibrium):
+        return _at_rest(_resting(as_equations(model, AS_DRAWN), about), EQUILIBRIUM, about.t)
     if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
         return _at_rest(as_equations(model, AS_DRAWN), REFERENCE, t)
     if not (isinstance(about, (str, Mapping))):
         raise BeamdaeError(
-            f"{name}: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...) "
-            f"or solution.at(t), got {shown(about)}."
+            f"{name}: it must be 'reference', 'equilibrium', positions by name, an Equilibrium, "
+            f"bd.rotation(...) or solution.at(t), got {shown(about)}."
         )
     require_start(name, about)
     whole = started(as_equations(model, AS_DRAWN), about, t)
@@ -142,6 +152,18 @@ def _on_the_way(whole: EquationsOfMotion, instant: Instant) -> Linearization:
     return Linearization(own, whole, told, time, state, tangent(own, time, state))
 
 
+def _resting(whole: EquationsOfMotion, found: Equilibrium) -> EquationsOfMotion:
+    """The equations with the end of a path as their start."""
+    factors = found.factors[-1]
+    off = np.abs(factors - 1.0)
+    if np.max(off, initial=0.0) > _WHOLE:
+        raise BeamdaeError(
+            f"about: this equilibrium is one at the load factor {factors[np.argmax(off)]:.6g}, a "
+            "model moves under the whole of its loads; state them as large as they are there."
+        )
+    return found.starting().starting(whole)
+
+
 def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
     """About rest at the start of `whole`, with the reactions there, drivers held."""
     own, time = _active(whole, None, t)
@@ -162,7 +184,8 @@ def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
         "state is no equilibrium; frequencies are those of the second derivatives of the potential "
         "there, about='equilibrium' finds where it rests."
     )
-    return Linearization(own, whole, told, time, state, found, warnings=(sentence,))
+    still = _STILL * float(share[worst])
+    return Linearization(own, whole, told, time, state, found, None, (sentence,), still)
 
 
 def _released(e: EquationsOfMotion, time: Array, q: Array) -> State:
@@ -201,8 +224,9 @@ def _covariant(e: EquationsOfMotion, time: Array, state: State, found: Tangent) 
     still = tangent(e, time, state._replace(a=np.zeros(e.n)))
     by_inertia = found.stiffness - still.stiffness
     step = _STEP / float(np.max(np.abs(state.a) / e.position_scales))
-    ahead, behind = (
-        tangent(e, time, state._replace(q=state.q + h * state.a)).mass for h in (step, -step)
-    )
-    changed = (ahead - behind) / (2.0 * step)
+    masses = [
+        tangent(e, time, state._replace(q=state.q + k * step * state.a)).mass
+        for k in (-2, -1, 1, 2)
+    ]
+    changed = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
     return sp.csc_array(found.stiffness - 0.5 * (by_inertia - by_inertia.T + changed))

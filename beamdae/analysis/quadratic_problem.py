@@ -54,6 +54,8 @@ class QuadraticProblem:
         """Eigenvalues (k,) and shapes (n, k) nearest to zero, at least `count` of them, or all."""
         e, n = self.e, self.e.n
         free = 2 * (n - e.m) + len(e.nonholonomic_rows)
+        if not free:
+            return np.zeros(0, complex), np.zeros((n, 0), complex)
         wanted = free if count is None else min(free, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.rate
@@ -98,6 +100,7 @@ class QuadraticProblem:
         rounding, size = rounding_of(stiffness, shapes), np.abs(values)
         still = np.maximum(rounding, STILL * self.rate**2)
         zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
+        zero |= size**2 <= self.lin.still
         upper = ~zero & (values.imag > -1e-9 * size)
         # What rounding of the stiffness makes of an eigenvalue on one of the axes.
         off = np.maximum(0.5 * rounding / np.maximum(size, 1e-300), 1e-12 * size)
@@ -115,4 +118,9 @@ class QuadraticProblem:
         both = np.hstack([shapes.real, shapes.imag]) / scales
         both = both / np.maximum(np.linalg.norm(both, axis=0), 1e-300)
         left, singular, _ = la.svd(both, full_matrices=False)
-        return (scales * left[:, singular > 1e-3 * singular[0]]).astype(complex)
+        basis = scales * left[:, singular > 1e-3 * singular[0]]
+        # Where the speed of a rotation may change a double zero has one motion, and beside it what
+        # that would stretch.
+        energy, inertia = (basis.T @ (x @ basis) for x in (self.own.stiffness, self.own.mass))
+        squares, shares = la.eigh(0.5 * (energy + energy.T), 0.5 * (inertia + inertia.T))
+        return (basis @ shares[:, np.abs(squares) <= _ZERO * self.rate**2]).astype(complex)

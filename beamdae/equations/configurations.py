@@ -185,7 +185,11 @@ class Configurations:
         )
 
     def _held(self, part: Part, held: Held) -> AsFound:
-        assert isinstance(part, JointByFormula)
+        if not isinstance(part, JointByFormula) or len(part.multipliers) != len(held.found):
+            raise BeamdaeError(
+                f"{part.name}: an event before the start had it hold what it found, "
+                f"{len(held.found)} numbers, which it cannot in this model."
+            )
         return AsFound(part, held.found, self._law(part.name, held))
 
     def _without(self, inactive: frozenset[str], found: Found) -> Mechanism:

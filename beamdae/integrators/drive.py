@@ -96,6 +96,11 @@ class _Run:
         return () if self._watch is None else tuple(self._watch.occurred)
 
     @property
+    def sides(self) -> dict[str, int]:
+        """On which sides of their values the quantities of events were left."""
+        return {} if self._watch is None else self._watch.sides
+
+    @property
     def _rows(self) -> Rows:
         return self._legs[-1].rows
 
@@ -294,4 +299,5 @@ def _driven(
         {"integrator": integrator.method, **settings, **run.methods.first.resolved, **seen},
         made_by=integrator,
         occurred=run.occurred,
+        sides=run.sides,
     )

@@ -36,6 +36,7 @@ _TOLD_APART = ("integrator", "amplitudes", "limited_by", *_IN_FILES)
 _COMPARED = {
     "status": Column("status", 2),
     "wall time [s]": Column("wall\n[s]", 1),
+    "events": Column("events", 10, sentences=True),
     "steps": Column("steps", 3),
     "rejected steps": Column("rejected", 7),
     "residual calls": Column("residual\ncalls", 8),

@@ -28,6 +28,12 @@ def state_hash(t: float, q: Any, v: Any) -> str:
     return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
+def _listed(names: Any) -> list[str]:
+    if not isinstance(names, list):
+        raise TypeError
+    return [str(name) for name in names]
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """The last state of a run.
@@ -48,6 +54,8 @@ class Checkpoint:
         What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    sides
+        On which sides of their values the quantities of events were, see `Solution.sides`.
     identity
         Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
         model may begin that has the coordinates.
@@ -63,6 +71,7 @@ class Checkpoint:
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
+    sides: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -83,6 +92,7 @@ class Checkpoint:
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             identity_of(solution.equations),
+            dict(solution.sides),
         )
 
     @property
@@ -104,27 +114,32 @@ class Checkpoint:
         except OSError as problem:
             why = problem.strerror or problem
             raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
-        except ValueError:
+        except (ValueError, RecursionError):
             told = None
-        kind = told.get("format") if isinstance(told, dict) else None
-        if kind != _FORMAT or told.get("version") != _VERSION:
-            raise BeamdaeError(f"{path}: it is no checkpoint of version {_VERSION}.")
+        if not isinstance(told, dict) or told.get("format") != _FORMAT:
+            raise BeamdaeError(f"{path}: it is no checkpoint, or not all of one.")
+        if told.get("version") != _VERSION:
+            raise BeamdaeError(
+                f"{path}: it is a checkpoint of version {shown(told.get('version'))}, and this "
+                f"beamdae takes those of version {_VERSION}; run the model again from its start."
+            )
         try:
             t, states = float(told["t"]), told["states"]
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
-            events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
+            events, inactive = (tuple(_listed(told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
             found = {
                 str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
                 for k, x in told["found"].items()
             }
+            sides = {str(k): int(x) for k, x in told["sides"].items()}
             model, identity = str(told["model"]), str(told["identity"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity)
+        known = (events, due, inactive, found, model, parameters, identity, sides)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
@@ -164,6 +179,7 @@ class Checkpoint:
                 term,
                 begins_there=term.name in self.events,
                 due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
+                side=self.sides.get(term.name, 0),
             )
             for term in equations.events
         )

@@ -57,6 +57,9 @@ class Solution(Run, Tabulated):
         The integrator itself.
     occurred
         The events that happened, in the order of time.
+    sides
+        On which side of its value the quantity of each event was left at the end: 1, -1, or 0 where
+        that is not known.
     """
 
     @property

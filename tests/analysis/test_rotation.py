@@ -103,8 +103,13 @@ def test_what_does_not_turn_is_refused():
     loaded.add(bd.Force("push", disk.at(0.5, 0.0), (0.0, 1.0)))
     with pytest.raises(bd.BeamdaeError, match="do not turn with the mechanism"):
         bd.modes(driven(loaded, disk), about=bd.rotation(2.0))
-    with pytest.raises(bd.BeamdaeError, match=r"no steady state was found|larger|beyond"):
-        bd.modes(driven(*sliders(offset=(0.2, 0.0))), about=bd.rotation(5.0))
+
+
+@pytest.mark.slow(reason="many tries")
+def test_what_flies_out_before_it_is_there_has_no_steady_state():
+    """Beyond W = sqrt(k / m) there is one again, which no path leads to."""
+    with pytest.raises(bd.BeamdaeError, match=r"no steady state at speed 5\.1 rad/s.*beyond 4\.8"):
+        bd.modes(driven(*sliders(offset=(0.2, 0.0))), about=bd.rotation(5.1))
 
 
 def test_loads_that_turn_along_are_part_of_the_state():
@@ -177,6 +182,7 @@ def test_centrifugal_forces_stiffen_an_arm_more_than_they_soften_it():
     assert_allclose(growth, 1.193 + 1.571 * 0.3 / 0.6 - 1.0, rtol=2e-3)
 
 
+@pytest.mark.slow(reason="two rotations")
 def test_turning_the_drawing_does_not_matter():
     found = []
     for turn in (0.0, 1.1):

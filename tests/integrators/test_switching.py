@@ -351,6 +351,12 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
         assert_allclose(angle, SPEED, rtol=1e-6)
         assert [one.name for one in later.occurred] == ["released"]
         assert first.followed_by(later).quality.energy_imbalance < 1e-6
+    mech, _ = spinning()
+    clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0)))
+    push = mech.add(bd.Force("brake", clock.point, (1.0, 0.0)))
+    mech.when("bar.angle", 9.0, "up", bd.deactivate(push), "released")
+    with pytest.raises(bd.BeamdaeError, match="brake: an event before the start had it hold"):
+        bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
 def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
@@ -464,3 +470,15 @@ def test_laws_that_cannot_be_changed_to_are_refused():
     with pytest.warns(bd.BeamdaeWarning, match="event pole: drive: its law becomes infinite"):
         solution = bd.simulate(mech, bd.Radau(), 1.0)
     assert solution.status.kind == "failed"
+
+
+def test_what_is_added_after_the_equations_were_built_changes_no_run_of_them():
+    mech, bar = spinning()
+    lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
+    mech.deactivate(lock)
+    mech.when("bar.angle", 0.5, "up", bd.activate(lock), "caught")
+    equations = bd.equations_of_motion(mech)
+    mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
+    mech.when("bar.angle", 0.1, "up", "stop", "late")
+    solution = bd.simulate(equations, bd.Radau(), 1.0)
+    assert [one.name for one in solution.occurred] == ["caught"]

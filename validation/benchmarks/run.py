@@ -1,4 +1,4 @@
-"""Integrators, beams at rest, modes, section forces and periodic motions, against known answers.
+"""Integrators, equilibria, modes, linear models, section forces, steady states: known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -21,16 +21,26 @@ import pandas as pd
 import beamdae as bd
 from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
 from benchmarks.periodic_motions import KNOWN_PERIODIC
 from benchmarks.section_forces import KNOWN_SECTION_FORCES
 from benchmarks.spun_up import SPUN_UP
+from benchmarks.step_response import STEP_RESPONSE
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
-FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP, *KNOWN_SECTION_FORCES, *KNOWN_PERIODIC)
+FURTHER = (
+    *KNOWN_MODES,
+    *KNOWN_RESTS,
+    *SPUN_UP,
+    STEP_RESPONSE,
+    *KNOWN_PATHS,
+    *KNOWN_SECTION_FORCES,
+    *KNOWN_PERIODIC,
+)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
