@@ -18,8 +18,9 @@ Array = np.ndarray
 # Coordinates up to which matrices are taken as a whole; those that are not symmetric have no other
 # way.
 _DENSE, _DENSE_SKEW = 150, 600
-# Of the largest eigenvalue: what rounding leaves of zero, and of a matrix that is symmetric.
-_ZERO, _SKEW = 1e-14, 1e-9
+# Of the largest entry: what rounding leaves of zero (measured: 3e-16 at most on free beams of up to
+# 256 elements; a clamped strip of 1 m x 0.1 mm has 2e-14), and of a matrix that is symmetric.
+_ZERO, _SKEW = 2e-15, 1e-9
 # Squares of frequencies over the lowest that are beyond rounding, over the highest that are not
 # zero, and the share of an imaginary part that is none.
 _FAST, _ENDLESS, _REAL = 1e-8, 1e14, 1e-7
@@ -96,7 +97,7 @@ def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
     if not free.shape[1]:
         return Stability(np.zeros(0), np.zeros((len(scale), 0)), 0)
     own = free.T @ stiffness @ free
-    zero = _ZERO * len(scale) * float(np.max(np.abs(stiffness), initial=0.0))
+    zero = _ZERO * float(np.max(np.abs(stiffness), initial=0.0))
     if np.max(np.abs(own - own.T)) <= max(_SKEW * float(np.max(np.abs(own))), zero):
         values, vectors = la.eigh(0.5 * (own + own.T))
         return _told(values, free @ vectors, scale, zero)
@@ -138,12 +139,12 @@ def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> S
     """
     n, m = stiffness.shape[0], gradients.shape[0]
     size = float(np.max(np.abs(stiffness.diagonal()), initial=0.0)) or 1.0
-    held = sp.csc_array(gradients.T @ gradients)
-    zero = _ZERO * n * size
+    held = size * sp.csc_array(gradients.T @ gradients)
+    zero = _ZERO * size
     lower = sp.csc_array((m, m))
-    augmented = sp.block_array(
-        [[stiffness + size * held, gradients.T], [gradients, lower]], format="csc"
-    )
+    # What is free counts as stable.
+    held += zero * sp.eye_array(n)
+    augmented = sp.block_array([[stiffness + held, gradients.T], [gradients, lower]], format="csc")
     negative = _negative_pivots(sp.csc_array(augmented), n) - m
     plain = sp.block_array([[stiffness, gradients.T], [gradients, lower]], format="csc")
     weight = sp.block_diag([sp.eye_array(n), lower], format="csc")
@@ -156,6 +157,7 @@ def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> S
     values, vectors = eigsh(
         plain, count, weight, sigma=shift, OPinv=inverse, v0=solver.solve(weight @ begin), tol=1e-10
     )
+    values = np.where(np.abs(values) <= zero, np.abs(values), values)
     order = np.argsort(values)
     return _told(values[order], vectors[:n, order], scale, zero, max(negative, 0))
 
