@@ -56,6 +56,21 @@ def test_modes_of_the_example(tmp_path, monkeypatch):
     assert names["response"].shape == (2, len(names["model"].outputs), 2)
 
 
+def test_the_arch_jumps_as_printed(tmp_path, monkeypatch):
+    root = Path(__file__).parents[1]
+    section = (root / "README.md").read_text().split("## Equilibria")[1].split("\n## ")[0]
+    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    assert len(example.splitlines()) == 5
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(root / "models")
+    given = {"bd": bd}
+    exec(compile(example, "README.md", "exec"), given)
+    heights = given["jump"]["crown.y"]
+    assert heights.iloc[0] == given["path"]["crown.y"].iloc[given["limit"].row]
+    assert heights.min() < -5e-3
+    assert (tmp_path / "snap.png").exists()
+
+
 def test_forces_join_the_example():
     readme = (Path(__file__).parents[1] / "README.md").read_text()
     (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)

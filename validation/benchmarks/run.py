@@ -1,4 +1,4 @@
-"""Every integrator, beams at rest, natural modes and linear models against known answers.
+"""Every integrator, equilibria, natural modes and linear models against known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -21,15 +21,16 @@ import pandas as pd
 import beamdae as bd
 from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
 from benchmarks.spun_up import SPUN_UP
-from benchmarks.step_response import STEP_RESPONSE
+from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
-FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP, STEP_RESPONSE)
+FURTHER = (*KNOWN_MODES, *STEP_RESPONSES, *KNOWN_RESTS, *KNOWN_PATHS, *SPUN_UP)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
