@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, note, settings
+from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
 from properties.drawings import BUILDERS
 from properties.random_drawings import draw
@@ -46,7 +46,7 @@ def test_law_of_many_states(name, data):
 
 @pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
 @pytest.mark.parametrize("name", REST_LAWS | RUN_LAWS)
-@settings(max_examples=8, **DRAWN)
+@settings(max_examples=8, phases=[Phase.generate], **DRAWN)
 @given(data=st.data())
 def test_law_of_many_runs(name, data):
     tried(name, data)
