@@ -1,6 +1,13 @@
+from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import campbell as campbell
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.linear_model import LinearModel as LinearModel
+from .analysis.linear_model import linearize as linearize
+from .analysis.modes import Modes as Modes
+from .analysis.modes import modes as modes
 from .analysis.periodic import periodic as periodic
 from .analysis.response import frequency_response as frequency_response
+from .analysis.rotation import rotation as rotation
 from .beams.beam import Beam as Beam
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
@@ -32,6 +39,7 @@ from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
+from .loading import load as load
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
@@ -43,6 +51,7 @@ from .parts.drivers import Driver as Driver
 from .parts.drivers import TranslationalDriver as TranslationalDriver
 from .parts.events import Event as Event
 from .parts.events import activate as activate
+from .parts.events import change_law as change_law
 from .parts.events import deactivate as deactivate
 from .parts.events import impact as impact
 from .parts.force_law import ForceLaw as ForceLaw
@@ -78,6 +87,10 @@ from .parts.surfaces import CircleSurface as CircleSurface
 from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
+from .report.drawing import draw as draw
+from .report.mode_pictures import animate_mode as animate_mode
+from .report.mode_pictures import draw_campbell as draw_campbell
+from .report.mode_pictures import draw_modes as draw_modes
 from .report.motion import Animation as Animation
 from .report.motion import animate as animate
 from .results.equilibrium import CriticalPoint as CriticalPoint
@@ -85,6 +98,7 @@ from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse
 from .results.frequency_response import ResponsePoint as ResponsePoint
 from .results.periodic_motion import PeriodicMotion as PeriodicMotion
+from .results.saved import SavedRun as SavedRun
 from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange

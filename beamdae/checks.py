@@ -8,16 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.spectrum import Spectrum, spectrum
 from beamdae.beams.beam import Beam
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.mobility import (
-    Spectrum,
-    free_motions,
-    loose_groups,
-    rigid_mobility,
-    spectrum,
-)
+from beamdae.equations.mobility import free_motions, loose_groups, rigid_mobility
 from beamdae.equations.reduced import without_dependent
 from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_joints
 from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
@@ -217,13 +212,12 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         found = replace(
             found,
             rank=joints.rank,
-            rigid_mobility=rigid_mobility(equations, joints),
+            rigid_mobility=rigid_mobility(equations, q, joints),
             dependent=dependent_sets(own, time, q, v, joints),
             free_motions=free_motions(equations, q, joints),
         )
         if state is not None and equations.n <= _MOST:
-            held = scaled_joints(starter, time, q)
-            found = replace(found, spectrum=spectrum(starter, time, state, held))
+            found = replace(found, spectrum=spectrum(starter.equations, time, state))
     if predict and end is not None and not problem:
         found = replace(found, prediction=_prediction(equations, end))
     return found

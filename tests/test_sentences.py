@@ -30,6 +30,9 @@ def mechanism():
     return mech
 
 
+SWINGING = bd.equations_of_motion(mechanism())
+
+
 def welded(**given):
     return bd.welded_beams(**({"mechanism": bd.Mechanism()} | given))
 
@@ -195,6 +198,10 @@ CALLS = {
     "Weld": (bd.Weld, JOINED),
     "activate": (lambda part: bd.activate(part), {"part": DISK}),
     "deactivate": (lambda part: bd.deactivate(part), {"part": DISK}),
+    "change_law": (
+        bd.change_law,
+        {"driver": bd.Driver("d", GROUND.at(0.0, 0.0), DISK.at(0.0, 0.0), 0.0), "law": 0.5},
+    ),
     "impact": (bd.impact, {"on": FLOOR.gap(DISK.at(0.0, 0.0)), "restitution": 0.5}),
     "LineSurface.gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
     "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
@@ -207,6 +214,15 @@ CALLS = {
             "section": STRIP,
         },
     ),
+    "campbell": (
+        bd.campbell,
+        {"model": mechanism(), "speeds": [0.0, 1.0], "n": 1, "center": (0.0, 0.0), "damping": True},
+    ),
+    "modes": (
+        bd.modes,
+        {"model": SWINGING, "about": "reference", "n": 1, "damping": True, "t": 0.0},
+    ),
+    "rotation": (bd.rotation, {"speed": 1.0, "center": (0.0, 0.0)}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
@@ -232,35 +248,52 @@ CALLS = {
 # What takes no values of a model: settings of integrators and studies, models and results are told
 # in tests of their own.
 ELSEWHERE = {
-    *("Auto", "Ida", "Radau", "GeneralizedAlpha"),
-    *("BeamRange", "BeamdaeError", "BeamdaeWarning", "EquationsOfMotion", "Integrator", "Part"),
-    *(
-        "Case",
-        "Check",
-        "CriticalPoint",
-        "Equilibrium",
-        "Model",
-        "Solution",
-        "Study",
-        "check",
-        "compare",
-        "equilibrium",
-        "error_estimate",
-        "grid",
-        "simulate",
-    ),
-    *(
-        "BeamRange",
-        "Frame",
-        "BeamdaeError",
-        "BeamdaeWarning",
-        "EquationsOfMotion",
-        "Integrator",
-        "Part",
-    ),
-    *("Case", "Model", "Solution", "Study", "compare", "error_estimate", "grid", "simulate"),
-    *("Animation", "Plot", "animate", "plot", "study", "verify", "SectionForces"),
-    *("FrequencyResponse", "PeriodicMotion", "ResponsePoint", "frequency_response", "periodic"),
+    "Animation",
+    "Auto",
+    "BeamRange",
+    "BeamdaeError",
+    "BeamdaeWarning",
+    "Campbell",
+    "Case",
+    "Check",
+    "CriticalPoint",
+    "EquationsOfMotion",
+    "Equilibrium",
+    "Frame",
+    "FrequencyResponse",
+    "GeneralizedAlpha",
+    "Ida",
+    "Integrator",
+    "LinearModel",
+    "Model",
+    "Modes",
+    "Part",
+    "PeriodicMotion",
+    "Plot",
+    "Radau",
+    "ResponsePoint",
+    "SectionForces",
+    "Solution",
+    "Study",
+    "animate",
+    "draw",
+    "animate_mode",
+    "check",
+    "compare",
+    "draw_campbell",
+    "draw_modes",
+    "equilibrium",
+    "error_estimate",
+    "frequency_response",
+    "grid",
+    "linearize",
+    "periodic",
+    "SavedRun",
+    "load",
+    "plot",
+    "simulate",
+    "study",
+    "verify",
     # Of formulas alone.
     *("positive_part", "smooth_sign"),
 }

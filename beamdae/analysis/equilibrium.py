@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.analysis.asked import Asked
 from beamdae.analysis.loading import Loading, loading_of
-from beamdae.analysis.tracing import indifferent, traced
+from beamdae.analysis.tracing import free_motion, traced
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, finite
 from beamdae.model_functions import Model
@@ -21,6 +21,11 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
+_WITHOUT_FRICTION = (
+    "friction follows the speed of sliding and holds nothing at rest: this is where the mechanism "
+    "rests without it."
+)
+
 
 def equilibrium(
     model: Any,
@@ -28,7 +33,7 @@ def equilibrium(
     to: Any = 1.0,
     control: str | None = None,
     step: float | None = None,
-    switch: int = 0,
+    switch: Any = 0,
     most_points: int = 500,
     t: float = 0.0,
     start: Any = None,
@@ -65,7 +70,7 @@ def equilibrium(
         or by arc length of the motion, relative to the size of the mechanism or in rad (0.05).
     switch
         Leave the path at this branch point, the first is 1, on to the path that crosses it there,
-        by arc length; negative: to the other side.
+        by arc length; negative: to the other side. Several: the next is counted on that path.
     most_points
         Where the path ends whatever it has reached.
     t
@@ -138,14 +143,7 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
     e, time = loading.whole, loading.systems[0].under.time
     found = traced(loading, q, asked)
     states = np.array([point.x for point in found.points])
-    notes = []
-    if any(term.rows is not None for term in e.forces):
-        notes.append(
-            "friction follows the speed of sliding and holds nothing at rest: this is where the "
-            "mechanism rests without it."
-        )
-    if found.status.success:
-        notes.append(indifferent(e, found.points[-1]))
+    rubs = any(term.rows is not None for term in e.forces)
     return Equilibrium(
         e,
         float(time[0]),
@@ -158,5 +156,6 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
         found.critical,
         {**asked.told, "iterations": found.iterations},
         information,
-        tuple(filter(None, notes)),
+        (_WITHOUT_FRICTION,) if rubs else (),
+        free_motion(e, found.points[-1]),
     )

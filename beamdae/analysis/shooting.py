@@ -25,6 +25,14 @@ _TURN = 2.0 * np.pi
 _REPEATS = 1e-6
 
 
+class UnfinishedError(BeamdaeError):
+    """A run that did not reach the end of the periods, `solution`."""
+
+    def __init__(self, what: str, solution: Solution) -> None:
+        super().__init__(f"periodic: {what} was not finished, {solution.status.sentence}.")
+        self.solution = solution
+
+
 @dataclass(frozen=True)
 class Flow:
     """One period of a mechanism, from any state on.
@@ -54,10 +62,20 @@ class Flow:
         return cls(own, integrator, begin, period)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
-        """A run over so many periods; `scales` are how far the coordinates move, if it is known."""
+        """A run over so many periods; `scales` are how far the coordinates move, if it is known.
+
+        Raises
+        ------
+        UnfinishedError
+            If it does not reach their end.
+        """
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
         times = self.begin + self.period * np.linspace(0.0, periods, periods * (_ROWS - 1) + 1)
-        return self.integrator.integrate(equations, times)
+        solution = self.integrator.integrate(equations, times)
+        if not solution.status.success or solution.trajectory.end < times[-1]:
+            what = "the run over a period" if periods == 1 else "the run to settle"
+            raise UnfinishedError(what, solution)
+        return solution
 
     def consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """The state nearest to it that the joints allow at the beginning of a period."""
@@ -155,18 +173,8 @@ class Shot(NamedTuple):
 
     @classmethod
     def of(cls, flow: Flow, q: Array, v: Array, scales: Array | None, finer: int = 0) -> Shot:
-        """Run a period from a state on.
-
-        Raises
-        ------
-        BeamdaeError
-            If the run does not reach the end of the period.
-        """
+        """Run a period from a state on; see `Flow.run`."""
         solution = flow.run(q, v, scales)
-        if not solution.status.success or solution.trajectory.end < solution.t[-1]:
-            raise BeamdaeError(
-                f"periodic: a run over the period was not finished, {solution.status.sentence}."
-            )
         sizes = flow.state_scales(flow.scales(solution) if scales is None else scales)
         linear = Linearized(flow.equations)
         free = linear.free_motions(solution.trajectory, sizes)

@@ -208,13 +208,18 @@ class FloatingFrame(Kinematics):
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
         # Ends are asked for by whatever is joined to them, observed or drawn.
         if s not in self._material_points:
-            self._material_points[s] = self._material_point(s)
+            drawn = np.asarray(self.mesh.curve.point(s), float)
+            self._material_points[s] = self._section(s, drawn)
         return self._material_points[s]
 
-    def _material_point(self, s: float) -> MaterialPoint:
+    def axis_point(self, s: float) -> MaterialPoint:
+        """The section on the interpolated axis."""
+        element, xi = self.mesh.locate(s)
+        return self._section(s, self.mesh.axis(np.array([element]), np.array([xi])).place[0])
+
+    def _section(self, s: float, drawn: Array) -> MaterialPoint:
         element, row, angle = self._located(s)
         nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        drawn = np.asarray(self.mesh.curve.point(s), float)
         carried = turned(drawn - np.asarray(self.origin), -self.angle)
         numbers = [*carried, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
         return MaterialPoint(

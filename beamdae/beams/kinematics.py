@@ -176,6 +176,13 @@ class Kinematics(ABC):
     def material_point(self, s: float) -> MaterialPoint:
         """The section at arc length s [m]."""
 
+    def axis_point(self, s: float) -> MaterialPoint:
+        """The section at arc length s [m] on the axis of its element, which bears the inertia.
+
+        Elements interpolate the curve, `material_point` lies on it.
+        """
+        return self.material_point(s)
+
     @abstractmethod
     def strains(self, s: float) -> PointValues:
         """Axial strain, shear strain and curvature at arc length s [m], shape (3,)."""

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Settings
-from beamdae.cli.run import configured
 from beamdae.cli.saying import console
 from beamdae.errors import BeamdaeError
 

@@ -1,4 +1,4 @@
-"""The command line: run, compare, check, rest and list model files."""
+"""The command line: what can be done with model files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from typer.core import TyperCommand, TyperGroup
 from beamdae.cli import interrupts, streams
 from beamdae.cli.check import check_command
 from beamdae.cli.compare import compare_command
+from beamdae.cli.draw import draw_command
 from beamdae.cli.listing import list_command
+from beamdae.cli.modes import modes_command
 from beamdae.cli.run import run_command
 from beamdae.cli.saying import complain
 from beamdae.cli.static import static_command
@@ -76,7 +78,9 @@ app = typer.Typer(
 app.command("run", cls=_Command)(run_command)
 app.command("compare", cls=_Command)(compare_command)
 app.command("check", cls=_Command)(check_command)
+app.command("draw", cls=_Command)(draw_command)
 app.command("static", cls=_Command)(static_command)
+app.command("modes", cls=_Command)(modes_command)
 app.command("list", cls=_Command)(list_command)
 
 

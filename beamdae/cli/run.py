@@ -6,7 +6,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli import interrupts
+from beamdae.cli.asked import configured, integrator_of
 from beamdae.cli.options import (
     EndTime,
     ModelFile,
@@ -23,13 +24,12 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     TimeLimit,
-    assignments,
     require_writable,
     start_of,
 )
 from beamdae.cli.progress import run_progress
 from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
-from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of
+from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def run_command(
     with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG.
     """
     model = configured(path, model_name, settings)
-    method = _integrator(
+    method = integrator_of(
         integrator,
         {
             "rtol": rtol,
@@ -156,14 +156,6 @@ def run_command(
         complain(f"failed: {solution.status.sentence}")
     if not (solution.status.success and told.complete):
         raise typer.Exit(1)
-
-
-def configured(path: Path, name: str | None, settings: list[str] | None) -> Model:
-    """The model of a file with the values of --set as its defaults."""
-    from beamdae.cli.model_file import load_model
-
-    model = load_model(path, name)
-    return replace(model, parameters=model.complete(assignments(settings)))
 
 
 @dataclass(frozen=True)
@@ -288,9 +280,12 @@ def _draw(columns: dict[str, Any], status: Status, title: str, files: _Files, to
 def _say(solution: Solution, name: str, told: _Told) -> None:
     """Tables and sentences of a run on the screen."""
     from beamdae.report import terminal
+    from beamdae.results.occurrences import counted
 
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
+    if solution.equations.events:
+        rows["events"] = counted(one.name for one in solution.occurred)
     screen.print(terminal.facts(name, rows))
     if solution.columns:
         screen.print(terminal.ranges(solution.columns, told.errors))
@@ -299,28 +294,3 @@ def _say(solution: Solution, name: str, told: _Told) -> None:
     say_warnings(screen, [*filter(None, [told.beyond]), *solution.warnings])
     # Whoever reads a pipe has it now as well.
     sys.stdout.flush()
-
-
-def _integrator(name: str, options: dict[str, Any]) -> Any:
-    from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
-
-    kinds: dict[str, Any] = {
-        "auto": Auto,
-        "ida": Ida,
-        "radau": Radau,
-        "generalized-alpha": GeneralizedAlpha,
-    }
-    kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
-    given = {option: value for option, value in options.items() if value is not None}
-    for option in given:
-        if option not in _settings(kind):
-            flag = option.replace("_", "-")
-            have = [other for other, kind in kinds.items() if option in _settings(kind)]
-            raise BeamdaeError(
-                f"run: --{flag} is no option of --integrator {name}, but of {' and '.join(have)}."
-            )
-    return kind(**given)
-
-
-def _settings(kind: Any) -> set[str]:
-    return {field.name for field in fields(kind)}

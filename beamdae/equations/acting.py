@@ -5,7 +5,10 @@ A wrench is (Fx, Fy [N], M [N m]) in inertial components, M about the start of t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -23,6 +26,9 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Local
 
 Array = np.ndarray
+
+GRAVITY = "gravity"
+ALL: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,11 @@ class _Said(NamedTuple):
 
 
 def acting_on(
-    beam: Beam, equations: EquationsOfMotion, times: Array, state: State, inactive: Any = ()
+    beam: Beam,
+    equations: EquationsOfMotion,
+    times: Array,
+    state: State,
+    factors: Mapping[str, float] = ALL,
 ) -> Acting:
     """What acts on a beam of the mechanism that the equations are of.
 
@@ -62,22 +72,38 @@ def acting_on(
         (t, branch) rows.
     state
         Rows of states.
-    inactive
-        Names of parts that do not act.
+    factors
+        How much of what parts do acts, by name, and of "gravity"; all of it where it is not given.
     """
     mechanism = equations.mechanism
     assert mechanism is not None
     on = _OnBeam(beam, equations, owners_of(mechanism), times, state)
-    on.inertia(mechanism)
-    for said in _statements(mechanism):
-        if said.part is not beam and said.part.name not in inactive:
-            on.add(said)
+    weight = factors.get(GRAVITY, 1.0)
+    gravity = weight * _gravity(mechanism, times)
+    on.inertia(gravity)
+    for said in _statements(mechanism, None if weight == 1.0 else gravity[0]):
+        factor = factors.get(said.part.name, 1.0)
+        if said.part is not beam and factor:
+            on.add(said, factor)
     return on.found()
 
 
-def _statements(mechanism: Mechanism) -> list[_Said]:
-    """What all parts state, with the multipliers of each joint."""
+def _gravity(mechanism: Mechanism, times: Array) -> Array:
+    laws = mechanism.gravity_laws
+    if laws is None:
+        return np.broadcast_to(mechanism.gravity, (len(times), 2))
+    local = Local(0)
+    along = ca.densify(ca.vertcat(*(law(local.time) for law in laws.laws)))
+    return RowFunction(ca.Function("gravity", [local.time], [along]))(times)
+
+
+def _statements(mechanism: Mechanism, gravity: Array | None) -> list[_Said]:
+    """What all parts state, with the multipliers of each joint; under this gravity, if given."""
     parts, laws = list(mechanism.parts.values()), mechanism.gravity_laws
+    if gravity is not None:
+        laws = None
+    else:
+        gravity = mechanism.gravity
     found: list[_Said] = []
     rows: dict[str, slice] = {}
     first = 0
@@ -88,7 +114,7 @@ def _statements(mechanism: Mechanism) -> list[_Said]:
             rows[part.name] = slice(rows.get(part.name, slice(first, last)).start, last)
             first = last
     for part in parts:
-        forces = part.forces(mechanism.gravity) if laws is None else laws.statements(part.forces)
+        forces = part.forces(gravity) if laws is None else laws.statements(part.forces)
         for said in forces:
             asked = slice(0, 0) if said.joint is None else rows[said.joint]
             found.append(_Said(part, said, asked))
@@ -109,49 +135,49 @@ class _OnBeam:
         self._wrenches: list[Array] = []
         self._spread: dict[Part, list[tuple[float, Array]]] = {}
         self._functions: dict[int, RowFunction] = {}
-        self._start = self._motions(np.zeros(1))[:, 0, :2]
+        self._start = self._motions(self._sections(np.zeros(1)))[:, 0, :2]
 
-    def _at(self, places: Array) -> list[At]:
+    def _sections(self, places: Array) -> list[At]:
         points = (self._beam.kinematics.material_point(s) for s in places.tolist())
         return [At(point.operator, point.motion) for point in points]
 
-    def _motions(self, places: Array) -> Array:
-        """Rows of (x, y, turn) and accelerations of sections."""
-        return evaluated(section_motion, self._at(places), *self._own)
+    @cached_property
+    def _axis(self) -> list[At]:
+        """Sections at which inertia is integrated."""
+        mesh = self._beam.mesh
+        places = mesh.gauss_arc_lengths(mesh.nodes).tolist()
+        points = (self._beam.kinematics.axis_point(s) for s in places)
+        return [At(point.operator, point.motion) for point in points]
 
-    def inertia(self, mechanism: Mechanism) -> None:
+    def _motions(self, at: list[At]) -> Array:
+        """Rows of (x, y, turn) and accelerations of sections."""
+        return evaluated(section_motion, at, *self._own)
+
+    def inertia(self, gravity: Array) -> None:
         """Add weight, and inertia with the other sign."""
         mesh = self._beam.mesh
         s, weights = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)[0]
         xi_weights = np.tile(gauss_points(mesh.nodes)[1], mesh.elements)
         sections = [self._beam.section.at(x) for x in s.tolist()]
         rhoA, rhoI = (np.array([getattr(x, name) for x in sections]) for name in ("rhoA", "rhoI"))
-        moved, ds = self._motions(s), weights / xi_weights
-        force = (rhoA * ds)[:, None] * (self._gravity(mechanism)[:, None] - moved[..., 3:5])
+        moved, ds = self._motions(self._axis), weights / xi_weights
+        force = (rhoA * ds)[:, None] * (gravity[:, None] - moved[..., 3:5])
         wrench = self._about_start(moved[..., :2], force, -rhoI * ds * moved[..., 5])
         self._lines += wrench.reshape(self._lines.shape)
-
-    def _gravity(self, mechanism: Mechanism) -> Array:
-        laws = mechanism.gravity_laws
-        if laws is None:
-            return np.broadcast_to(mechanism.gravity, (self._rows, 2))
-        local = Local(0)
-        along = ca.densify(ca.vertcat(*(law(local.time) for law in laws.laws)))
-        return RowFunction(ca.Function("gravity", [local.time], [along]))(self._times)
 
     def _about_start(self, place: Array, force: Array, moment: Array) -> Array:
         arm = place - self._start[:, None]
         turned = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.concatenate([force, (moment + turned)[..., None]], axis=-1)
 
-    def add(self, said: _Said) -> None:
-        """Add what a statement does to the beam."""
+    def add(self, said: _Said, factor: float) -> None:
+        """Add what a statement does to the beam, or so much of it."""
         pieces = said.statement.pieces
         if not any(piece.owner is self._beam for piece in pieces):
             return
         count = said.statement.data.shape[1]
         sizes = [piece.operator.shape[0] // count for piece in pieces]
-        forces = -self._evaluated(said, count)
+        forces = -factor * self._evaluated(said, count)
         for piece, last, size in zip(pieces, np.cumsum(sizes), sizes, strict=True):
             if piece.owner is not self._beam:
                 continue
@@ -190,18 +216,17 @@ class _OnBeam:
 
     def _at_section(self, part: Part, s: float, force: Array) -> None:
         """Add a force on the local coordinates of a section."""
-        wrench = self._wrenches_at(np.array([s]), force)[:, 0]
+        wrench = self._wrenches_at(self._sections(np.array([s])), force)[:, 0]
         if part.acting == "points":
             self._places.append(np.full(self._rows, s))
             self._wrenches.append(wrench)
         else:
             self._spread.setdefault(part, []).append((s, wrench))
 
-    def _wrenches_at(self, places: Array, force: Array) -> Array:
+    def _wrenches_at(self, at: list[At], force: Array) -> Array:
         """Wrenches at so many sections that together are a force on local coordinates."""
-        at = self._at(places)
-        motion = self._motions(places)
-        size, count = at[0].operator.shape[0], len(places)
+        motion = self._motions(at)
+        size, count = at[0].operator.shape[0], len(at)
         jacobians = evaluated(section_jacobian, at, *self._own)
         rows = np.swapaxes(jacobians.reshape(self._rows, count, size, 3), 2, 3)
         stacked = rows.reshape(self._rows, 3 * count, size)
@@ -213,9 +238,9 @@ class _OnBeam:
     def _on_elements(self, forces: Array) -> None:
         """Add a force on the coordinates of each element, as one per length all along it."""
         mesh = self._beam.mesh
-        s = mesh.gauss_arc_lengths(mesh.nodes).reshape(mesh.elements, -1)
         for element in range(mesh.elements):
-            wrench = self._wrenches_at(s[element], forces[:, element]).sum(axis=1)
+            at = self._axis[element * mesh.nodes :][: mesh.nodes]
+            wrench = self._wrenches_at(at, forces[:, element]).sum(axis=1)
             self._lines[:, element] += 0.5 * wrench[:, None]
 
     def found(self) -> Acting:

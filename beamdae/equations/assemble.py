@@ -54,7 +54,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"equations_of_motion: expected a Mechanism, got {shown(mechanism)}.")
-    configurations = configurations_of(mechanism, equations_of_motion)
+    kept = _as_it_is(mechanism)
+    configurations = configurations_of(kept, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
@@ -104,7 +105,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
-    drawn_equations = replace(drawn_equations, mechanism=mechanism)
+    drawn_equations = replace(drawn_equations, mechanism=kept)
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
@@ -112,14 +113,13 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "must not switch any; leave out the constraints that follow from others."
             )
         drawn_equations = replace(drawn_equations, redundant=True)
-    drawn_equations = replace(drawn_equations, mechanism=_as_it_is(mechanism))
     return started(drawn_equations, mechanism.start if start is None else start)
 
 
 def _as_it_is(mechanism: Mechanism) -> Mechanism:
-    """The same parts, whatever is added to the mechanism later."""
+    """The same parts and events, whatever is added to the mechanism later."""
     kept = copy(mechanism)
-    kept.parts = dict(mechanism.parts)
+    kept.parts, kept.events = dict(mechanism.parts), list(mechanism.events)
     return kept
 
 

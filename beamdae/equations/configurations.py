@@ -8,19 +8,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.owners import Owners, owners_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.owners import owners_of
 from beamdae.errors import BeamdaeError
-from beamdae.parts.as_found import AsFound, found_by
-from beamdae.parts.events import Impact, Switch, impacts_of, switches_of
+from beamdae.parts.as_found import AsFound, Held, found_by
+from beamdae.parts.events import Impact, impacts_of, switches_of
 from beamdae.parts.gaps import ClosedGap
 from beamdae.parts.joints import Joint, JointByFormula
+from beamdae.parts.laws import Law, later
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 
 Array = np.ndarray
 # What joints that were switched on as they were hold, by name.
-Found = Mapping[str, tuple[float, ...]]
+Found = Mapping[str, Held]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +105,15 @@ class Configurations:
         else:
             built = self._known[inactive] = self.build(self._without(inactive, found))
         # What a run goes by must not change on the way.
-        shared = {
-            name: getattr(whole, name)
-            for name in ("q0", "v0", "length", "parts", "breakpoints", "time_scale", "laws")
-        }
-        equations = replace(built, **shared)
+        shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
+        scales = [x.time_scale for x in (whole, built) if x.time_scale is not None]
+        equations = replace(
+            built,
+            breakpoints=tuple(sorted({*whole.breakpoints, *built.breakpoints})),
+            time_scale=min(scales, default=None),
+            laws=(*whole.laws, *(built.laws if found else ())),
+            **shared,
+        )
         rows = {name: k for k, name in enumerate(whole.lam_names)}
         held = np.array([rows[name] for name in equations.lam_names], int)
         return Configuration(equations, held, inactive, dict(found))
@@ -117,20 +122,20 @@ class Configurations:
         self,
         whole: EquationsOfMotion,
         now: Configuration,
-        do: Iterable[Switch],
+        event: EventTerm,
         time: Array,
         q: Array,
     ) -> Configuration:
-        """The one after some parts were switched at time = (t, branch)."""
+        """The one after an event has switched parts at time = (t, branch)."""
         inactive, found = now.inactive, dict(now.found)
-        for switch in do:
+        for switch in switches_of(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
             for name in (*switch.on, *switch.off):
                 found.pop(name, None)
+            changed = dict(switch.laws)
             for name in switch.as_is:
-                joint = self.mechanism.part(name)
-                assert isinstance(joint, JointByFormula)
-                found[name] = found_by(joint, time, _locally(joint, self._owners, q))
+                held = Held((), event.name, float(time[0])) if name in changed else Held(())
+                found[name] = self._finding(name, held, time, q)
         if inactive == now.inactive and found == now.found:
             return replace(now)
         return self.of(whole, inactive, found)
@@ -156,14 +161,41 @@ class Configurations:
         shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
         return Struck(replace(self.build(rest), **shared), restitution, frozenset(gaps))
 
-    @property
-    def _owners(self) -> Owners:
-        return owners_of(self.mechanism)
+    def _finding(self, name: str, held: Held, time: Array, q: Array) -> Held:
+        """With what a joint finds at time = (t, branch)."""
+        joint, law = self.mechanism.part(name), self._law(name, held)
+        assert isinstance(joint, JointByFormula)
+        owners, pieces = owners_of(self.mechanism), joint._pieces
+        local = np.concatenate([x.operator @ q[owners.slice(x.owner)] for x in pieces])
+        # A law that begins here is on its own first piece.
+        at = time if law is None else time[[0, 0]]
+        return replace(held, found=found_by(joint, law, at, local))
+
+    def _law(self, name: str, held: Held) -> Law | None:
+        """The law that an event has a joint follow; None if it is its own."""
+        if not held.event:
+            return None
+        for event in self.mechanism.events:
+            laws = dict(law for switch in switches_of(event.do) for law in switch.laws)
+            if event.name == held.event and name in laws:
+                return later(laws[name], held.since)
+        raise BeamdaeError(
+            f"{name}: it follows the law that event {held.event} gave it at t = {held.since:g} s, "
+            "and there is no such event in this model."
+        )
+
+    def _held(self, part: Part, held: Held) -> AsFound:
+        if not isinstance(part, JointByFormula) or len(part.multipliers) != len(held.found):
+            raise BeamdaeError(
+                f"{part.name}: an event before the start had it hold what it found, "
+                f"{len(held.found)} numbers, which it cannot in this model."
+            )
+        return AsFound(part, held.found, self._law(part.name, held))
 
     def _without(self, inactive: frozenset[str], found: Found) -> Mechanism:
         rest = copy(self.mechanism)
         rest.parts = {
-            name: AsFound(part, found[name]) if name in found else part  # type: ignore[arg-type]
+            name: self._held(part, found[name]) if name in found else part
             for name, part in self.mechanism.parts.items()
             if name not in inactive
         }
@@ -178,12 +210,6 @@ def _unused(event: str, mechanism: Mechanism) -> str:
         count += 1
         name = f"{event} {count}"
     return name
-
-
-def _locally(part: JointByFormula, owners: Owners, q: Array) -> Array:
-    """The local coordinates of the points of a joint."""
-    pieces = part._pieces
-    return np.concatenate([x.operator @ q[owners.slice(x.owner)] for x in pieces])
 
 
 def configurations_of(

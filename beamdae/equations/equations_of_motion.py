@@ -70,7 +70,8 @@ class EventTerm:
 
     `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
     the event, up to what a consistent start changes, and it does not happen there again. Where it
-    is `due`, 1 up or -1 down, the run begins with it.
+    is `due`, 1 up or -1 down, the run begins with it. `side` is that of the value on which a run
+    before left the column, 1, -1, or 0 where that is not known.
     """
 
     name: str
@@ -81,6 +82,7 @@ class EventTerm:
     do: Any
     begins_there: bool = False
     due: int = 0
+    side: int = 0
 
     def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
         """How far the column is beyond its value, at rows of states."""

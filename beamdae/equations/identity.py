@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def identity_of(equations: EquationsOfMotion) -> str:
-    """Hash of equations of motion but for their start and what a run of them watches.
+    """Hash of equations of motion but for their start, and what is observed and watched of them.
 
     Numbers count with nine digits, so that rounding makes no other model.
     """
@@ -24,7 +24,6 @@ def identity_of(equations: EquationsOfMotion) -> str:
     found = hashlib.sha256()
     for named in (*e.coordinates, *e.multipliers):
         found.update(f"{named.header}\n".encode())
-    found.update(_numbers(e.p))
     found.update(_numbers(e.breakpoints))
     functions: dict[int, bytes] = {}
     terms: list[ForceTerm | ConstraintTerm] = [*e.forces, *e.joints]
@@ -33,6 +32,7 @@ def identity_of(equations: EquationsOfMotion) -> str:
         if id(kernel) not in functions:
             functions[id(kernel)] = _formulas(term)
         found.update(functions[id(kernel)])
+        found.update(_numbers(e.p[term.data]))
         found.update(_entries(term.operator))
         if term.rows is not None:
             found.update(_entries(term.rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 from beamdae.equations.building import Numbers, frozen, observable, require_headers
@@ -21,20 +22,18 @@ def observing(e: EquationsOfMotion, name: str, what: Attachment | Quantity) -> E
     Raises
     ------
     BeamdaeError
-        If they are of no mechanism, parts were added to it, or the quantity is not one of its own.
+        If they are of no mechanism, or the quantity is not of a part it had when it ran.
     """
     mechanism = e.mechanism
     if mechanism is None:
         raise BeamdaeError(f"{require_name('observe', name)}: the run is not one of a mechanism.")
     require_name("observe", name)
     quantity, owners = observed(name, what), owners_of(mechanism)
-    if owners.n != e.n:
-        raise BeamdaeError(
-            f"{name}: parts were added to the mechanism after the run, observe it in a new run."
-        )
     for piece in quantity.pieces:
         if id(piece.owner) not in owners.sizes:
-            raise BeamdaeError(f"{name}: {piece.owner.name!r} is no part of the mechanism.")
+            raise BeamdaeError(
+                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran."
+            )
     require_pieces_fit(name, quantity.pieces, owners.sizes)
     numbers = Numbers(e.p)
     rows: dict[str, slice] = {}
@@ -43,4 +42,6 @@ def observing(e: EquationsOfMotion, name: str, what: Attachment | Quantity) -> E
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
     every = (*e.observables, observable(name, quantity, owners, numbers, rows))
     require_headers(e.coordinates, e.multipliers, every)
-    return replace(e, observables=every, p=frozen(numbers.all))
+    seen = copy(mechanism)
+    seen.observables = {**mechanism.observables, name: quantity}
+    return replace(e, observables=every, p=frozen(numbers.all), mechanism=seen)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.motions import described
+from beamdae.equations.motions import described, listed
 
 if TYPE_CHECKING:
     from beamdae.equations.consistent_start import Starter
@@ -23,7 +23,7 @@ _DEPENDENT, _SHARE = 1e-9, 1e-7
 # A set that depends only here is independent after moving on by this much of the mechanism.
 _ASIDE, _ITERATIONS = 1e-2, 20
 # Names of a sentence.
-_MOST_NAMES, _MOST_TOLD = 9, 8
+_MOST_TOLD = 8
 # Of the mechanism: what constraints may differ by that agree.
 _AGREE = 1e-10
 
@@ -70,8 +70,8 @@ def sentences(found: Sequence[DependentSet]) -> str:
 def _together(sets: Sequence[DependentSet]) -> str:
     """A sentence on sets of the same parts."""
     first = sets[0]
-    blocks = _listed(list(dict.fromkeys(one.blocks for one in sets)))
-    who = _listed(first.parts)
+    blocks = listed(list(dict.fromkeys(one.blocks for one in sets)))
+    who = listed(first.parts)
     both = "both" if len(first.parts) == 2 else "all"
     told = f"{who} {both} block {blocks}"
     if len(first.parts) == 1:
@@ -82,12 +82,6 @@ def _together(sets: Sequence[DependentSet]) -> str:
     if max(gap, rate) > 0.0:
         return f"{told}, and contradict each other by {gap:.3g} (m or rad), {rate:.3g} per s"
     return told
-
-
-def _listed(names: Sequence[str]) -> str:
-    if len(names) > _MOST_NAMES:
-        names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} others"]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,11 @@ Array = np.ndarray
 # coordinate of a constrained system, which may mean anything.
 _LEAST_SHARE = 1e-3
 _LEAST_SHARE_ALONE = 1e-5
+# The largest amplitude of an angle [rad]: a quarter of a turn to each side carries points as far
+# apart as any turning does.
+_QUARTER = 0.5 * np.pi
+# The mean square of an angle about its mean [rad^2] over one turn.
+_SPREAD = np.pi**2 / 3.0
 # What moves less than this share of its size does not move.
 _AT_REST = 1e-9
 
@@ -27,13 +32,14 @@ class Amplitudes:
     ----------
     by_part
         Amplitude of each part over its size: the largest of those of its lengths over its extent
-        and of its angles [rad], for points of a body of size L move by L times its angle.
+        and of its angles [rad], for points of a body of size L move by L times its angle; however
+        often it turns, an angle counts for pi / 2 at most.
     scales
         Natural size of the motion of each coordinate [m or rad], (n,): the amplitude times the
-        size of its part, or the amplitude itself for an angle.
+        size of its part, or for an angle the amplitude itself.
     rate
         Fastest rate of the parts [1/s], the root mean square of velocities over that of positions
-        about their mean.
+        about their mean, that of an angle at most that of one turn.
     """
 
     by_part: dict[str, float]
@@ -47,17 +53,18 @@ class Amplitudes:
         A part that hardly moves beside others is given a thousandth of their motion, a coordinate
         of a constrained system 1e-5 of it; where nothing moves, sizes are the scales.
         """
-        sizes = _sizes(equations)
+        angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
+        sizes = _sizes(equations, angles)
         q, v = (
             np.concatenate([getattr(i.state, x) for i in trajectory.intervals]) / sizes
             for x in ("q", "v")
         )
-        found = {
-            part.name: float(np.max(0.5 * np.ptp(q[:, part.rows], axis=0)))
-            for part in equations.parts
-        }
+        swings = 0.5 * np.ptp(q, axis=0)
+        swings[angles] = np.minimum(swings[angles], _QUARTER)
+        found = {part.name: float(np.max(swings[part.rows])) for part in equations.parts}
         most = max(found.values())
-        if most <= _AT_REST:
+        rests = most <= _AT_REST
+        if rests:
             found = dict.fromkeys(found, 1.0)
         by_part = {
             part.name: _rounded(max(found[part.name], _least_share(part) * most))
@@ -68,11 +75,14 @@ class Amplitudes:
             scales[part.rows] *= by_part[part.name]
         weights = _durations(trajectory)
         spread = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
+        spread[angles] = np.minimum(spread[angles], _SPREAD)
         speed = np.average(v**2, 0, weights)
         rates = [
             float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))
             for part in equations.parts
-            if found[part.name] > _LEAST_SHARE * most and np.any(spread[part.rows] > 0.0)
+            if not rests
+            and found[part.name] > _LEAST_SHARE * most
+            and np.any(spread[part.rows] > 0.0)
         ]
         return cls(by_part, scales, _rounded(max(rates, default=0.0)))
 
@@ -94,10 +104,9 @@ def _durations(trajectory: Trajectory) -> Array:
     return found if found.any() else np.ones(len(found))
 
 
-def _sizes(equations: EquationsOfMotion) -> Array:
+def _sizes(equations: EquationsOfMotion, angles: Array) -> Array:
     """Size of the part of each length, 1 for an angle."""
     size = np.ones(equations.n)
     for part in equations.parts:
         size[part.rows] = part.size
-    angle = [coordinate.unit == "rad" for coordinate in equations.coordinates]
-    return np.where(angle, 1.0, size)
+    return np.where(angles, 1.0, size)

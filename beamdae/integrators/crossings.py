@@ -52,6 +52,12 @@ class Side:
         """Begin on the value, up to rounding and what a consistent start changes."""
         self.near = max(_LEAVING * abs(beyond), _HELD * self.largest)
 
+    def begin_from(self, sign: float, beyond: float) -> None:
+        """Begin on the side where a run before ended, which may be on the value up to rounding."""
+        self.sign = sign
+        if abs(beyond) <= _HELD * self.largest:
+            self.begin_on(sign, beyond)
+
     def begin_on(self, sign: float, beyond: float) -> None:
         """Begin on the value, up to rounding, on a side that is known: however short that is."""
         self.sign, self.near = sign, _LEAVING * abs(beyond)

@@ -20,11 +20,10 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.events import STEPS_AT_ONCE, Leg, Watch, output_times
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
-from beamdae.integrators.method import LoopMethod, Method, StepMethod
+from beamdae.integrators.method import STUCK, LoopMethod, Method, StepError, StepMethod
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
 from beamdae.integrators.scouting import OF_SCOUT, scouted
-from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.spared import spared, with_all
 from beamdae.integrators.switching import Methods, first_configuration, switched
 from beamdae.results.occurrences import Occurrence
@@ -35,7 +34,6 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
-STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
 _PAST = "past the end of its interval; a method must stop there"
@@ -46,26 +44,6 @@ _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 
 # Events switched parts where the rows end.
 ACTED = Status("ok", "an event switched parts")
-
-
-class StepError(ArithmeticError):
-    """A method cannot go on; the message says why, and what to do.
-
-    `residual` is that of a first-order form where it was given up, if there is one.
-    """
-
-    def __init__(self, message: str, residual: Array | None = None) -> None:
-        super().__init__(message)
-        self.residual = residual
-
-
-# The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
-
-
-def fitted(step: float, left: float) -> float:
-    """The step to try where so much is left of an interval [s]: its last two are equal."""
-    return left if step >= _NEARLY * left else min(step, 0.5 * left)
 
 
 class _Run:
@@ -91,6 +69,8 @@ class _Run:
         self._configuration = first_configuration(whole)
         self.methods = Methods(method_on, self.method, self._configuration)
         start, end = route.intervals[0]
+        # Those of intervals not yet gone over: events may bring more.
+        self._ends = tuple(end for _, end in route.intervals)
         self._legs: list[Leg] = []
         self._begin_leg(start, branch_of(start, end), route.state)
         self.steps = 0
@@ -116,6 +96,11 @@ class _Run:
         return () if self._watch is None else tuple(self._watch.occurred)
 
     @property
+    def sides(self) -> dict[str, int]:
+        """On which sides of their values the quantities of events were left."""
+        return {} if self._watch is None else self._watch.sides
+
+    @property
     def _rows(self) -> Rows:
         return self._legs[-1].rows
 
@@ -131,23 +116,23 @@ class _Run:
         return Status("failed", f"stopped at t = {self._rows.end:.6g} s: {reason}")
 
     def _through(self) -> Status:
-        state = self._route.state
-        for k, (start, end) in enumerate(self._route.intervals):
-            branch = branch_of(start, end)
-            if k > 0:
-                try:
-                    state = self._restarted(start, branch, state)
-                except BeamdaeError as problem:
-                    return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
-                self._begin_leg(start, branch, state)
-            begins = k == 0 and self._watch is not None and self._watch.begins(self._legs[0])
-            status = ACTED if begins else self._over(start, end, branch)
+        begins = self._watch is not None and self._watch.begins(self._legs[0])
+        status = ACTED if begins else self._over(self._ends[0])
+        while True:
             while status is ACTED:
-                status = self._acted(end, branch)
+                status = self._acted()
             if status is not REACHED_END or not self._rows.is_finite:
                 return status
-            state = self._rows.last
-        return REACHED_END
+            start, *left = self._ends
+            if not left:
+                return REACHED_END
+            self._ends, branch = tuple(left), branch_of(start, left[0])
+            try:
+                state = self._restarted(start, branch, self._rows.last)
+            except BeamdaeError as problem:
+                return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
+            self._begin_leg(start, branch, state)
+            status = self._over(left[0])
 
     def _restarted(self, start: float, branch: float, state: State) -> State:
         """A state consistent with the laws that begin at `start`."""
@@ -155,12 +140,12 @@ class _Run:
         starter.require_continuous(self._legs[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
 
-    def _over(self, start: float, end: float, branch: float) -> Status:
-        """Step over one interval."""
-        method, limits, rows = self.method, self._limits, self._rows
+    def _over(self, end: float) -> Status:
+        """Step from where the leg begins to the end of the interval."""
+        method, limits, rows, branch = self.method, self._limits, self._rows, self._legs[-1].branch
         between_looks = method.steps_between_looks
         try:
-            method.begin(start, end, branch, rows.last)
+            method.begin(rows.end, end, branch, rows.last)
             while rows.end < end:
                 first = rows.count
                 most = limits.steps_left(self.steps, between_looks)
@@ -185,7 +170,7 @@ class _Run:
             return Status("limited", f"{told}, stopped at t = {rows.end:.6g} s")
         return REACHED_END
 
-    def _acted(self, end: float, branch: float) -> Status:
+    def _acted(self) -> Status:
         """Switch the parts of the event that happened, and step over what is left."""
         assert self._watch is not None
         assert self._configuration is not None
@@ -193,15 +178,15 @@ class _Run:
         if stall := self.methods.stall(event, t, self._route.duration):
             return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
         try:
-            time, now = np.array([t, branch]), self._configuration
-            done = switched(self._whole, now, self._route, event, time, self._rows.last)
-            self._configuration, self._route = done.configuration, done.route
+            time, now = np.array([t, self._legs[-1].branch]), self._configuration
+            done = switched(self._whole, now, self._route, event, time, self._ends, self._rows.last)
+            self._configuration, self._route, self._ends = done.configuration, done.route, done.ends
             self.method = self.methods.on(done.route, done.configuration)
         except BeamdaeError as problem:
             return self._failed(f"event {event.name}: {str(problem).removesuffix('.')}")
-        self._begin_leg(t, branch, done.state)
+        self._begin_leg(t, done.branch, done.state)
         self._watch.switched(self._legs[-1], done.impulses, done.energy_lost)
-        return self._over(t, end, branch) if t < end else REACHED_END
+        return self._over(self._ends[0]) if t < self._ends[0] else REACHED_END
 
     def _taken(self, most: int, end: float) -> int:
         """Take up to so many steps; how many they were."""
@@ -314,4 +299,5 @@ def _driven(
         {"integrator": integrator.method, **settings, **run.methods.first.resolved, **seen},
         made_by=integrator,
         occurred=run.occurred,
+        sides=run.sides,
     )

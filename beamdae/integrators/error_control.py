@@ -18,6 +18,9 @@ Array = np.ndarray
 
 ERROR_CONTROL = ("auto", "positions", "velocities", "all")
 _UNTESTED = 1e10
+# The most that Newton's iteration may leave of multipliers that the error test does not see, of the
+# force; for small tolerances it is their square root.
+_LEFT = 1e-3
 # What a chain of roundings leaves of a position, relative to the size of the mechanism.
 ROUNDING = 1e-14
 
@@ -116,17 +119,34 @@ class ErrorControl:
         k = self.max_order
         return min(_SAFETY * rtol, _ASYMPTOTIC[k] * rtol ** ((k + 1) / k)) / np.sqrt(size)
 
-    def absolute(self, tolerance: float, scales: Scales, form: FirstOrder) -> Array:
-        """Absolute tolerances of (q, v, multipliers); untested components get a huge one."""
-        n = form.equations.n
+    def absolute(
+        self, tolerance: float, scales: Scales, form: FirstOrder, iterated: bool = False
+    ) -> Array:
+        """Absolute tolerances of (q, v, multipliers); untested components get a huge one.
+
+        Untested multipliers that are `iterated` get one for Newton's iteration alone; their time
+        integrals get that over a step of the length whose error of order k + 1 is the tolerance.
+        """
+        n, m = form.equations.n, form.equations.m
+        rate = scales.rate if form.formulation.impulses else 1.0
         atol = np.full(form.size, _UNTESTED)
         atol[:n] = positions = scales.tolerances(tolerance)
         if self.policy in ("velocities", "all"):
             atol[n : 2 * n] = positions * scales.rate
         if self.policy == "all":
-            rate = scales.rate if form.formulation.impulses else 1.0
             atol[2 * n :] = tolerance * scales.force / rate
+        elif iterated:
+            root = np.sqrt(form.size)
+            left = min(_LEFT, np.sqrt(tolerance * root)) * scales.force / root
+            step = (tolerance * root) ** (1.0 / (self.max_order + 1)) / rate
+            atol[2 * n : 2 * n + m] = left * (step if form.formulation.impulses else 1.0)
         return atol
+
+    def untested(self, form: FirstOrder) -> Array | None:
+        """Which of (q, v, multipliers) the error test does not see, if any."""
+        n = form.equations.n
+        begin = {"positions": n, "velocities": 2 * n, "all": form.size}[self.policy]
+        return np.arange(form.size) >= begin if begin < form.size else None
 
 
 def resolve(
@@ -151,10 +171,10 @@ def resolve(
     undamped modes sit: the order stops at 2 unless in every body all modes that steps of order 2
     would not resolve anyhow are overdamped, as material damping makes them if there is enough of
     it. On index 3 only positions are tested, the error of velocities grows there as the step falls.
-    Multipliers stall "ggl" and "index2". On index 1 they are tested where no mode is passed over
-    and either nothing is free, for positions and velocities of what is driven throughout say
-    nothing of them (drive torques were off by 13 % at rtol 1e-5), or friction depends on them:
-    where it turns round Newton's iteration with an old matrix drives them off.
+    Multipliers stall "ggl" and "index2", and "index1" as it drifts. Of "stabilized-index1" they are
+    tested where no mode is passed over and either nothing is free, for positions and velocities of
+    what is driven throughout say nothing of them (drive torques were off by 13 % at rtol 1e-5), or
+    friction depends on them.
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")
@@ -174,7 +194,7 @@ def resolve(
         loses_below = _ORDER_2_LOSES
     if formulation.index == 3:
         choice = "positions"
-    if multipliers_matter and formulation.index == 1 and choice == "velocities":
+    if multipliers_matter and formulation.impulses and choice == "velocities":
         choice = "all"
     reason = (
         f"{reason} (fastest {fastest:.3g} rad/s, lightly damped up to {light:.3g} rad/s, "

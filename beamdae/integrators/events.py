@@ -95,6 +95,11 @@ class Watch:
         return any(term.do != "record" for term in self.equations.events)
 
     @property
+    def sides(self) -> dict[str, int]:
+        """On which sides of their values quantities are, as far as it was looked."""
+        return {name: int(side.sign) for name, side in self._sides.items()}
+
+    @property
     def fired(self) -> EventTerm:
         """The event that happened last."""
         name = self.occurred[-1].name
@@ -208,7 +213,11 @@ class Watch:
             side = self._sides[term.name] = Side(largest=max(abs(term.crosses), natural))
             if term.begins_there:
                 side.begin_near(begin)
-            side.sign = -float(term.due)
+                side.sign = float(term.side)
+            elif term.due:
+                side.sign = -float(term.due)
+            elif term.side:
+                side.begin_from(float(term.side), begin)
         return self._sides[term.name]
 
     def _beyond(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:

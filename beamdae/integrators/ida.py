@@ -18,7 +18,7 @@ from beamdae.equations.formulations import (
     first_order_residual,
 )
 from beamdae.errors import one_of
-from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, StepError, drive
+from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
     STIFF_FOR_BDF,
@@ -28,7 +28,10 @@ from beamdae.integrators.error_control import (
 from beamdae.integrators.ida_compiled import CompiledIda
 from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
+from beamdae.integrators.kinematic_rows import KinematicRows
+from beamdae.integrators.method import STUCK, StepError
 from beamdae.integrators.route import Route
+from beamdae.integrators.scouting import SCOUTING_RTOL
 from beamdae.native.machine import MachineError
 from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution
@@ -43,6 +46,13 @@ _LOSES = (
     "lightly damped modes hold BDF up at this tolerance; Radau takes a half to a twentieth of the "
     "time: take Radau(rtol) or Auto(rtol)"
 )
+# The share that is made of each correction of Newton's iteration where forces depend on multipliers
+# or velocities alone are held: multipliers are then among what is tested of it. IDA accepts a first
+# correction by the rate at which an iteration converged before, and one of any size where that was
+# nothing, as it is of linear equations: where friction turns round, such steps drove multipliers
+# off, to 1e7 times their size. With this share no rate is below 1/50, and none is accepted beyond
+# 16 tolerances.
+_SHARE = 0.98
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
 _SHORTER, _SHORTEST = 1e-4, 1e-300
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
@@ -54,7 +64,8 @@ class Ida(ByTolerance):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
 
     It runs in machine code ("ida" is "shared libraries" in `Solution.integrator`), or where that
-    cannot be had by scikit-sundae's class, with the same steps but for rounding. Machine code also
+    cannot be had by scikit-sundae's class, with the same steps but for rounding, and for friction
+    and nonholonomic constraints: its error test sees their reactions as well. Machine code also
     tells "orders" (steps by order), "error_test_failures", and "limited_by": the unknowns whose
     error was the largest of a step most often, with the share of such steps.
 
@@ -123,6 +134,8 @@ class Bdf:
         self._rtol = settings.rtol
         self._form = first_order(route.equations, settings.formulation)
         self._scales = size = scales(route)
+        matter = _multipliers_matter(route.equations)
+        iterated = matter or len(route.equations.nonholonomic_rows) > 0
         self._control = resolve(
             settings.error_control,
             settings.max_order,
@@ -131,17 +144,22 @@ class Bdf:
             size.rate,
             STIFF_FOR_BDF,
             route.fastest_modes,
-            _multipliers_matter(route.equations),
+            matter,
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
         self._longest = route.longest_step("Ida", settings.max_step)
         options = {
             "rtol": _NONE,
-            "atol": self._control.absolute(self._tolerance, size, self._form),
+            "atol": self._control.absolute(self._tolerance, size, self._form, iterated),
+            "untested": self._control.untested(self._form) if iterated else None,
             "max_order": self._control.max_order,
             "max_step": self._longest,
         }
-        self._ida = _made(self._form, route, settings.linear_solver, options)
+        iteration = {
+            "kinematic": KinematicRows.of_form(self._form, size.position),
+            "share": _SHARE if iterated else 1.0,
+        }
+        self._ida = _made(self._form, route, settings.linear_solver, options, iteration)
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -225,12 +243,18 @@ def _multipliers_matter(e: EquationsOfMotion) -> bool:
     return e.m == e.n or any(force.rows is not None for force in e.structure.forces)
 
 
-def _made(form: FirstOrder, route: Route, linear_solver: str, options: dict[str, Any]) -> Any:
+def _made(
+    form: FirstOrder,
+    route: Route,
+    linear_solver: str,
+    options: dict[str, Any],
+    iteration: dict[str, Any],
+) -> Any:
     """IDA with everything in machine code, or as it can be had."""
     if form.is_native:
         with contextlib.suppress(MachineError, UnavailableError):
-            return CompiledIda(form, route.matrix("Ida", form.pattern), options)
+            return CompiledIda(form, route.matrix("Ida", form.pattern), options, iteration)
     # Here, for scikit-sundae's class takes SciPy's optimizers along, a third of a run without it.
     from beamdae.integrators.preconditioned import WrappedIda
 
-    return WrappedIda(form, linear_solver, options)
+    return WrappedIda(form, linear_solver, options, iteration)

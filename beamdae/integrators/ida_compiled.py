@@ -43,8 +43,14 @@ class CompiledIda:
 
     name = "shared libraries"
 
-    def __init__(self, form: FirstOrder, matrix: Matrix, options: dict[str, Any]) -> None:
-        """Compile, and make IDA with these options; `matrix` is that of its iteration.
+    def __init__(
+        self,
+        form: FirstOrder,
+        matrix: Matrix,
+        options: dict[str, Any],
+        iteration: dict[str, Any],
+    ) -> None:
+        """Compile, and make IDA with these options; `matrix` and `iteration` are of `Newton`.
 
         Raises
         ------
@@ -58,7 +64,11 @@ class CompiledIda:
             matrix.linear(True, "sparse"),
             np.zeros(form.size),
             matrix.nonzeros,
+            **iteration,
         )
+        weights = 1.0 / options["atol"]
+        if options["untested"] is not None:
+            weights[options["untested"]] = 0.0
         n, m, none = form.equations.n, form.equations.m, np.zeros(0)
         t, order = np.zeros(1), np.zeros(1, np.int32)
         self._run = run = IdaRun(
@@ -68,7 +78,7 @@ class CompiledIda:
             np.zeros((_ROOM, 1 + 3 * n + m)),
             np.zeros(_MOST_ORDER + 1, np.int64),
             np.zeros(form.size, np.int64),
-            1.0 / options["atol"],
+            weights,
             t,
             none,
             none,

@@ -18,6 +18,7 @@ from beamdae.equations.formulations import (
     first_order_jacobian,
     first_order_residual,
 )
+from beamdae.integrators.kinematic_rows import KinematicRows, weigh_jacobian, weigh_residual
 from beamdae.native.codes import DONE, FULL, NEW_PIVOTS
 from beamdae.native.vectors import (
     array_at,
@@ -50,6 +51,8 @@ class Newton:
         Equations, and the factors of their Jacobian.
     raw, nonzeros
         The residual evaluated last, and the Jacobian.
+    kinematic, share
+        Weights of its rows, and the share of each correction that is made, see `ida`.
     ready
         Whether there are factors.
     renew
@@ -60,6 +63,8 @@ class Newton:
     linear: Any
     raw: Array
     nonzeros: Array
+    kinematic: KinematicRows
+    share: float = 1.0
     branch: float = 0.0
     ready: int = 0
     renew: int = 0
@@ -128,8 +133,9 @@ class IdaRun:
 def preconditioned(newton: Newton, t: float, y: Array, yp: Array, out: Array) -> None:
     """The residual, multiplied by the inverse of the last Jacobian."""
     first_order_residual(newton.form, t, newton.branch, y, yp, newton.raw)
+    weigh_residual(newton.kinematic, y, yp, newton.raw)
     newton.residuals += 1
-    combine(out, (1.0,), (newton.raw,))
+    combine(out, (newton.share,), (newton.raw,))
     if newton.ready == 1:
         solve(newton.linear, out)
 
@@ -141,6 +147,7 @@ def setup(newton: Newton, t: float, c: float, y: Array, yp: Array, out: Array) -
     with the new factors.
     """
     first_order_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
+    weigh_jacobian(newton.kinematic, c, newton.nonzeros)
     newton.jacobians += 1
     newton.ready = 0
     code = factorize(newton.linear, newton.nonzeros)
@@ -153,7 +160,7 @@ def setup(newton: Newton, t: float, c: float, y: Array, yp: Array, out: Array) -
     if code != DONE:
         return _SHORTER
     newton.ready = 1
-    combine(out, (1.0,), (newton.raw,))
+    combine(out, (newton.share,), (newton.raw,))
     solve(newton.linear, out)
     return DONE
 

@@ -32,10 +32,11 @@ _FULL = 8.0
 class PreconditionedResidual:
     """What scikit-sundae's class calls: `ida_loop` has the mathematics."""
 
-    def __init__(self, form: FirstOrder, linear_solver: str) -> None:
+    def __init__(self, form: FirstOrder, linear_solver: str, iteration: dict[str, Any]) -> None:
         matrix = Matrix.of(form.pattern)
         linear = matrix.linear(False, linear_solver)
-        self.newton = Newton(form.buffers(), linear, np.zeros(form.size), matrix.nonzeros)
+        raw = np.zeros(form.size)
+        self.newton = Newton(form.buffers(), linear, raw, matrix.nonzeros, **iteration)
         self._t = np.nan
         self._pending = np.zeros(form.size)
         # Whether IDA has been seen to read what is written into its vector, and until then what
@@ -115,13 +116,24 @@ class PreconditionedResidual:
 
 
 class WrappedIda:
-    """IDA by scikit-sundae's class, a step at a time; see `ida_compiled.CompiledIda`."""
+    """IDA by scikit-sundae's class, a step at a time; see `ida_compiled.CompiledIda`.
+
+    It has no way to leave out of the error test what Newton's iteration is tested in: "untested"
+    unknowns are tested in both.
+    """
 
     name = "scikit-sundae"
 
-    def __init__(self, form: FirstOrder, linear_solver: str, options: dict[str, Any]) -> None:
-        self._form, self._options = form, options
-        self._called = PreconditionedResidual(form, linear_solver)
+    def __init__(
+        self,
+        form: FirstOrder,
+        linear_solver: str,
+        options: dict[str, Any],
+        iteration: dict[str, Any],
+    ) -> None:
+        self._form = form
+        self._options = {name: x for name, x in options.items() if name != "untested"}
+        self._called = PreconditionedResidual(form, linear_solver, iteration)
         self.code = DONE
         # It tells nothing of its steps.
         self.told: dict[str, Any] = {}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -104,12 +105,7 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
         If the model has no consistent start, or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
-    apart = _ROUNDING * max(abs(start), abs(end))
-    inner: list[float] = []
-    for b in equations.breakpoints:
-        if b - (inner or [start])[-1] > apart and end - b > apart:
-            inner.append(b)
-    intervals = tuple(zip([start, *inner], [*inner, end], strict=True))
+    intervals = tuple(pairwise((start, *ends_of(equations.breakpoints, start, end))))
     require_no_pole(equations.laws, intervals)
     starter = Starter(equations)
     starter.require_inertia()
@@ -117,6 +113,16 @@ def plan(equations: EquationsOfMotion, times: Array) -> Route:
     state = starter.state(first, equations.q0, equations.v0)
     # A scout and the run after it ask for the same ones.
     return Route(starter, intervals, state, cache(partial(fastest_modes, starter, first, state)))
+
+
+def ends_of(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
+    """Where the smooth intervals of a run end [s]."""
+    apart = _ROUNDING * max(abs(start), abs(end))
+    inner: list[float] = []
+    for b in breakpoints:
+        if b - (inner or [start])[-1] > apart and end - b > apart:
+            inner.append(b)
+    return (*inner, end)
 
 
 def branch_of(start: float, end: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from beamdae.equations.configurations import Configuration
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations import State
+from beamdae.equations.poles import require_no_pole
 from beamdae.equations.spectrum import fastest_modes
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.impacts import impulses_of, thrown_back
 from beamdae.integrators.method import Method
-from beamdae.integrators.route import Route
+from beamdae.integrators.route import Route, branch_of, ends_of
 from beamdae.parts.events import impacts_of, switches_of
 from beamdae.results.outcome import Statistics
 
@@ -39,6 +41,8 @@ class Switched:
     ----------
     configuration, route, state
         From there on.
+    ends, branch
+        Where the smooth intervals end that are left [s], and a time inside the first one.
     impulses
         Of the multipliers that changed the velocities.
     energy_lost
@@ -48,6 +52,8 @@ class Switched:
     configuration: Configuration
     route: Route
     state: State
+    ends: tuple[float, ...]
+    branch: float
     impulses: dict[str, float]
     energy_lost: float
 
@@ -64,6 +70,7 @@ def switched(
     route: Route,
     event: EventTerm,
     time: Array,
+    ends: tuple[float, ...],
     before: State,
 ) -> Switched:
     """Throw back and switch what an event asks for, at time = (t, branch).
@@ -71,7 +78,8 @@ def switched(
     Raises
     ------
     BeamdaeError
-        If a joint that is switched on is open, or the joints contradict each other.
+        If a joint that is switched on is open, the joints contradict each other, or a law that
+        begins there becomes infinite.
     """
     known = whole.configurations
     assert known is not None
@@ -80,7 +88,9 @@ def switched(
         struck = known.struck(whole, now, event.name, impacts)
         v, own = thrown_back(struck, time, before)
         impulses |= own
-    then = known.after(whole, now, switches_of(event.do), time, before.q)
+    then = known.after(whole, now, event, time, before.q)
+    if any(switch.laws for switch in switches_of(event.do)):
+        ends, time = _newly_cut(then.equations, time, ends)
     starter = Starter(then.equations)
     _require_closed(starter, time, before.q)
     state = starter.state(time, before.q, v)
@@ -96,7 +106,19 @@ def switched(
         matrices={},
     )
     told = {name: impulses.get(name, 0.0) + more.get(name, 0.0) for name in {**more, **impulses}}
-    return Switched(then, onward, state, told, lost)
+    return Switched(then, onward, state, ends, float(time[1]), told, lost)
+
+
+def _newly_cut(
+    equations: EquationsOfMotion, time: Array, ends: tuple[float, ...]
+) -> tuple[tuple[float, ...], Array]:
+    """The `ends` of intervals that are left and time = (t, branch), with laws that begin here."""
+    t = float(time[0])
+    left = ends_of(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
+    require_no_pole(equations.laws, tuple(pairwise((t, *left))))
+    if t == ends[0]:
+        return (t, *left), time
+    return left, np.array([t, branch_of(t, left[0])])
 
 
 def _require_closed(starter: Starter, time: Array, q: Array) -> None:

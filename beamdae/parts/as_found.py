@@ -20,6 +20,23 @@ from beamdae.symbolic.statements import SX, ConstraintStatement, Local, Named
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class Held:
+    """What a joint holds since an event had it hold what it found.
+
+    Attributes
+    ----------
+    found
+        By how much what it holds is off its own formula.
+    event, since
+        The event whose law it follows, if one gave it another than its own, and when that was [s].
+    """
+
+    found: tuple[float, ...]
+    event: str = ""
+    since: float = 0.0
+
+
 def _carrier(joint: JointByFormula) -> int | None:
     """Which of its points carries the first two numbers in axes that turn with it, if one does."""
     if not isinstance(joint, (Revolute, Weld)):
@@ -64,21 +81,33 @@ def _evaluated(found: Combined, size: int, n_data: int) -> RowFunction:
     return RowFunction(ca.Function("found", inputs, [ca.densify(found(local))]))
 
 
-def found_by(joint: JointByFormula, time: Array, local: Array) -> tuple[float, ...]:
-    """What a joint finds at time = (t, branch) and the local coordinates of its points."""
+def found_by(
+    joint: JointByFormula, law: Law | None, time: Array, local: Array
+) -> tuple[float, ...]:
+    """What a joint finds at time = (t, branch) and the local coordinates of its points.
+
+    `law` is what it is to follow from there on, if that is not its own.
+    """
     combined, data = Combined.of(
-        _Found(joint._sizes, joint._gap, _carrier(joint)), joint._functions
+        _Found(joint._sizes, joint._gap, _carrier(joint)), _functions(joint, law)
     )
     values = _evaluated(combined, len(local), len(data))(time[None], local[None], data)
     return tuple(values[0].tolist())
 
 
+def _functions(joint: JointByFormula, law: Law | None) -> tuple[Any, ...]:
+    """The formulas of a joint; the law of a driver is the last of them."""
+    own = joint._functions
+    return own if law is None else (*own[:-1], law.formula)
+
+
 @dataclass(frozen=True, eq=False)
 class AsFound(Part):
-    """A joint that holds what was `found`."""
+    """A joint that holds what was `found`, by a `law` that is not its own if there is one."""
 
     joint: JointByFormula
     found: tuple[float, ...]
+    law: Law | None = None
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -93,7 +122,7 @@ class AsFound(Part):
     @property
     def laws(self) -> tuple[Law, ...]:
         """Those of the joint."""
-        return self.joint.laws
+        return self.joint.laws if self.law is None else (self.law,)
 
     @property
     def multipliers(self) -> tuple[Named, ...]:
@@ -104,7 +133,7 @@ class AsFound(Part):
         """The constraint as a local statement."""
         joint, sizes = self.joint, self.joint._sizes
         shifted = _Shifted(joint._gap, _carrier(joint), len(self.found))
-        functions: list[Any] = [*joint._functions, plain(*self.found)]
+        functions = [*_functions(joint, self.law), plain(*self.found)]
         kernel, data = combined_kernel(
             _Held(sizes, shifted), functions, sum(sizes), len(self.multipliers)
         )

@@ -38,6 +38,7 @@ class Distance(Driven):
     The reaction F is the force in the link, tension positive.
     """
 
+    is_relative = False
     length: Any = None
     multipliers = (Named("length", "N"),)
     reactions = ("F",)

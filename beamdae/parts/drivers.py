@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -30,6 +30,9 @@ def _travelled(time: SX, a: Any, b: Any, line: Callable[[], Any], law: Callable[
 class Driven(JointByFormula):
     """A joint that follows a law of time, which is the last of its formulas."""
 
+    # Whether its law may begin anywhere, so that an event may have it follow another one.
+    is_relative: ClassVar[bool] = True
+
     @property
     def _followed(self) -> Any:
         """The law, as it was given."""
@@ -43,7 +46,7 @@ class Driven(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """The reaction, force [N] or moment [N m], and the power [W] that the law brings in."""
-        values, data = Combined.of(Drive(self._sizes, self._gap), self._functions)
+        values, data = Combined.of(Drive(self._sizes, self._gap, self.is_relative), self._functions)
         columns = (*self.reaction.columns, Named("power", "W"))
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
@@ -83,6 +86,15 @@ class Driver(Driven):
         return self.law
 
     @property
+    def inputs(self) -> tuple[Named, ...]:
+        """The angle."""
+        return (Named("angle", "rad"),)
+
+    def following(self, values: Sequence[float]) -> Driver:
+        """The same, held there."""
+        return replace(self, law=values[0])
+
+    @property
     def facts(self) -> Mapping[str, float]:
         """By how much it turns the bodies out of the drawing."""
         return {"angle at the start, from the drawing [rad]": self._at_start}
@@ -114,6 +126,15 @@ class TranslationalDriver(Driven):
     @property
     def _followed(self) -> Any:
         return self.law
+
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """The travel."""
+        return (Named("travel", "m"),)
+
+    def following(self, values: Sequence[float]) -> TranslationalDriver:
+        """The same, held there."""
+        return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:

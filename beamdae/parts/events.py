@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from beamdae.errors import BeamdaeError, finite, keep, one_of, shown
+from beamdae.parts.drivers import Driven, Driver, TranslationalDriver
 from beamdae.parts.joints import Joint, JointByFormula
+from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import Quantity
 
@@ -24,11 +26,14 @@ class Switch:
         Which become active, and which inactive.
     as_is
         Those of the former that hold what they find.
+    laws
+        Laws of the time since the event [s] that some of those follow from there on.
     """
 
     on: tuple[str, ...] = ()
     off: tuple[str, ...] = ()
     as_is: tuple[str, ...] = ()
+    laws: tuple[tuple[str, Law], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +71,39 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
 def deactivate(*parts: Part) -> Switch:
     """Have joints and forces act no longer from an event on, as `do` of it."""
     return Switch(off=_names("deactivate", parts))
+
+
+def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
+    """Have a driver follow another law from an event on, as `do` of it.
+
+    Parameters
+    ----------
+    driver
+        An inactive one becomes active.
+    law
+        Angle [rad] or travel [m] since the event, a law of the time since the event [s]: it goes on
+        from what the driver has reached, whatever law(0) is. 0 holds it there. A rate at 0 that is
+        not that of the motion changes velocities at once, by impulses that are told.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> disk = mech.add(bd.RigidBody.disk("disk", center=(0, 0), radius=0.1, mass=1.0))
+    >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0, 0), disk.at(0, 0)))
+    >>> drive = bd.Driver("drive", mech.ground.at(0, 0), disk.at(0, 0), law=bd.run_up(5.0, 1.0))
+    >>> drive = mech.add(drive)
+    >>> mech.observe("disk", disk.at(0, 0))
+    >>> slower = bd.piecewise((1.0, lambda t: 5.0 * t - 2.0 * t**2), lambda t: 2.0 + t)
+    >>> event = mech.when("disk.angle", 6.0, "up", bd.change_law(drive, slower), name="slower")
+    """
+    if not (isinstance(driver, Driven) and driver.is_relative):
+        raise BeamdaeError(
+            "change_law: it is for a Driver or a TranslationalDriver, whose law is relative, got "
+            f"{shown(driver)}."
+        )
+    law = as_law(f"change_law of {driver.name}", law)
+    return Switch(on=(driver.name,), as_is=(driver.name,), laws=((driver.name, law),))
 
 
 def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
@@ -144,10 +182,10 @@ class Event:
         "up", "down" or "both".
     do
         "stop": the run ends there; "record": it goes on; activate(part, ...),
-        deactivate(part, ...), impact(gap) or a list of these: it goes on with these joints and
-        forces, or without, and with other velocities. A joint that becomes active is closed there,
-        or holds what it finds; velocities change at once to what it allows, by impulses told in
-        `Solution.events`, and the energy this takes counts as dissipated.
+        deactivate(part, ...), change_law(driver, law), impact(gap) or a list of these: it goes on
+        with these joints and forces, or without, and with other velocities. A joint that becomes
+        active is closed there, or holds what it finds; velocities change at once to what it allows,
+        by impulses told in `Solution.events`, and the energy this takes counts as dissipated.
     name
         What it is called in results; default: what crosses which value.
     """
@@ -174,8 +212,8 @@ class Event:
             keep(self, do=tuple(do))
         elif not (isinstance(self.do, str) and self.do in ("stop", "record")):
             raise BeamdaeError(
-                f"{part}: do must be 'stop', 'record', activate(...), deactivate(...) or "
-                f"impact(...), got {shown(self.do)}."
+                f"{part}: do must be 'stop', 'record', activate(...), deactivate(...), "
+                f"change_law(...) or impact(...), got {shown(self.do)}."
             )
         named = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
         keep(self, crosses=crosses, name=named)

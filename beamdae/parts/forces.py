@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,7 @@ from beamdae.parts.attachments import (
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import combined_kernel
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
 
 
 def kernel_of(local: Local, work: SX, load: SX) -> ForceKernel:
@@ -92,6 +92,15 @@ class Force(Part):
         """Both components over time."""
         return tuple(as_law(self.name, component) for component in self.law)
 
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """Both components."""
+        return (Named("Fx", "N"), Named("Fy", "N"))
+
+    def following(self, values: Sequence[float]) -> Force:
+        """The same with these components."""
+        return replace(self, law=tuple(values))
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
         kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
@@ -117,6 +126,15 @@ class Moment(Part):
     def laws(self) -> tuple[Law, ...]:
         """The moment over time."""
         return (as_law(self.name, self.law),)
+
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """The moment."""
+        return (Named("M", "N m"),)
+
+    def following(self, values: Sequence[float]) -> Moment:
+        """The same with this moment."""
+        return replace(self, law=values[0])
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""

@@ -173,13 +173,26 @@ class _ReactionOn(_Gap):
         return load_in(self.axes, turn, load[:2], load[2] if self.has_angle else None)
 
 
+@dataclass(frozen=True)
 class Drive(_Gap):
-    """What a law of time takes to be followed, and its power."""
+    """What a law of time takes to be followed, and its power.
+
+    Attributes
+    ----------
+    changes
+        Whether events may have it follow another law: then its power is that of how it moves.
+    """
+
+    changes: bool
 
     def __call__(self, local: Local, *functions: Any) -> SX:
         """Reaction and power."""
         g = self.gap(local.time, *self.points(local, functions), *self.own(functions))
-        return ca.vertcat(-local.lam, local.lam * ca.jtimes(g, local.time, SX([1, 0])))
+        if self.changes:
+            rate = -ca.jtimes(g, local.q, local.v)
+        else:
+            rate = ca.jtimes(g, local.time, SX([1, 0]))
+        return ca.vertcat(-local.lam, local.lam * rate)
 
 
 class JointByFormula(Joint):

@@ -111,6 +111,28 @@ class _Pieces:
         return _on_branch(pieces, numbers, time)
 
 
+@dataclass(frozen=True)
+class _Later:
+    """A kind that begins at a time, the first of its numbers."""
+
+    kind: Callable[..., Any]
+
+    def __call__(self, t: Any, numbers: Any) -> Any:
+        return self.kind(t - numbers[0], numbers[1:])
+
+
+def later(law: Law, since: float) -> Law:
+    """A law of the time since `since` [s]."""
+
+    def moved(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        if isinstance(piece, Formula):
+            return Formula(_Later(piece.kind), (since, *piece.numbers))
+        return lambda t: piece(t - since)
+
+    pieces = tuple(moved(piece) for piece in law.pieces)
+    return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale)
+
+
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     """Turn a number or any function of t into a law, or say what is wrong with it.
 

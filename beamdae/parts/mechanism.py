@@ -151,6 +151,12 @@ class Mechanism:
 
         return beamdae.check(self, **settings)
 
+    def draw(self) -> Any:
+        """Its drawing with names, joints, supports and loads, see `beamdae.draw`."""
+        import beamdae
+
+        return beamdae.draw(self)
+
     @property
     def laws(self) -> list[Law]:
         """All laws of time of drivers, loads and gravity."""

@@ -87,6 +87,15 @@ class Part:
         """Laws of time it follows: integrators stop at their breakpoints."""
         return ()
 
+    @property
+    def inputs(self) -> tuple[Named, ...]:
+        """What each of its laws prescribes, as an input of linear models; empty if it is none."""
+        return ()
+
+    def following(self, values: Sequence[float]) -> Part:
+        """The same part with numbers in place of its laws; asked of what has `inputs`."""
+        raise NotImplementedError
+
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
         """Its forces: inertia, elasticity, damping, weight under `gravity` (2,), or loads."""
         return ()

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.equations.mobility import Spectrum
+from beamdae.analysis.spectrum import Spectrum
 from beamdae.equations.redundancy import sentences
 
 # Lightly damped modes are those of less than this.
 _LIGHTLY = 0.62
+# Motions of a sentence.
+_MOST_TOLD = 8
 
 
 def facts_of(check: Any) -> Mapping[str, str]:
@@ -22,7 +24,9 @@ def facts_of(check: Any) -> Mapping[str, str]:
             f"constraints; {rigid} if beams are rigid and drivers hold"
         )
         facts["dependent constraints"] = sentences(check.dependent) or "none"
-        facts["free motions"] = "; ".join(check.free_motions) or "none"
+        free = check.free_motions
+        more = [f"and {len(free) - _MOST_TOLD} more"] if len(free) > _MOST_TOLD else []
+        facts["free motions"] = "; ".join([*free[:_MOST_TOLD], *more]) or "none"
     else:
         facts["mobility"] = "not looked for, the constraints are too many"
     loose = "; ".join(", ".join(group) for group in check.loose)

@@ -36,6 +36,7 @@ _TOLD_APART = ("integrator", "amplitudes", "limited_by", *_IN_FILES)
 _COMPARED = {
     "status": Column("status", 2),
     "wall time [s]": Column("wall\n[s]", 1),
+    "events": Column("events", 10, sentences=True),
     "steps": Column("steps", 3),
     "rejected steps": Column("rejected", 7),
     "residual calls": Column("residual\ncalls", 8),
@@ -187,6 +188,43 @@ def failures(table: pd.DataFrame) -> list[str]:
     failed = table[table["status"] != "ok"]
     where = failed["group"] + ", " + failed["label"]
     return [plain(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
+
+
+def modes(table: pd.DataFrame) -> FittedTable:
+    """Frequencies of modes, and what moves in them, from `Modes.table()`."""
+    columns = [
+        Column("frequency\n[Hz]"),
+        Column("damping\nratio [-]", 2),
+        Column("growth rate\n[1/s]", 3),
+        Column("effective\nmass x [kg]", 4),
+        Column("effective\nmass y [kg]", 5),
+        Column("kind", 1, sentences=True),
+        Column("moves", 1, sentences=True),
+    ]
+    values = ["frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"]
+    values += [name for name in map(str, table) if name.startswith("effective mass")]
+    rows = [
+        (
+            str(row["mode"]),
+            number(row[values[0]], 6),
+            *(number(row[name]) for name in values[1:]),
+            str(row["kind"]),
+            str(row["moves"]),
+        )
+        for _, row in table.iterrows()
+    ]
+    return FittedTable("mode", columns, rows, "the CSV file")
+
+
+def campbell(table: pd.DataFrame) -> FittedTable:
+    """Frequencies of modes by speed, from `Campbell.table()`."""
+    frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
+    columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
+    rows = [
+        (number(row["speed [rad/s]"]), *(number(row[name], 5) for name in frequencies))
+        for _, row in table.iterrows()
+    ]
+    return FittedTable("speed [rad/s]", columns, rows, "the CSV file")
 
 
 def parts(kinds: Mapping[str, str]) -> FittedTable:

@@ -12,9 +12,10 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.identity import identity_of
-from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.errors import BeamdaeError, shown
+from beamdae.parts.as_found import Held
 from beamdae.parts.events import DIRECTIONS
-from beamdae.results.files import write_text
+from beamdae.results.files import file_path, write_text
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -25,6 +26,12 @@ _FORMAT, _VERSION = "beamdae checkpoint", 2
 def state_hash(t: float, q: Any, v: Any) -> str:
     """Hash of time, positions and velocities: that of no other run."""
     return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
+
+
+def _listed(names: Any) -> list[str]:
+    if not isinstance(names, list):
+        raise TypeError
+    return [str(name) for name in names]
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,8 @@ class Checkpoint:
         What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    sides
+        On which sides of their values the quantities of events were, see `Solution.sides`.
     identity
         Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
         model may begin that has the coordinates.
@@ -58,10 +67,11 @@ class Checkpoint:
     events: tuple[str, ...] = ()
     due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
-    found: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    found: dict[str, Held] = field(default_factory=dict)
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
+    sides: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -82,6 +92,7 @@ class Checkpoint:
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             identity_of(solution.equations),
+            dict(solution.sides),
         )
 
     @property
@@ -103,24 +114,32 @@ class Checkpoint:
         except OSError as problem:
             why = problem.strerror or problem
             raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
-        except ValueError:
+        except (ValueError, RecursionError):
             told = None
-        kind = told.get("format") if isinstance(told, dict) else None
-        if kind != _FORMAT or told.get("version") != _VERSION:
-            raise BeamdaeError(f"{path}: it is no checkpoint of version {_VERSION}.")
+        if not isinstance(told, dict) or told.get("format") != _FORMAT:
+            raise BeamdaeError(f"{path}: it is no checkpoint, or not all of one.")
+        if told.get("version") != _VERSION:
+            raise BeamdaeError(
+                f"{path}: it is a checkpoint of version {shown(told.get('version'))}, and this "
+                f"beamdae takes those of version {_VERSION}; run the model again from its start."
+            )
         try:
             t, states = float(told["t"]), told["states"]
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
             parameters = {str(k): str(x) for k, x in told["parameters"].items()}
-            events, inactive = (tuple(map(str, told[x])) for x in ("events", "inactive"))
+            events, inactive = (tuple(_listed(told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
-            found = {str(k): tuple(map(float, x)) for k, x in told["found"].items()}
+            found = {
+                str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
+                for k, x in told["found"].items()
+            }
+            sides = {str(k): int(x) for k, x in told["sides"].items()}
             model, identity = str(told["model"]), str(told["identity"])
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity)
+        known = (events, due, inactive, found, model, parameters, identity, sides)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
@@ -131,14 +150,12 @@ class Checkpoint:
         BeamdaeError
             If it cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"checkpoint: path must be that of a file, got {shown(path)}.")
+        file = file_path("checkpoint", path)
         told = asdict(self)
         q, v = told.pop("q"), told.pop("v")
         states = {name: [q[name], v[name]] for name in q}
         whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
-        return write_text(Path(path), json.dumps(whole, indent=2) + "\n")
+        return write_text(file, json.dumps(whole, indent=2) + "\n")
 
     def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         """The equations, to start from here.
@@ -146,7 +163,8 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If it is of a model with other coordinates, naming the first one that differs.
+            If it is of a model with other coordinates, naming the first one that differs, or of one
+            whose events switch parts where none do here.
         """
         own, others = list(self.q), list(equations.q_names)
         for k in range(max(len(own), len(others))):
@@ -161,13 +179,20 @@ class Checkpoint:
                 term,
                 begins_there=term.name in self.events,
                 due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
+                side=self.sides.get(term.name, 0),
             )
             for term in equations.events
         )
         q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
         known = equations.configurations
+        switched = sorted({*self.inactive, *self.found})
         if known is not None:
             known = replace(known, first=frozenset(self.inactive), found=self.found)
+        elif switched:
+            raise BeamdaeError(
+                f"start: events had switched {', '.join(switched)}, and in this model none do; "
+                "give it the same events."
+            )
         return replace(equations, q0=q, v0=v, events=events, configurations=known)
 
     def difference(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -53,6 +54,12 @@ class Occurrence:
         switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
         due = {} if self.done else {"done": False}
         return told | (switched if self.impulses else {}) | due
+
+
+def counted(names: Iterable[str]) -> str:
+    """Which events happened, and how often, from the name of each that did."""
+    told = Counter(names)
+    return ", ".join(x if n == 1 else f"{x} {n} times" for x, n in told.items()) or "none"
 
 
 def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:

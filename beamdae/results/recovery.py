@@ -8,20 +8,21 @@ before it balance everything that acts on the latter (d'Alembert: inertia with t
 
 Forces at sections jump where they act, loads per length are integrated as the polynomials through
 the points at which the element integrates inertia: inside an element the moment is of a higher
-degree than any derivative of its displacements. What does not add up to nothing over the whole beam
-(the residual of the run, and what elements miss of the curve) is spread evenly along it, so that
-both ends balance what they are joined to.
+degree than any derivative of its displacements. What does not add up to nothing over the whole
+beam, the residual of the run, is spread evenly along it, so that both ends balance what they are
+joined to.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.acting import Acting, acting_on
+from beamdae.equations.acting import ALL, Acting, acting_on
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.owners import owners_of
@@ -45,7 +46,7 @@ def balanced_and_strained(
     state: State,
     s: Array,
     before: Array,
-    inactive: frozenset[str] = frozenset(),
+    factors: Mapping[str, float] = ALL,
 ) -> tuple[Array, Array]:
     """Section forces (N, Q [N], M [N m]) at rows of states, (3, rows, places) each.
 
@@ -56,8 +57,8 @@ def balanced_and_strained(
     s, before
         Arc lengths [m], (places,). Where a force acts, section forces are those on its far side, or
         on its near side where `before` is true.
-    inactive
-        Names of parts that do not act.
+    factors
+        How much of what parts do acts, see `acting_on`.
 
     Returns
     -------
@@ -65,7 +66,7 @@ def balanced_and_strained(
         From what acts on the beam, and from its strains.
     """
     along = _Along(beam, equations, state)
-    acting = acting_on(beam, equations, times, state, inactive)
+    acting = acting_on(beam, equations, times, state, factors)
     return along.section_forces(s, _carried(beam, acting, s, before)), along.of_strains(s)
 
 

@@ -44,6 +44,7 @@ class Run:
     model: dict[str, Any] = field(default_factory=dict)
     made_by: Any = field(default=None, repr=False)
     occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
+    sides: dict[str, int] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:

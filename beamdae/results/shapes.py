@@ -11,7 +11,7 @@ from beamdae.equations.owners import positions
 from beamdae.errors import BeamdaeError, count
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.part import Part
+from beamdae.parts.part import Drawing, Part
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -54,9 +54,7 @@ def shapes(
     names = tuple(f"{part.name}.{c.name}" for part in parts for c in part.coordinates)
     if solution.equations.q_names != names:
         raise BeamdaeError("shapes: the solution is not one of this mechanism.")
-    count("shapes", "points", points)
-    drawn = [(p.name, p.draw(_attached(parts, p), points)) for p in (mechanism.ground, *parts)]
-    shown = [(name, drawing) for name, drawing in drawn if drawing is not None and drawing.places]
+    shown = outlines(mechanism, count("shapes", "points", points))
     function = positions(mechanism, [place for _, drawing in shown for place in drawing.places])
     _, state = solution.trajectory.at(frame_times(solution, frames))
     found = function(state.q)
@@ -71,6 +69,13 @@ def shapes(
         }
         for (name, drawing), (first, last) in zip(shown, pairwise(ends), strict=True)
     ]
+
+
+def outlines(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
+    """Parts that are drawn, the ground first, by name; a beam through so many sections."""
+    parts = list(mechanism.parts.values())
+    drawn = [(p.name, p.draw(_attached(parts, p), points)) for p in (mechanism.ground, *parts)]
+    return [(name, drawing) for name, drawing in drawn if drawing is not None and drawing.places]
 
 
 def _attached(parts: list[Part], body: Part) -> list[Attachment]:

@@ -14,9 +14,11 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import column_names, compared
+from beamdae.studies.event_columns import event_values
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.work import NOT_RUN, Outcome, by_time, mistake, values
+from beamdae.studies.told import by_time, values
+from beamdae.studies.work import NOT_RUN, Outcome, mistake
 
 CaseProgress = Callable[[str, float], None]
 
@@ -94,7 +96,10 @@ def compare(
         if not interrupted:
             outcome = _outcome(case, t_end, output_step, progress)
             interrupted = outcome.status.kind == "interrupted"
-        truth = None if reference is None else _reference(reference, outcome, columns)
+        truth = None
+        if reference is not None:
+            end = case.model.t_end if t_end is None else t_end
+            truth = _reference(reference, outcome, columns, end)
         rows.append(row(case, case.group, outcome, truth))
     return case_table(rows)
 
@@ -113,7 +118,9 @@ def _outcome(
     return Outcome(solution.status, values(solution), by_time(solution))
 
 
-def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> Reference:
+def _reference(
+    solution: Solution, outcome: Outcome, columns: Sequence[str], end: float
+) -> Reference:
     """The reference at the times of an outcome, and at its own where the outcome ends early."""
     chosen = tuple(compared(solution.observed, columns))
     if outcome.table is not None:
@@ -121,8 +128,10 @@ def _reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> 
         later = solution.t[solution.t > times[-1] * (1.0 + 1e-12)]
         common = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
         solution = replace(solution, t=np.concatenate([common, later]))
+    # Of a shorter one it is not known what would happen later.
+    events = event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
-    return Reference((method, ""), by_time(solution), chosen, np.nan, "as given")
+    return Reference((method, ""), by_time(solution), chosen, np.nan, "as given", events)
 
 
 def _solved(

@@ -13,6 +13,7 @@ from beamdae.results.headers import Header, observed_columns
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6
+_SAME_TIME = 1e-12
 _POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
 
 
@@ -77,12 +78,21 @@ def amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
     return 0.5 * np.ptp(reference[list(columns)].to_numpy(), axis=0)
 
 
+def common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
+    """How many rows, from the start on, are of the same times."""
+    rows = min(len(table), len(other))
+    t, others = (x.index.to_numpy()[:rows] for x in (table, other))
+    differs = np.abs(t - others) > _SAME_TIME * np.abs(others)
+    return int(np.argmax(differs)) if differs.any() else rows
+
+
 def deviations(
     table: pd.DataFrame, reference: pd.DataFrame, columns: Sequence[str]
 ) -> pd.DataFrame:
     """|x - x_ref| over half the range of x_ref by time, as far as both have got.
 
-    Both have the rows of the same output times, from the start on.
+    Both have rows of the same output times from the start on; a row of where an event ended one of
+    them has no other to be compared with.
 
     Raises
     ------
@@ -92,7 +102,7 @@ def deviations(
     missing = [name for name in columns if name not in table]
     if missing:
         raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
-    rows = min(len(table), len(reference))
+    rows = common_rows(table, reference)
     found = table[list(columns)].to_numpy()[:rows]
     truth = reference[list(columns)].to_numpy()[:rows]
     error = np.abs(found - truth) / amplitudes(reference, columns)

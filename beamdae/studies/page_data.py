@@ -13,6 +13,7 @@ from beamdae.results.headers import observed_columns
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
+from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.references import Reference, group_key
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.work import Outcome
@@ -24,6 +25,7 @@ _MOST_CURVES = 200
 _COLUMNS = (
     ("label", "integrator", "", "text"),
     ("status", "status", "", "status"),
+    (EVENTS, "events", "", "text"),
     (ERROR, "error", "-", "number"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (COST, "wall time", "s", "number"),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,8 @@ import pandas as pd
 from beamdae.errors import BeamdaeError
 from beamdae.studies.case import Case, Known
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import compared, deviations
+from beamdae.studies.deviations import common_rows, compared, deviations
+from beamdae.studies.event_columns import extrapolated
 from beamdae.studies.work import Outcome, Task
 
 # Errors within this factor of the reference's uncertainty say more about it than about the case.
@@ -36,6 +38,8 @@ class Reference:
         Largest difference between the two methods, relative to the amplitude of each column.
     sentence
         What there is to say about it.
+    events
+        What happened, see `event_values`.
     """
 
     methods: tuple[str, str]
@@ -43,6 +47,7 @@ class Reference:
     columns: tuple[str, ...]
     uncertainty: float
     sentence: str
+    events: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def resolves(self) -> float:
@@ -113,7 +118,8 @@ def agreed(study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outco
     sentence = (
         f"Reference: {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
     )
-    return Reference(labels, truth, tuple(columns), uncertainty, sentence)
+    events = _events(methods[0], outcomes)
+    return Reference(labels, truth, tuple(columns), uncertainty, sentence, events)
 
 
 def _none(methods: tuple[str, str], sentence: str) -> Reference:
@@ -136,5 +142,11 @@ def _rows(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.DataFrame:
     tables = [table for table in found if table is not None]
     if len(tables) == 1:
         return tables[0]
-    coarse, fine = tables
-    return fine + (fine - coarse) / (2.0 ** tasks[0].case.integrator.order - 1.0)
+    coarse, fine = (table.iloc[: common_rows(*tables)] for table in tables)
+    return fine + (fine - coarse.to_numpy()) / (2.0 ** tasks[0].case.integrator.order - 1.0)
+
+
+def _events(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
+    """Events of the same."""
+    found = [outcomes[task.key].values for task in tasks]
+    return extrapolated(found[0], found[-1], tasks[0].case.integrator.order)

@@ -9,8 +9,10 @@ import pandas as pd
 
 from beamdae.studies.case import Case, text_of
 from beamdae.studies.deviations import deviations, reactions
+from beamdae.studies.event_columns import event_errors, is_count, misfit
 from beamdae.studies.references import RESOLUTION, Reference
-from beamdae.studies.work import COUNTS, MEASURES, Outcome
+from beamdae.studies.told import COUNTS, MEASURES
+from beamdae.studies.work import Outcome
 
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
 ERROR, COST = "error [-]", "wall time [s]"
@@ -43,7 +45,10 @@ def row(case: Case, group: str, outcome: Outcome, reference: Reference | None) -
 
 def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     """Largest error of all columns, of each and of the reactions, relative to amplitudes."""
-    columns = {ERROR: np.nan, "below resolution": False, "reaction error [-]": np.nan}
+    columns: dict[str, Any] = dict.fromkeys(
+        [ERROR, "below resolution", "reaction error [-]"], np.nan
+    )
+    columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
     # A run that took no step has its start to show, which is no error.
     if reference.table is None or outcome.table is None or not outcome.values.get("steps"):
@@ -60,6 +65,9 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
         columns[f"error of {name}, end"] = float(error[name].iloc[-1]) if complete else np.nan
         columns[f"error of {name}, max"] = float(error[name].max())
         columns[f"error of {name}, rms"] = float(np.sqrt(np.mean(error[name] ** 2)))
+    columns |= event_errors(outcome.values, reference.events)
+    if complete and (others := misfit(outcome.values, reference.events)):
+        columns["warnings"] = " ".join(filter(None, [outcome.values["warnings"], others]))
     return columns
 
 
@@ -83,7 +91,7 @@ def case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     plain = {c: c.removeprefix(_PARAMETER) for c in parameters}
     names = {c: f"parameter {name}" if name in others else name for c, name in plain.items()}
     table = table.rename(columns=names)
-    return table.astype({c: "Int64" for c in COUNTS if c in table})
+    return table.astype({c: "Int64" for c in map(str, table) if c in COUNTS or is_count(c)})
 
 
 def summary(cases: pd.DataFrame) -> pd.DataFrame:

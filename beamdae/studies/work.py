@@ -27,6 +27,7 @@ from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
+from beamdae.studies.told import by_time, values
 
 
 @dataclass(frozen=True)
@@ -232,47 +233,6 @@ def _equations(recipe: _Recipe) -> _Built:
     with reading() as reads:
         equations = as_equations(recipe.case.model(**recipe.case.parameters))
     return _Built(equations, reads)
-
-
-def by_time(solution: Solution) -> pd.DataFrame:
-    """Observed columns, energies and drift at the output times."""
-    parts = (solution.observed, solution.ledger, solution.drift)
-    headers = pd.Index([header for part in parts for header in part])
-    return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)
-
-
-# Column of the case table by name in the summary of a solution.
-COUNTS = {
-    "steps": "steps",
-    "rejected steps": "rejected_steps",
-    "residual calls": "residual_calls",
-    "Jacobian calls": "jacobian_calls",
-    "factorizations": "factorizations",
-    "solves": "solves",
-    "Newton failures": "newton_failures",
-}
-MEASURES = {
-    "setup time [s]": "setup_time",
-    "wall time [s]": "wall_time",
-    "max position drift": "max_position_drift",
-    "max velocity drift": "max_velocity_drift",
-    "max residual [-]": "max_residual",
-    "energy imbalance [-]": "energy_imbalance",
-}
-
-
-def values(solution: Solution) -> dict[str, Any]:
-    """Cost and quality of a solution by column of the case table."""
-    summary = solution.summary()
-    chosen = solution.integrator
-    return {
-        "reached [s]": summary["last_time"],
-        "formulation": chosen.get("formulation", "stabilized-index1"),
-        "error control": chosen.get("error_control", ""),
-        "max order": chosen.get("max_order"),
-        **{column: summary[name] for column, name in (COUNTS | MEASURES).items()},
-        "warnings": " ".join(solution.warnings),
-    }
 
 
 class _Watchman:

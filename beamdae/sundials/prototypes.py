@@ -46,6 +46,8 @@ class Addresses(NamedTuple):
     IDASetMaxOrd: int
     IDASetMaxNumSteps: int
     IDASetStopTime: int
+    IDASetId: int
+    IDASetSuppressAlg: int
     IDASolve: int
     IDAFree: int
     IDAGetNumSteps: int
@@ -80,14 +82,16 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
     (_code, _address, _real, _address, _address): ("IDAReInit",),
     (_code, _address, _real, _address): ("IDASVtolerances",),
     (_code, _address, _address, _address): ("IDASetLinearSolver",),
-    (_code, _address, _int): ("IDASetMaxNonlinIters", "IDASetMaxConvFails", "IDASetMaxOrd"),
+    (_code, _address, _int): (
+        *("IDASetMaxNonlinIters", "IDASetMaxConvFails", "IDASetMaxOrd", "IDASetSuppressAlg"),
+    ),
     (_code, _address, _long): ("IDASetMaxNumSteps",),
     (_code, _address, _real): (
         *("IDASetInitStep", "IDASetMinStep", "IDASetMaxStep", "IDASetStopTime"),
     ),
     (_code, _address, _real, *[_address] * 3, _int): ("IDASolve",),
     (_code, _address, _address): (
-        *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn"),
+        *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn", "IDASetId"),
         *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetCurrentOrder", "IDAGetLastStep"),
         *("IDAGetCurrentStep", "IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails"),
         *("IDAGetNumNonlinSolvIters", "IDAGetNumStepSolveFails", "IDAGetNumLinSolvSetups"),

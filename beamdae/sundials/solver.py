@@ -134,6 +134,9 @@ class Solver:
         Absolute tolerances, one for each unknown.
     max_order, max_step, rtol
         As in `Ida`.
+    untested
+        Which unknowns the error test leaves out, while Newton's iteration is tested in all of them;
+        None: it leaves out none.
 
     Attributes
     ----------
@@ -155,6 +158,7 @@ class Solver:
         max_order: int,
         max_step: float,
         user_data: int | None = None,
+        untested: Array | None = None,
     ) -> None:
         self._call = library().call
         self.y, self.yp, self.errors = (np.zeros(len(atol)) for _ in range(3))
@@ -166,6 +170,10 @@ class Solver:
             self._do("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
             # IDA copies them.
             self._do("IDASVtolerances", rtol, self.pointers.errors)
+            if untested is not None:
+                self.errors[:] = ~untested
+                self._do("IDASetId", self.pointers.errors)
+                self._do("IDASetSuppressAlg", 1)
             self._do("IDASetLinearSolver", linear, matrix)
             self._do("IDASetJacFn", jacobian)
             self._do("IDASetMaxNonlinIters", _NEWTON_ITERATIONS)

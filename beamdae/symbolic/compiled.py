@@ -91,3 +91,11 @@ class RowFunction:
                 else function
             )
         return self._mapped[key]
+
+    def jacobians(self, *arguments: Array) -> list[Array]:
+        """Derivatives (size, .) by each argument, at one row of them."""
+        function = self._function
+        zero = np.zeros(function.numel_out(0))
+        found = function.jacobian()(*map(np.ravel, arguments), zero)
+        blocks = found if isinstance(found, tuple) else (found,)
+        return [np.array(block.full(), float) for block in blocks]

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.analysis import stability as module
-from beamdae.analysis.controls import ColumnControl, Norm
+from beamdae.analysis.controls import ColumnControl, Norm, Way
 from beamdae.analysis.loading import loading_of
 from beamdae.analysis.stability import stability
 
@@ -89,10 +89,12 @@ def test_rows_of_observed_columns_are_their_derivatives(loading, state, name):
 
 def test_the_way_along_a_direction_is_one():
     norm = Norm(np.array([1.0, 2.0]), 4.0)
-    way = np.array([0.5, 1.0, 7.0])
-    control = norm.arc(np.zeros(3), 0.0, way, 0.3)
-    assert control.value(way, 0.3) == pytest.approx(1.0)
-    assert norm.largest(way, 3.2) == pytest.approx(0.8)
+    way = Way(np.array([0.5, 1.0, 7.0]), 0.3)
+    control = norm.arc(np.zeros(3), 0.0, way)
+    assert control.value(way.x, way.mu) == pytest.approx(1.0)
+    assert norm.largest(way.x, 3.2) == pytest.approx(0.8)
+    other = norm.across(Way(np.array([0.3, -2.0, 1.0]), 0.7), way)
+    assert norm.product(way, other) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5, 12.0])

@@ -77,7 +77,8 @@ def rotating(E, elements=4):
     return mech, distance, omega
 
 
-@integrators(rtol=1e-6, step=1e-3)
+# Its flexible neighbor below is run by all.
+@integrators(rtol=1e-6, step=1e-3, slow=("ida", "alpha stabilized"))
 def test_a_bead_slides_out_on_a_stiff_rotating_rod(integrator):
     """s = r0 cosh(omega t); the rod stretches and lags by a thousandth of what steel does."""
     mech, distance, omega = rotating(2.1e14)

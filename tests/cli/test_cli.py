@@ -457,3 +457,11 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)
     assert "interrupted at t = 0 s" in result.output
+
+
+def test_draw_shows_a_model_without_a_run(command):
+    done = command("draw", ARM, "--set", "name=$pin")
+    assert done.exit_code == 0, done.output
+    assert "arm_drawing.png" in done.output
+    assert Path("results/arm_drawing.png").stat().st_size > 5000
+    assert_mistake(command("draw", NO_START), "nowhere states equations, which have no shape.")

@@ -60,6 +60,7 @@ def test_three_parts_make_the_table_of_one_run(go):
     result = go("--continue", "end.json", *end)
     assert result.exit_code == 0
     assert "ball_part3.csv" in result.stdout
+    assert "bounce " in result.stdout
     assert Path("results/ball_part1.csv").read_bytes() == first
     table, told = read("ball")
     whole = bd.simulate(bd.load_model("ball.py"), output_step=0.01)

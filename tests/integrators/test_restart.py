@@ -12,7 +12,7 @@ from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
 
-RUNS = integrators(1e-7, 1e-4)
+RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 
 
 def slider():
@@ -98,6 +98,42 @@ def test_a_ball_bounces_by_stops_and_restarts():
     assert_allclose(times, FALL + np.cumsum([0.0, *flights]), rtol=1e-12)
 
 
+def pushed_beyond_a_line():
+    """1 m/s up to x = 1 m at t = 1 s, from there on 0.5 N push 1 kg."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    push = mech.add(bd.Force("push", ball.point, (0.5, 0.0)))
+    mech.deactivate(push)
+    mech.observe("ball", ball.point)
+    mech.when("ball.x", 1.0, "up", bd.activate(push), "pushed")
+    mech.when("ball.x", 1.0, "up", "record", "seen")
+    return mech
+
+
+@pytest.mark.parametrize("off", [-1.1e-16, 0.0, 2.2e-16])
+@COARSE
+def test_an_event_where_a_run_ends_happens_once_when_it_goes_on(integrator, off, tmp_path):
+    """To rounding on its value at the end of the first run, on whichever side."""
+    first = bd.simulate(pushed_beyond_a_line(), integrator, 1.0 + off)
+    start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
+    later = bd.simulate(pushed_beyond_a_line(), integrator, 2.0, start=start)
+    both = first.followed_by(later)
+    assert sorted(one.name for one in both.occurred) == ["pushed", "seen"]
+    assert_allclose(both.q[-1, 0], 2.25, atol=1e-9)
+
+
+@COARSE
+def test_a_run_that_is_stopped_right_after_its_start(integrator):
+    """A scout sees no more than rounding move."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.x", 1.0, "up", "stop", "end")
+    first = bd.simulate(mech, integrator, 1.0 - 1e-13)
+    later = bd.simulate(mech, integrator, 2.0, start=first)
+    assert [one.name for one in first.followed_by(later).occurred] == ["end"]
+
+
 def test_a_checkpoint_of_another_model_is_refused(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     with pytest.raises(bd.BeamdaeError, match=r"coordinate 1 is 'bar\..*' there and 'x' here"):
@@ -111,8 +147,10 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda told: told | {"version": 1}, "no checkpoint of version 2"),
-        (lambda told: [1], "no checkpoint of version 2"),
+        (lambda told: told | {"version": 1}, "of version 1, and this beamdae takes those of v"),
+        (lambda told: told | {"version": 7}, "of version 7, and this"),
+        (lambda told: [1], "no checkpoint"),
+        (lambda told: told | {"events": "bounce"}, "damaged"),
         (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
         (lambda told: told | {"t": float("nan")}, "not finite"),
     ],
@@ -122,6 +160,15 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
     path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(bd.BeamdaeError, match=sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+
+
+def test_a_checkpoint_that_was_cut_off_is_refused(tmp_path):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    whole = path.read_bytes()
+    for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 100_000, bytes(range(256))):
+        path.write_bytes(part)
+        with pytest.raises(bd.BeamdaeError, match="it is no checkpoint, or not all of one"):
+            bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
 def test_files_that_cannot_be_had_are_told(tmp_path):
@@ -180,8 +227,10 @@ def driven(law, mass=1.0):
 def test_other_formulas_and_numbers_are_refused(tmp_path, other):
     first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
-    again = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 1.0, start=path)
-    assert again.warnings == ()
+    watched = driven(lambda t: np.sin(t))
+    watched.observe("ball", watched.part("ball").point)
+    for same in (driven(lambda t: np.sin(t)), watched):
+        assert bd.simulate(same, bd.Radau(), 1.0, start=path).warnings == ()
     for start in (first, path):
         with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; go on"):
             bd.simulate(other, bd.Radau(), 1.0, start=start)

@@ -351,6 +351,12 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
         assert_allclose(angle, SPEED, rtol=1e-6)
         assert [one.name for one in later.occurred] == ["released"]
         assert first.followed_by(later).quality.energy_imbalance < 1e-6
+    mech, _ = spinning()
+    clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0)))
+    push = mech.add(bd.Force("brake", clock.point, (1.0, 0.0)))
+    mech.when("bar.angle", 9.0, "up", bd.deactivate(push), "released")
+    with pytest.raises(bd.BeamdaeError, match="brake: an event before the start had it hold"):
+        bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
 def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
@@ -380,3 +386,99 @@ def test_what_cannot_hold_what_it_finds_is_refused():
         bd.activate(push, as_is=True)
     with pytest.raises(bd.BeamdaeError, match="as_is must be one of True, False"):
         bd.activate(mech.part("hinge"), as_is=1)
+
+
+CYCLES = [bd.Radau(1e-7), bd.Ida(1e-7), bd.GeneralizedAlpha(step=2e-3)]
+
+
+def cycled(integrator, t_end=3.0, **more):
+    """1 rad/s up to 0.6 rad, there a second law with two breakpoints, held at the end."""
+    mech, bar = spinning(angular_velocity=0.0)
+    drive = bd.Driver("drive", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=lambda t: 1.0 * t)
+    drive = mech.add(drive)
+    # 1 rad/s for 0.5 s, down to rest in 1 s, then another 0.25 rad/s.
+    law = bd.piecewise(
+        (0.5, lambda t: 7.0 + t),
+        (1.5, lambda t: 7.5 + (t - 0.5) - 0.5 * (t - 0.5) ** 2),
+        lambda t: 8.0 + 0.25 * (t - 1.5),
+    )
+    mech.observe("drive", drive.drive)
+    mech.when("bar.angle", 0.6, "up", bd.change_law(drive, law), "slower")
+    mech.when("bar.angle", 1.7, "up", bd.change_law(drive, 0.0), "held")
+    return bd.simulate(mech, integrator, t_end, **more)
+
+
+def angle_of(t):
+    """See `cycled`."""
+    s = t - 0.6
+    bent = np.select(
+        [s < 0.0, s < 0.5, s < 1.5],
+        [s, s, s - 0.5 * (s - 0.5) ** 2],
+        1.0 + 0.25 * (s - 1.5),
+    )
+    return np.minimum(0.6 + bent, 1.7)
+
+
+@pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
+def test_a_driver_follows_another_law_from_an_event_on(integrator):
+    solution = cycled(integrator)
+    assert_allclose([one.t for one in solution.occurred], [0.6, 2.5], atol=1e-6)
+    x, t = solution.columns, solution.t
+    assert_allclose(x["bar.angle [rad]"], angle_of(t), atol=2e-6)
+    braked = (t > 1.11) & (t < 2.09)
+    assert_allclose(x["drive.M [N m]"][braked], -INERTIA, atol=1e-5)
+    # Off by the events' times.
+    rate = 1.0 - (t - 1.1)
+    assert_allclose(x["drive.power [W]"][braked], (-INERTIA * rate)[braked], atol=1e-5)
+    # The law starts and goes on without a jump of velocities; it is caught at the end of it.
+    slower, held = solution.occurred
+    assert abs(slower.energy_lost) < 1e-9
+    assert_allclose(held.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
+    assert solution.quality.energy_imbalance < 1e-6
+    # It restarts where pieces of the law meet.
+    ends = [interval.t[-1] for interval in solution.trajectory.intervals]
+    assert_allclose(ends, [0.6, 1.1, 2.1, 2.5, 3.0], atol=1e-6)
+
+
+def test_a_checkpoint_holds_the_law_an_event_gave(tmp_path):
+    first = cycled(bd.Radau(1e-7), 0.9)
+    path = first.checkpoint(tmp_path / "end.json")
+    for start in (first, path):
+        later = cycled(bd.Radau(1e-7), start=start)
+        assert_allclose(later.columns["bar.angle [rad]"], angle_of(later.t), atol=2e-6)
+        assert first.followed_by(later).quality.energy_imbalance < 1e-6
+    mech, bar = spinning(angular_velocity=0.0)
+    drive = bd.Driver("drive", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=lambda t: 1.0 * t)
+    drive = mech.add(drive)
+    with pytest.raises(bd.BeamdaeError, match="events had switched drive, and in this model none"):
+        bd.simulate(mech, bd.Radau(), 2.0, start=path)
+    mech.when("bar.angle", 5.0, "up", bd.change_law(drive, 0.0), "held")
+    with pytest.raises(bd.BeamdaeError, match="drive: it follows the law that event slower gave"):
+        bd.simulate(mech, bd.Radau(), 2.0, start=path)
+
+
+def test_laws_that_cannot_be_changed_to_are_refused():
+    mech, bar = spinning()
+    ends = mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)
+    drive = mech.add(bd.Driver("drive", *ends, law=lambda t: SPEED * t))
+    for driver in ("drive", mech.part("hinge")):
+        with pytest.raises(bd.BeamdaeError, match="change_law: it is for a Driver or a Transl"):
+            bd.change_law(driver, 0.0)
+    with pytest.raises(bd.BeamdaeError, match="change_law of drive"):
+        bd.change_law(drive, "fast")
+    mech.when("bar.angle", 0.5, "up", bd.change_law(drive, lambda t: 1.0 / (t - 0.25)), "pole")
+    with pytest.warns(bd.BeamdaeWarning, match="event pole: drive: its law becomes infinite"):
+        solution = bd.simulate(mech, bd.Radau(), 1.0)
+    assert solution.status.kind == "failed"
+
+
+def test_what_is_added_after_the_equations_were_built_changes_no_run_of_them():
+    mech, bar = spinning()
+    lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
+    mech.deactivate(lock)
+    mech.when("bar.angle", 0.5, "up", bd.activate(lock), "caught")
+    equations = bd.equations_of_motion(mech)
+    mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
+    mech.when("bar.angle", 0.1, "up", "stop", "late")
+    solution = bd.simulate(equations, bd.Radau(), 1.0)
+    assert [one.name for one in solution.occurred] == ["caught"]

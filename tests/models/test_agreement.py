@@ -22,6 +22,7 @@ MOTIONS = {
     "sliding_mass": ["s [m]", "bead.x [m]", "bead.y [m]", "tip.x [m]", "tip.y [m]"],
     "ring_mount": ["motor.x [m]", "motor.y [m]", "motor.angle [rad]"],
     "governor": ["rotor.angle [rad]", "energy.dissipated [J]"],
+    "shallow_arch": ["crown.y [m]", "quarter.y [m]", "quarter.angle [rad]"],
 }
 
 
@@ -42,7 +43,14 @@ def test_integrators_agree_within_100_rtol(name):
         assert share.max() < 100.0 * RTOL, (label, share.to_dict())
 
 
-@pytest.mark.parametrize("name", MOTIONS)
+# Two of the larger meshes, a ring and a slider on a beam, in the slow run.
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=[pytest.mark.slow] if x in ("ring_mount", "sliding_mass") else [])
+        for x in MOTIONS
+    ],
+)
 def test_nothing_is_wrong_with_a_model(name):
     found = bd.check(MODELS[name])
     assert not found.problem

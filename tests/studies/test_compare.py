@@ -9,7 +9,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.headers import observed_columns
-from beamdae.studies import deviations, work
+from beamdae.studies import deviations, told, work
 from beamdae.studies.case import default_integrators
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
@@ -94,7 +94,7 @@ def test_row_repeats_the_summary_of_the_solution():
     case = bd.Case(swing, {}, ALPHA)
     (row,) = bd.compare([case]).to_dict("records")
     summary = case.solve().summary()
-    for column, name in (work.COUNTS | work.MEASURES).items():
+    for column, name in (told.COUNTS | told.MEASURES).items():
         assert pd.notna(row[column])
         if "time" not in column:
             assert row[column] == summary[name]
@@ -258,7 +258,7 @@ def drifting(mass=2.0):
 def test_regression_columns_called_as_those_of_tables_do_not_vanish():
     mech = swing()
     mech.observe("drift", mech.part("bob").at(2.0, 0.0))
-    columns = observed_columns(work.by_time(bd.simulate(mech, ALPHA, 0.1)))
+    columns = observed_columns(told.by_time(bd.simulate(mech, ALPHA, 0.1)))
     assert [name for name in columns if name.startswith("drift.")][:2] == [
         "drift.x [m]",
         "drift.y [m]",

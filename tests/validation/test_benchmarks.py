@@ -18,7 +18,8 @@ from scipy.optimize import brentq
 
 import beamdae as bd
 
-STORED = pd.read_csv(SUMMARY)
+SUMMARIZED = pd.read_csv(SUMMARY)
+STORED = SUMMARIZED[SUMMARIZED["setting"].isin(INTEGRATORS)]
 FLOORS = {case.name: case.floor for case in CASES}
 # Runs of beams take as long as all others.
 OF_BEAMS = ("moving load", "follower load")

@@ -1,4 +1,4 @@
-"""Every integrator against published and closed-form answers.
+"""Every integrator, equilibria, natural modes and linear models against known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,11 +19,18 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
+from benchmarks.modes import KNOWN_MODES
+from benchmarks.spun_up import SPUN_UP
+from benchmarks.step_response import STEP_RESPONSE
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
+# What gives rows of its own.
+FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP, STEP_RESPONSE, *KNOWN_PATHS)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
@@ -72,10 +79,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in CASES])
+    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
+    further = [case for case in FURTHER if chosen in (None, case.name)]
+    found += [row for case in further for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)

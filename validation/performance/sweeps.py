@@ -35,7 +35,7 @@ from tables import RESULTS, write
 import beamdae as bd
 from beamdae.studies import engine
 from beamdae.studies.pool import LocalPool
-from beamdae.studies.work import by_time
+from beamdae.studies.told import by_time
 
 STEP = 1e-3
 ROWS = 400

@@ -109,6 +109,13 @@ PARTS: dict[str, Base] = {
         itself,
         lambda w, part: bd.deactivate(part),
     ),
+    "change_law": Base(
+        lambda w: {
+            "driver": bd.Driver("driver", w.mech.ground.at(*KNEE), w.bar.at(*KNEE), 0.0),
+            "law": 1.0,
+        },
+        itself,
+    ),
     "impact": Base(lambda w: {"on": w.mech.part("hinge"), "restitution": 0.5}, itself),
     "Force": Base(
         lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": (1.0, 0.0), "axes": "body"}, added

@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
+from beamdae.studies.work import Limits
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
+from robustness.places_modes import MODES
 from robustness.places_periodic import PERIODIC
+from robustness.places_statics import STATICS
 from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
@@ -97,14 +100,6 @@ def _listing(cases: Any) -> bd.Study:
     return bd.study(output_step=OUTPUT_STEP)(few)
 
 
-def _leaning(world: World) -> bd.Mechanism:
-    """The bar on a torsion spring, pushed aside."""
-    foot = world.mech.ground.at(0.0, 0.0)
-    world.mech.add(bd.TorsionSpring("spring", foot, world.bar.at(0.0, 0.0), 10.0))
-    world.mech.add(bd.Force("push", world.bar.at(*KNEE), (0.0, 1.0)))
-    return world.mech
-
-
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -153,28 +148,6 @@ MODELS: dict[str, Base] = {
         itself,
     ),
     "check": Base(lambda w: {"model": w.mech, "t_end": T_END, "predict": False}, itself),
-    "equilibrium": Base(
-        lambda w: {
-            "model": w.mech,
-            "loads": ["gravity"],
-            "to": [0.5, 1.0],
-            "control": "load",
-            "step": 0.5,
-            "switch": 0,
-            "most_points": 20,
-            "t": 0.0,
-            "start": {"bar.angle": -1.0},
-        },
-        lambda w, found: found.table(),
-    ),
-    "equilibrium displaced": Base(
-        lambda w: {"to": {"knee.x": 0.1}, "switch": 0},
-        lambda w, found: found.table(),
-        lambda w, **given: bd.equilibrium(_leaning(w), **given),
-    ),
-    "Equilibrium.at": Base(
-        lambda w: {"row": 0}, itself, lambda w, row: bd.equilibrium(w.mech).at(row)
-    ),
     "Equilibrium.to_csv": Base(
         lambda w: {"path": Path("path.csv")},
         itself,
@@ -236,7 +209,7 @@ RESULTS: dict[str, Base] = {
         lambda w, **values: w.case(**values),
     ),
     "Study": Base(
-        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": _limits(), **_study(w)},
+        lambda w: {"name": "few", "cases": (w.case(mass=2.0),), "limits": Limits(10.0)} | _study(w),
         done,
     ),
     "study": Base(
@@ -255,6 +228,14 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "load": Base(lambda w: {"path": w.solution.save("run.beamdae"), "model": w.mech}, itself),
+    "Solution.save": Base(
+        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: w.solution.save(path)
+    ),
+    "Solution.difference": Base(
+        lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
+    ),
+    "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
         lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
@@ -279,25 +260,8 @@ def _written(world: World, path: Any, result: Any = None) -> None:
         solution.to_csv(path)
 
 
-def _limits() -> Any:
-    from beamdae.studies.work import Limits
-
-    return Limits(time=10.0)
-
-
-BASES: dict[str, Base] = (
-    PARTS
-    | JOINTS
-    | FORCES
-    | NUMBERS
-    | MECHANISMS
-    | SYSTEMS
-    | MODELS
-    | INTEGRATING
-    | RESULTS
-    | STRESSES
-    | PERIODIC
-)
+BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
+BASES |= MODELS | INTEGRATING | RESULTS | STATICS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
@@ -308,12 +272,13 @@ NOT_CALLED = {
     "ResponsePoint": "a point of FrequencyResponse",
     "BeamdaeError": "what users are told by",
     "BeamdaeWarning": "what users are warned by",
+    "Campbell": "what campbell gives",
     "Check": "what check gives",
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
+    "SavedRun": "what load gives",
 }
 # Arguments users do not give.
-NOT_GIVEN = {
-    name: {"*"} for name in ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse")
-}
+_TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")
+NOT_GIVEN = {name: {"*"} for name in _TOLD}

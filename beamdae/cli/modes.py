@@ -1,0 +1,93 @@
+"""`beamdae modes`: natural modes of a model, as a table and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
+from beamdae.cli.run import configured
+from beamdae.cli.saying import console, drawn, say_warnings, say_written
+from beamdae.errors import BeamdaeError, count, one_of
+
+
+def modes_command(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    about: Annotated[str, typer.Option(help="reference or equilibrium.")] = "reference",
+    number: Annotated[int, typer.Option("-n", "--number", help="How many modes.")] = 10,
+    damping: Annotated[
+        bool, typer.Option(metavar="", help="Damped modes, or undamped ones.")
+    ] = True,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--speed",
+            metavar="RAD/S",
+            help="About a steady rotation; several, by repeating it, make a Campbell diagram.",
+        ),
+    ] = None,
+    animate: Annotated[
+        list[int] | None,
+        typer.Option("--animate", metavar="MODE", help="Write a mode as a GIF; repeat."),
+    ] = None,
+    out: Out = Path("results"),
+) -> None:
+    """Find the natural modes of a model and write a table (CSV) and their shapes (PNG).
+
+    Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
+    """
+    model = configured(path, model_name, settings)
+    one_of("modes", "--about", about, ("reference", "equilibrium"))
+    speeds, animated = speed or [], animate or []
+    if speeds and about != "reference":
+        raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")
+    if len(speeds) > 1 and animated:
+        raise BeamdaeError("modes: --animate needs modes at one --speed, not several.")
+    files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
+    files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated}
+    require_writable(out, tuple(file.name for file in files.values()))
+    from beamdae.analysis.campbell import campbell
+    from beamdae.analysis.modes import modes
+    from beamdae.analysis.rotation import rotation
+
+    built = model()
+    found: Any
+    if len(speeds) > 1:
+        found = campbell(built, speeds, number, damping=damping)
+    else:
+        found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
+        for k in animated:
+            count("modes", "--animate", k, most=len(found))
+    _write(found, model.name, files, animated)
+
+
+def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
+    """The table on the disk and on the screen, then the pictures."""
+    from beamdae.analysis.modes import Modes
+    from beamdae.report import terminal
+    from beamdae.report.mode_pictures import animate_mode, figure_of_campbell, figure_of_modes
+    from beamdae.report.pictures import saved
+    from beamdae.results.files import guarded, write_text
+
+    table = found.table()
+    written = [write_text(files["csv"], guarded(table).to_csv(index=False))]
+    screen = console()
+    screen.print(name, style="bold")
+    screen.print(terminal.modes(table) if isinstance(found, Modes) else terminal.campbell(table))
+    say_warnings(screen, found.warnings)
+    pictures: list[Any] = []
+    if not isinstance(found, Modes):
+        pictures.append(lambda: [saved(figure_of_campbell(found, name), files["png"])])
+    elif found.mechanism is not None and len(found):
+        title = f"{name}, modes about {found.about}"
+        pictures.append(lambda: [saved(figure_of_modes(found, title), files["png"])])
+        pictures += [lambda k=k: [animate_mode(found, k, files[f"{k}"])] for k in animated]
+    done = [drawn(name, picture) for picture in pictures]
+    written += [path for paths in done for path in paths or []]
+    say_written(screen, written)
+    if any(paths is None for paths in done):
+        raise typer.Exit(1)

@@ -1,0 +1,68 @@
+"""Equations of motion linearized about a state: M x'' + C x' + K x + H mu = 0, J x + V x' = 0."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State, first_order, first_order_parts
+
+Array = np.ndarray
+
+
+class Tangent(NamedTuple):
+    """Derivatives of F + G^T lam and of the constraints at one state.
+
+    Attributes
+    ----------
+    mass, damping, stiffness
+        By a, v and q, sparse (n, n); the stiffness has what reactions do as joints turn.
+    reactions
+        By lam, (n, m): G^T, and what friction makes of reactions.
+    held
+        Of g by q, (m, n), or of constraints on velocities alone by q.
+    held_rates
+        Of the latter by v, (m, n); rows of zeros of the others.
+    residual
+        F + G^T lam and the constraints themselves, (n + m,).
+    """
+
+    mass: sp.csc_array
+    damping: sp.csc_array
+    stiffness: sp.csc_array
+    reactions: sp.csc_array
+    held: sp.csc_array
+    held_rates: sp.csc_array
+    residual: Array
+
+    def held_accelerations(self, e: EquationsOfMotion) -> sp.csc_array:
+        """Of the second derivatives of constraints on positions, and the first of others, by a."""
+        positions = np.ones(e.m)
+        positions[e.nonholonomic_rows] = 0.0
+        return sp.csc_array(sp.diags_array(positions) @ self.held + self.held_rates)
+
+
+def tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
+    """Derivatives at time = (t, branch), exact to rounding."""
+    form = first_order(e, "index3", apart=True)
+    y, rates = form.pack(state)
+    own, pattern = form.buffers(), form.pattern
+    found = np.zeros(2 * pattern.nnz)
+    first_order_parts(own, time[0], time[1], y, rates, found)
+    by_y, by_rates = (
+        sp.csc_array((x, pattern.indices, pattern.indptr), shape=pattern.shape).tocsr()
+        for x in np.split(found, 2)
+    )
+    q, v, lam = slice(0, e.n), slice(e.n, 2 * e.n), slice(2 * e.n, form.size)
+    return Tangent(
+        mass=sp.csc_array(by_rates[v][:, v]),
+        damping=sp.csc_array(by_y[v][:, v]),
+        stiffness=sp.csc_array(by_y[v][:, q]),
+        reactions=sp.csc_array(by_y[v][:, lam]),
+        held=sp.csc_array(by_y[lam][:, q]),
+        held_rates=sp.csc_array(by_y[lam][:, v]),
+        residual=form.residual(time, y, rates)[e.n :],
+    )

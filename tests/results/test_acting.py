@@ -1,0 +1,72 @@
+"""What acts on a beam, of whatever parts, is what its inertia asks for."""
+
+import numpy as np
+import pytest
+from conformance import JOINTS, KINEMATICS, LOADS
+from support import ARC, SOFT
+
+import beamdae as bd
+from beamdae.beams.shape_functions import gauss_points
+from beamdae.equations.acting import acting_on
+from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import State
+
+SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+PARTS = JOINTS | LOADS
+FRAME, NODES = "chord frame, Green's strain", "nodes"
+# One of each way in which a part acts: at points, per length, by shares of nodes, on elements.
+KINDS = ("slider on a beam", "spring within a beam", "pressure", "sliding in the span", "air drag")
+
+
+def acting(make, kind, shape="curved"):
+    """What acts on the beam at any positions and velocities, with the accelerations of these."""
+    mech = bd.Mechanism(gravity=(0.2, -1.5))
+    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
+    kinematics = KINEMATICS[kind]
+    beam = bd.Beam("beam", ARC, SECTION, 2, elements_shape=shape, kinematics=kinematics)
+    mech.add(beam)
+    if make is not None:
+        mech.add(make(mech, disk, beam))
+    e = bd.equations_of_motion(mech)
+    rng = np.random.default_rng(0)
+    q, v = e.q0 + 0.05 * rng.standard_normal(e.n), rng.standard_normal(e.n)
+    time = np.array([0.7, 0.7])
+    a, lam = Starter(e).acceleration(time, q, v)
+    state = State(q[None], v[None], a[None], lam[None])
+    return beam, acting_on(beam, e, time[None], state)
+
+
+def assert_balanced(make, kind, shape="curved", off=1e-11):
+    beam, on = acting(make, kind, shape)
+    lines = np.einsum("rekc,k->rec", on.lines, gauss_points(beam.mesh.nodes)[1])
+    parts = np.concatenate([lines, on.wrenches], axis=1)[0]
+    np.testing.assert_allclose(parts.sum(axis=0), 0.0, atol=off * np.max(np.abs(parts)))
+    return on
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    [*((kind, "curved") for kind in KINEMATICS), (FRAME, "straight"), (NODES, "straight")],
+)
+def test_weight_and_inertia(kind, shape):
+    on = assert_balanced(None, kind, shape)
+    assert not on.wrenches.size
+
+
+@pytest.mark.parametrize("kind", [FRAME, NODES])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in KINDS else [pytest.mark.slow(reason="many parts")])
+        for name in PARTS
+        if name != "Rayleigh"
+    ],
+)
+def test_all_parts(name, kind):
+    assert_balanced(PARTS[name], kind)
+
+
+def test_rayleigh_damping():
+    assert_balanced(LOADS["Rayleigh"], NODES)
+    # In a frame its strain rates are linear: what bends is turned by moments that nothing bears.
+    assert_balanced(LOADS["Rayleigh"], FRAME, off=1e-2)

@@ -1,0 +1,134 @@
+"""Section forces of runs: at their ends, tables, stresses, envelopes, safety, diagrams."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beamdae as bd
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    """A damped, dragged arc with a tip mass, on a hinge, in motion."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
+    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
+    beam = mech.add(bd.Beam("beam", arc, strip, elements=3))
+    mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))
+    mech.add(bd.AirDrag("drag", beam, 0.5))
+    mech.add(bd.RayleighDamping("oil", beam, mass=0.2, stiffness=1e-5))
+    mech.add(bd.Spring("stay", mech.ground.at(0.0, -1.0), beam.at(0.3), stiffness=20.0))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("hinge", hinge.reaction_on("b"))
+    mech.observe("root", beam.start)
+    mech.observe("tip", beam.end)
+    mech.observe("inside", beam.section_forces(0.5))
+    return bd.simulate(mech, bd.Radau(1e-6), t_end=0.2, output_step=0.01)
+
+
+def test_at_its_ends_they_balance_reactions_and_masses(swinging):
+    forces = swinging.section_forces("beam", s=[0.0, 0.8])
+    columns, tip = swinging.columns, np.s_[1:-1]
+    n = {}
+    beam = forces.beam
+    for k, (place, at) in enumerate({"root": beam.start, "tip": beam.end}.items()):
+        # Observed is the angle of the element, the section stands across the curve.
+        across = beam.curve.tangent_angle(forces.s[k]) - at.inclination
+        angle = columns[f"{place}.angle [rad]"] + across
+        c, w = np.cos(angle), np.sin(angle)
+        N, Q = forces.N[:, k], forces.Q[:, k]
+        n[place] = np.stack([c * N - w * Q, w * N + c * Q])
+    size = np.max(np.abs(n["root"]))
+    # The reaction on the beam is what the part before its start exerts on it.
+    reaction = np.stack([columns[f"hinge.{x} [N]"] for x in ("Fx", "Fy")])
+    np.testing.assert_allclose(n["root"], -reaction, rtol=0.0, atol=1e-9 * size)
+    np.testing.assert_allclose(forces.M, 0.0, atol=1e-9 * size)
+    # What moves the tip mass, by central differences of its velocity over 20 ms.
+    moved = np.stack([np.gradient(columns[f"tip.{x}_dot [m/s]"], 0.01) for x in "xy"])
+    weighed = 0.06 * (moved + np.array([[0.0], [9.81]]))
+    np.testing.assert_allclose(n["tip"][:, tip], -weighed[:, tip], rtol=0.0, atol=0.05 * size)
+
+
+def test_between_they_agree_with_the_strains(swinging):
+    forces = swinging.section_forces("beam", s=0.5)
+    for k, name in enumerate(("N [N]", "Q [N]", "M [N m]")):
+        observed = swinging.columns[f"inside.{name}"]
+        np.testing.assert_allclose(forces.strained[k, :, 0], observed, rtol=1e-9, atol=1e-9)
+        found = (forces.N, forces.Q, forces.M)[k][:, 0]
+        size = np.max(np.abs(found))
+        # Three elements, and a spring inside one of them.
+        np.testing.assert_allclose(found, observed, rtol=0.0, atol=0.1 * size)
+
+
+def test_tables_envelopes_and_safety(swinging):
+    forces = swinging.section_forces("beam")
+    table = forces.table()
+    assert list(table)[:5] == ["t [s]", "s [m]", "N [N]", "Q [N]", "M [N m]"]
+    assert list(table)[5:] == ["N error [N]", "Q error [N]", "M error [N m]"]
+    assert len(table) == len(forces.t) * len(forces.s)
+    envelope = forces.envelope()
+    most = envelope.loc[envelope["M max [N m]"].idxmax()]
+    row = table[(table["t [s]"] == most["t of M max [s]"]) & (table["s [m]"] == most["s [m]"])]
+    assert row["M [N m]"].max() == most["M max [N m]"] == forces.M.max()
+    stress = forces.stress("top")
+    A, W = 0.03 * 0.0025, 0.03 * 0.0025**2 / 6.0
+    sigma = table["N [N]"] / A + table["M [N m]"] / W
+    pd.testing.assert_series_equal(stress["sigma [Pa]"], sigma, check_names=False)
+    np.testing.assert_allclose(stress["tau [Pa]"], 1.5 * table["Q [N]"] / A)
+    safety = forces.safety()
+    largest = max(np.abs(forces.stress(x)["sigma [Pa]"]).max() for x in ("top", "bottom"))
+    assert safety.stress == pytest.approx(largest)
+    assert safety.factor == pytest.approx(235e6 / largest)
+    assert forces.safety(yield_stress=2.0 * 235e6).factor == pytest.approx(2.0 * safety.factor)
+
+
+def test_shear_peaks_of_shapes():
+    # A thin pipe has twice the mean, a thick one that of a solid circle; a web bears nearly all.
+    assert bd.Section.pipe(STEEL, 0.1, 1e-5).shear_peak == pytest.approx(2.0, rel=1e-3)
+    assert bd.Section.pipe(STEEL, 0.1, 0.0499).shear_peak == pytest.approx(4.0 / 3.0, rel=3e-3)
+    solid = bd.Section.i_profile(STEEL, width=0.02, height=0.1, flange=0.02, web=0.0199999)
+    assert solid.shear_peak == pytest.approx(1.5, rel=1e-4)
+
+
+def test_a_diagram_is_a_picture(swinging, tmp_path):
+    plot = swinging.diagram("beam", "M", t=0.1)
+    assert plot.save(tmp_path / "M.png").stat().st_size > 5000
+    (axes,) = plot.figure.axes
+    assert axes.get_ylabel() == "M [N m]"
+    # The whole run: largest and least.
+    envelope = swinging.diagram("beam", "Q")
+    assert "0 to 0.2 s" in envelope.figure.axes[0].get_title()
+
+
+@pytest.mark.parametrize(
+    ("ask", "why"),
+    [
+        (lambda x: x.section_forces("rod"), "beam must be one of .*'beam', got 'rod'"),
+        (lambda x: x.section_forces("hinge"), "beam must be one of"),
+        (lambda x: x.section_forces("beam", t=0.3), "t must be times of the run"),
+        (lambda x: x.section_forces("beam", t=[0.1, 0.1]), "t must be times of the run"),
+        (lambda x: x.section_forces("beam", t=[]), "t must be a number or a list"),
+        (lambda x: x.section_forces("beam", s=0.9), r"s must lie in \[0, 0.8\] m"),
+        (lambda x: x.section_forces("beam", s="end"), "s must be a number"),
+        (lambda x: x.diagram("beam", "P"), "what must be one of 'N', 'Q', 'M'"),
+        (lambda x: x.section_forces("beam").diagram("M", t=7.0), "t must be one of the times"),
+        (lambda x: x.section_forces("beam").safety(-1.0), "yield_stress must be positive"),
+        (lambda x: x.section_forces("beam").stress(1.0), "offset must lie within half the height"),
+    ],
+)
+def test_what_is_asked_wrongly_is_refused(swinging, ask, why):
+    with pytest.raises(bd.BeamdaeError, match=why):
+        ask(swinging)
+
+
+def test_safety_needs_a_yield_stress():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(replace(STEEL, yield_stress=None), 0.02, 0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    with pytest.raises(bd.BeamdaeError, match="its material has no yield_stress"):
+        bd.equilibrium(mech).section_forces(beam).safety()
