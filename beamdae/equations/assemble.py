@@ -80,9 +80,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
         require_pieces_fit(name, quantity.pieces, owners.sizes)
-    # Particles that no joint holds are as far apart as what acts between them.
-    acted_on = np.reshape([a.point for part in parts for a in part.attachments], (-1, 2))
-    length = _extent(np.concatenate(drawn), _extent(acted_on))
+    length = _extent(np.concatenate(drawn))
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]

@@ -38,7 +38,7 @@ def test_law_of_states(name, data):
 
 @pytest.mark.slow(reason="many examples")
 @pytest.mark.parametrize("name", STATE_LAWS)
-@settings(max_examples=40, **DRAWN)
+@settings(max_examples=25, **DRAWN)
 @given(data=st.data())
 def test_law_of_many_states(name, data):
     tried(name, data)
@@ -46,7 +46,7 @@ def test_law_of_many_states(name, data):
 
 @pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
 @pytest.mark.parametrize("name", REST_LAWS | RUN_LAWS)
-@settings(max_examples=8, phases=[Phase.generate], **DRAWN)
+@settings(max_examples=5, phases=[Phase.generate], **DRAWN)
 @given(data=st.data())
 def test_law_of_many_runs(name, data):
     tried(name, data)
