@@ -73,7 +73,7 @@ def test_regression_the_drive_of_what_moves_by_law_alone_is_found(integrator):
     assert solution.quality.energy_imbalance < 1e-3
 
 
-@pytest.mark.parametrize("meter", [1.0, 1e3, 1e-3], ids=["m", "mm", "km"])
+@pytest.mark.parametrize("meter", [1.0, 1e3], ids=["m", "mm"])
 def test_regression_a_particle_on_a_spring_is_found_at_rest_in_any_unit(meter):
     """It has no size but one unit of length: in mm it was given up on the way to where it rests."""
     mech = bd.Mechanism(gravity=(0.0, -9.81 * meter))
