@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -228,9 +229,13 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
-    "load": Base(lambda w: {"path": w.solution.save("run.beamdae"), "model": w.mech}, itself),
+    "load": Base(
+        lambda w: {"path": "run.beamdae", "model": w.mech},
+        itself,
+        lambda w, **given: _kept(w, **given),
+    ),
     "Solution.save": Base(
-        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: w.solution.save(path)
+        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: _deep(w, w.solution.save, path)
     ),
     "Solution.difference": Base(
         lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
@@ -238,26 +243,45 @@ RESULTS: dict[str, Base] = {
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
-        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+        lambda w: {
+            "solution": w.solution,
+            "path": w.folder / "run.gif",
+            "speed": 1.0,
+            "frames": 3,
+        },
+        itself,
     ),
     "Solution.observe": Base(
-        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
         itself,
         lambda w, **given: w.solution.observe(**given),
     ),
-    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
+    "Solution.__getitem__": Base(
+        lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]
+    ),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
 }
 
 
+def _kept(world: World, path: Any, model: Any) -> Any:
+    file = world.solution.save("run.beamdae")
+    try:
+        return bd.load(path, model)
+    finally:
+        file.unlink()
+
+
 def _written(world: World, path: Any, result: Any = None) -> None:
-    solution = world.solution if result is None else result
+    _deep(world, (world.solution if result is None else result).to_csv, path)
+
+
+def _deep(world: World, write: Callable[[Any], object], path: Any) -> None:
     # Relative paths may lead up.
     (world.folder / "deep").mkdir(parents=True)
     with chdir(world.folder / "deep"):
-        solution.to_csv(path)
+        write(path)
 
 
 BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
