@@ -152,4 +152,4 @@ def test_a_follower_load_on_a_thin_column_is_none_with_a_potential():
     assert flutter.kind == "flutter point"
     # Digits of the published load.
     assert flutter.factor == pytest.approx(20.05, abs=5e-3)
-    assert list(path.unstable) == [0, 0, 2, 2] or list(path.unstable) == [0, 0, 0, 2]
+    assert path.unstable[[0, 1, -1]].tolist() == [0, 0, 2]
