@@ -25,6 +25,8 @@ Body = dict[str, Any]
 
 _FRAMES_PER_SECOND = 25
 _FEWEST, _MOST = 2, 500
+# A GIF counts hundredths of a second.
+_MOST_A_SECOND = 100
 # Of the size of what is drawn, left free around it.
 _MARGIN = 0.05
 _THUMBNAIL = 160.0
@@ -67,9 +69,10 @@ def animate(
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     least, most = _FEWEST, _MOST
-    number = int(np.clip(round(_FRAMES_PER_SECOND * lasts), least, most))
-    number = count("animate", "frames", frames, least, most) if frames else number
-    rate = max(round((number - 1) / lasts), 1) if lasts > 0.0 else 1
+    number = round(np.clip(_FRAMES_PER_SECOND * lasts, least, most))
+    if not (isinstance(frames, int) and frames == 0):
+        number = count("animate", "frames", frames, least, most)
+    rate = round(np.clip((number - 1) / lasts, 1, _MOST_A_SECOND)) if lasts > 0.0 else 1
     captions = [f"t = {time:.3g} s" for time in frame_times(solution, number)]
     return moving_pictures("animate", _bodies(solution, number), captions, rate, path)
 
