@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 Body = dict[str, Any]
 
-_FRAMES_PER_SECOND = 25
+_FRAMES_PER_SECOND, _FASTEST = 25, 100
 _FEWEST, _MOST = 2, 500
-# A GIF counts hundredths of a second.
-_MOST_A_SECOND = 100
 # Of the size of what is drawn, left free around it.
 _MARGIN = 0.05
 _THUMBNAIL = 160.0
@@ -45,7 +43,10 @@ class Animation:
 
 
 def animate(
-    solution: Solution, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+    solution: Solution,
+    path: str | Path | None = None,
+    speed: float = 1.0,
+    frames: int | None = None,
 ) -> Animation | Path:
     """Moving pictures of a run: for a notebook, or as a file.
 
@@ -64,15 +65,15 @@ def animate(
         If the run is not one of a mechanism, the file is of another kind or cannot be written.
     """
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"animate: solution must be what simulate gave, got {shown(solution)}.")
+        raise BeamdaeError(f"animate: solution must be that of a run, got {shown(solution)}.")
     t = frame_times(solution, 2)
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     least, most = _FEWEST, _MOST
     number = round(np.clip(_FRAMES_PER_SECOND * lasts, least, most))
-    if not (isinstance(frames, int) and frames == 0):
+    if frames is not None:
         number = count("animate", "frames", frames, least, most)
-    rate = round(np.clip((number - 1) / lasts, 1, _MOST_A_SECOND)) if lasts > 0.0 else 1
+    rate = round(np.clip((number - 1) / lasts, 1, _FASTEST)) if lasts > 0.0 else 1
     captions = [f"t = {time:.3g} s" for time in frame_times(solution, number)]
     return moving_pictures("animate", _bodies(solution, number), captions, rate, path)
 
@@ -145,7 +146,8 @@ def _moving(bodies: Sequence[Body], captions: Sequence[str], interval: int) -> F
 
 def look(body: Body) -> dict[str, Any]:
     """How matplotlib draws a body, by its kind."""
-    if body["kind"] in ("point", "ground"):
+    # A body that is held at one point alone is drawn as that.
+    if body["kind"] in ("point", "ground") or len(body["x"][0]) == 1:
         color = "0.55" if body["kind"] == "ground" else COLORS[3]
         mark = "^" if body["kind"] == "ground" else "o"
         found: dict[str, Any] = {"color": color, "marker": mark, "ls": "none", "ms": 6}

@@ -35,6 +35,6 @@ def selected(headers: Iterable[str], name: Any, of: str = "Solution") -> list[st
             return found
     known = list(dict.fromkeys([*bare, *whole]))
     raise BeamdaeError(
-        f"{of}: no column is called {shown(name)}{nearest(name, known)}; "
+        f"{of}: no column has the name {shown(name)}{nearest(name, known)}; "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` have all there are."
     )

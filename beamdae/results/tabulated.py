@@ -119,7 +119,7 @@ class Tabulated:
         True
         """
         if not isinstance(other, Tabulated):
-            raise BeamdaeError(f"difference: it must be with a solution, got {shown(other)}.")
+            raise BeamdaeError(f"difference: other must be a solution, got {shown(other)}.")
         begin, end = (f([self.times[k], other.times[k]]) for f, k in ((max, 0), (min, -1)))
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):

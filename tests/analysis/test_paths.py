@@ -193,9 +193,9 @@ def test_a_path_shows_itself():
     assert heights.index.name == "load factor [-]"
     assert_allclose(truss_load(heights.to_numpy()), heights.index, rtol=1e-9, atol=1e-9)
     assert list(path["crown"].columns) == ["crown.x [m]", "crown.y [m]"]
-    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium: no column is called 'crwn'.*crown"):
+    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium: no column has the name 'crwn'.*crown"):
         path["crwn"]
-    with pytest.raises(bd.BeamdaeError, match="Equilibrium: no column is called 3"):
+    with pytest.raises(bd.BeamdaeError, match="Equilibrium: no column has the name 3"):
         path.plot(3)
 
 

@@ -173,7 +173,7 @@ def test_runs_are_subtracted_as_far_as_both_go(tmp_path):
 
 def test_what_cannot_be_subtracted_is_told(run):
     fall = falling(0.3, bd.Radau(1e-3))
-    with pytest.raises(bd.BeamdaeError, match="must be with a solution, got 'a'"):
+    with pytest.raises(bd.BeamdaeError, match="other must be a solution, got 'a'"):
         run.difference("a")
     with pytest.raises(bd.BeamdaeError, match=r"only one of the runs has the column 'push\.F"):
         run.difference(fall, "push")

@@ -25,12 +25,12 @@ from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
 from benchmarks.spun_up import SPUN_UP
-from benchmarks.step_response import STEP_RESPONSE
+from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
-FURTHER = (*KNOWN_MODES, *KNOWN_RESTS, *SPUN_UP, STEP_RESPONSE, *KNOWN_PATHS)
+FURTHER = (*KNOWN_MODES, *STEP_RESPONSES, *KNOWN_RESTS, *KNOWN_PATHS, *SPUN_UP)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
