@@ -19,8 +19,8 @@ Array = np.ndarray
 # way.
 _DENSE, _DENSE_SKEW = 150, 600
 # Of the largest entry: what rounding leaves of a zero eigenvalue of a matrix taken as a whole, and
-# of one by elimination, of fine meshes; and of differences in a matrix that is symmetric, for
-# follower loads are small beside the stretch of a thin beam.
+# of one by elimination, of fine meshes; and of differences in a matrix that is symmetric: a
+# follower load is small beside the stretch of a thin beam.
 _ZERO, _SPARSE_ZERO, _SKEW = 2e-14, 4e-15, 1e-13
 # Squares of frequencies over the lowest that are beyond rounding, over the highest that are not
 # zero, and the share of an imaginary part that is none.
