@@ -83,7 +83,7 @@ def follow(
             try:
                 way, reached = _stepped(corrector, path, stepping, target, way)
             except StepError as problem:
-                path.status = Status("failed", str(problem))
+                path.status, path.stuck = Status("failed", str(problem)), True
                 return
             if stepping.leave_at and len(path.branches) - left >= stepping.leave_at:
                 return
@@ -117,9 +117,9 @@ def _stepped(
         sign, reach = float(np.sign(ahead)), abs(ahead)
         size = min(path.size, reach, stepping.step)
     begin = control.value(at.x, at.mu)
-    # The last step but one leaves no splinter.
+    # The last step but one leaves no splinter, and rounding no step.
     if not stepping.by_arc and size < reach < 1.2 * size:
-        size = 0.5 * reach
+        size = reach if reach < 1.001 * size else 0.5 * reach
     least = min(_LEAST * stepping.step, size)
     while True:
         end = target if size == reach and not stepping.by_arc else begin + sign * size

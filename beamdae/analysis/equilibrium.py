@@ -21,6 +21,7 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
+_NAME = "equilibrium"
 _WITHOUT_FRICTION = (
     "friction follows the speed of sliding and holds nothing at rest: this is where the mechanism "
     "rests without it."
@@ -64,7 +65,7 @@ def equilibrium(
     control
         What is given in each step: "load", the factor (default); "displacement", the column of
         `to`, which passes limit loads (default where `to` names one); or "arc length" (Keller,
-        1977), which passes turning points of the displacement as well.
+        1977), which passes turning points of the displacement as well, and goes on and never back.
     step
         The largest step: of the factor (default a tenth of the way), of the column (a twentieth),
         or by arc length of the motion, relative to the size of the mechanism or in rad (0.05).
@@ -112,7 +113,7 @@ def equilibrium(
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
-    t = finite("equilibrium", "t", t)
+    t = finite(_NAME, "t", t)
     asked = Asked.of(to, control, step, switch, most_points)
     whole, q = _begin(model, start)
     loading = loading_of(model, whole, loads, t)
@@ -120,7 +121,7 @@ def equilibrium(
         found = _result(loading, q, asked, information)
     told = list(found.warnings)
     if not found.status.success:
-        told.insert(0, f"{information.get('name', 'equilibrium')}: {found.status.sentence}.")
+        told.insert(0, f"{information.get('name', _NAME)}: {found.status.sentence}.")
     for sentence in told:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return found
@@ -129,13 +130,13 @@ def equilibrium(
 def _begin(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
     """The equations of the whole model, and positions to begin near."""
     if isinstance(start, Equilibrium):
-        whole = as_equations(model, AS_DRAWN)
+        whole = as_equations(model, AS_DRAWN, _NAME)
         return whole, start.starting().starting(whole).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:
-        start = require_start("equilibrium", start, ", or another equilibrium")
-    whole = as_equations(model, AS_DRAWN if start == EQUILIBRIUM else start)
+        start = require_start(_NAME, start, ", or another equilibrium")
+    whole = as_equations(model, AS_DRAWN if start == EQUILIBRIUM else start, _NAME)
     return whole, whole.q0
 
 

@@ -164,10 +164,10 @@ def modes(
     about
         "reference": as drawn, at rest, with the reactions the loads bring about there; where it
         would not stay frequencies are those of the second derivatives of the potential, and a
-        warning says so. "equilibrium": at rest under the loads; what `equilibrium` gives: at the
-        end of that path, under all of its loads. Positions by name, {"crank.angle": 0.3}: at rest
-        there. `rotation(speed)`: all of it turns steadily. `solution.at(time)`: the motion of a
-        run, as if it stayed there. Drivers hold.
+        warning says so. "equilibrium": at rest under the loads. Positions by name, {"crank.angle":
+        0.3}: at rest there. `rotation(speed)`: all of it turns steadily. `solution.at(time)`: the
+        motion of a run, as if it stayed there. What `equilibrium` gives: at rest at the end of its
+        path, under the load there. Drivers hold.
     n
         How many, nearest to zero; None: all of them, by dense matrices.
     damping

@@ -54,12 +54,15 @@ class Path:
     ----------
     size
         Of the next step.
+    stuck
+        Whether it ended where no step converges.
     """
 
     points: list[Point] = field(default_factory=list)
     critical: list[Critical] = field(default_factory=list)
     status: Status = REACHED_END
     size: float = np.inf
+    stuck: bool = False
 
     @property
     def end(self) -> Point:
@@ -133,7 +136,7 @@ class Stretch:
         low, high = min(counts), max(counts)
         if low < 0:
             return []
-        if not len(self.begin.stability.values):
+        if not all(len(point.stability.values) for point in (self.begin, self.end)):
             return self._flutter(counts) if low < high else []
         found = [self._lost(index) for index in range(low, high)]
         if low == high and self._turns():

@@ -102,8 +102,12 @@ class QuadraticProblem:
         zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
         zero |= size**2 <= self.lin.still
         upper = ~zero & (values.imag > -1e-9 * size)
-        # What rounding of the stiffness makes of an eigenvalue on one of the axes.
-        off = np.maximum(0.5 * rounding / np.maximum(size, 1e-300), 1e-12 * size)
+        # What rounding of the stiffness makes of an eigenvalue on one of the axes, unless dampers
+        # take or give more than rounding.
+        taken = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), self.own.damping @ shapes)))
+        is_damped = taken > rounding_of(self.own.damping, shapes)
+        off = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, 1e-300))
+        off = np.maximum(off, 1e-12 * size)
         real = np.where(np.abs(values.real) <= off, 0.0, values.real)
         values = real + 1j * np.where(np.abs(values.imag) <= 1e-9 * size, 0.0, values.imag)
         still = self._independent(shapes[:, zero])

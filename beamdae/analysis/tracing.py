@@ -134,6 +134,10 @@ def _follow(corrector: Corrector, path: Path, asked: Asked, aim: Control) -> Non
     """Follow the path of one stage, and go over to another where that is asked for."""
     begin, targets = path.end, list(asked.targets)
     stepping = _stepping(corrector, begin, asked, aim)
+    if asked.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
+        t = corrector.system.under.time[0]
+        path.status = Status("failed", f"the loads that are scaled are zero at t = {t:g} s")
+        return
     if begin.stability.free:
         _released(corrector, path, stepping, targets)
         return
@@ -242,7 +246,7 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
         return path.status
     end, told = path.end, path.status.sentence
     sentence = f"{told}; the last load factor that converged is {end.mu:.6g}"
-    if path.status.kind == "failed" and not end.stability.free:
+    if path.stuck:
         control = LOAD if asked is None else asked.control
         sentence += _hint(path, system.equations, control)
     return Status(path.status.kind, sentence)
@@ -250,10 +254,14 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
 
 def _hint(path: Path, e: EquationsOfMotion, control: str) -> str:
     """What may help, the end of a sentence."""
+    if control == DISPLACEMENT and len(path.points) == 1:
+        return ", as where the loads do not move what they should"
     if control == DISPLACEMENT:
         return ", control='arc length' goes on where a displacement turns back"
     if control != LOAD:
         return ""
+    if len(path.points) == 1:
+        return ", a millionth of a step is too much: the loads may be larger than meant"
     end = path.end
     before, now = (_softest(point) for point in (path.points[0], end))
     if not 0.0 < now < _SOFT * before:

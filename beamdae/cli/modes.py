@@ -81,7 +81,9 @@ def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -
     say_warnings(screen, found.warnings)
     pictures: list[Any] = []
     if not isinstance(found, Modes):
-        pictures.append(lambda: [saved(figure_of_campbell(found, name), files["png"])])
+        pictures.append(
+            lambda: [saved(figure_of_campbell(found, f"{name}, Campbell diagram"), files["png"])]
+        )
     elif found.mechanism is not None and len(found):
         title = f"{name}, modes about {found.about}"
         pictures.append(lambda: [saved(figure_of_modes(found, title), files["png"])])

@@ -157,14 +157,14 @@ def draw_campbell(found: Campbell) -> Plot:
     found
         See `beamdae.campbell`.
     """
-    return Plot(figure_of_campbell(found, "Campbell diagram"))
+    return Plot(figure_of_campbell(found))
 
 
-def figure_of_campbell(found: Campbell, title: str) -> Figure:
+def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figure:
     """A Campbell diagram as a figure."""
     if not isinstance(found, Campbell):
         raise BeamdaeError(f"draw_campbell: found must be what campbell gives, got {shown(found)}.")
-    figure = _figure((6.4, 4.8), title)
+    figure = _figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
     axis = figure.add_subplot()
     order = np.argsort(found.speeds)
     speeds, frequencies = found.speeds[order], found.frequencies[order]

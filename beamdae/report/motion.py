@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.errors import BeamdaeError, count, positive, shown
 from beamdae.report.curves import picture_path
 from beamdae.report.pictures import COLORS
 from beamdae.results.files import replacing
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 Body = dict[str, Any]
 
-_FRAMES_PER_SECOND = 25
+_FRAMES_PER_SECOND, _FASTEST = 25, 100
 _FEWEST, _MOST = 2, 500
 # Of the size of what is drawn, left free around it.
 _MARGIN = 0.05
@@ -43,7 +43,10 @@ class Animation:
 
 
 def animate(
-    solution: Solution, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+    solution: Solution,
+    path: str | Path | None = None,
+    speed: float = 1.0,
+    frames: int | None = None,
 ) -> Animation | Path:
     """Moving pictures of a run: for a notebook, or as a file.
 
@@ -61,13 +64,16 @@ def animate(
     BeamdaeError
         If the run is not one of a mechanism, the file is of another kind or cannot be written.
     """
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(f"animate: solution must be that of a run, got {shown(solution)}.")
     t = frame_times(solution, 2)
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     least, most = _FEWEST, _MOST
     number = int(np.clip(round(_FRAMES_PER_SECOND * lasts), least, most))
-    number = count("animate", "frames", frames, least, most) if frames else number
-    rate = max(round((number - 1) / lasts), 1) if lasts > 0.0 else 1
+    if frames is not None:
+        number = count("animate", "frames", frames, least, most)
+    rate = int(np.clip(round((number - 1) / lasts), 1, _FASTEST)) if lasts > 0.0 else 1
     captions = [f"t = {time:.3g} s" for time in frame_times(solution, number)]
     return moving_pictures("animate", _bodies(solution, number), captions, rate, path)
 
@@ -140,7 +146,8 @@ def _moving(bodies: Sequence[Body], captions: Sequence[str], interval: int) -> F
 
 def look(body: Body) -> dict[str, Any]:
     """How matplotlib draws a body, by its kind."""
-    if body["kind"] in ("point", "ground"):
+    # A body that is held at one point alone is drawn as that.
+    if body["kind"] in ("point", "ground") or len(body["x"][0]) == 1:
         color = "0.55" if body["kind"] == "ground" else COLORS[3]
         mark = "^" if body["kind"] == "ground" else "o"
         found: dict[str, Any] = {"color": color, "marker": mark, "ls": "none", "ms": 6}

@@ -112,7 +112,7 @@ class Solution(Run, Tabulated):
         return replace(self, equations=observing(self.equations, name, what))
 
     def animate(
-        self, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+        self, path: str | Path | None = None, speed: float = 1.0, frames: int | None = None
     ) -> Animation | Path:
         """Moving pictures of the run, see `beamdae.animate`."""
         from beamdae.report.motion import animate

@@ -149,6 +149,14 @@ def test_effective_masses_add_up_to_the_mass():
     assert_allclose(found.mac(found), np.eye(len(found)), atol=1e-7)
 
 
+@pytest.mark.slow(reason="256 elements")
+def test_light_damping_of_many_elements_is_told():
+    """Rounding of the stiffness is more than this damping of the lowest mode."""
+    found = bd.modes(cantilever(256, damping=1e-5, formulation="exact"), n=2)
+    w = bd.modes(cantilever(16), n=2).eigenvalues.imag
+    assert_allclose(found.damping_ratios, 0.5 * 1e-5 * w, rtol=1e-4)
+
+
 def test_material_damping_of_a_mode_grows_with_its_frequency():
     damped, free = bd.modes(cantilever(damping=1e-5), n=4), bd.modes(cantilever(), n=4)
     w = free.eigenvalues.imag

@@ -164,6 +164,10 @@ def test_a_campbell_diagram_follows_modes_through_crossings():
     assert found.eigenvalues.shape == (4, 2)
     for speed, values in zip(found.speeds, found.eigenvalues, strict=True):
         assert_allclose(np.sort(values.imag), np.sort(roots(speed).imag), rtol=1e-8)
+    # Between the two frequencies a vibration parts into growth and decay: the growth is told.
+    parted = bd.campbell(mech, [0.0, 3.0, 5.6], n=2)
+    assert_allclose(np.max(parted.eigenvalues[-1].real), np.max(roots(5.6).real), rtol=1e-8)
+    assert "at 5.6 rad/s the state is unstable" in parted.warnings[0]
     table = found.table()
     assert list(table)[:3] == ["speed [rad/s]", "mode 1 [Hz]", "mode 2 [Hz]"]
     assert_allclose(table["mode 1 [Hz]"], found.frequencies[:, 0])

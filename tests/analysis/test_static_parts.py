@@ -117,3 +117,26 @@ def test_signs_by_pivots_are_those_of_eigenvalues(factor, monkeypatch):
         assert sparse.value(index) == pytest.approx(dense.value(index), rel=1e-6)
     mode, other = (s.mode(dense.negative) for s in (dense, sparse))
     assert_allclose(np.abs(other), np.abs(mode), atol=1e-6)
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_fine_meshes_are_not_taken_for_free_nor_free_ones_for_held(formulation):
+    """The softest motion of a fine mesh is 1e-11 of its largest stiffness, rounding 1e-16."""
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+
+    def rested(clamped):
+        mech = bd.Mechanism()
+        arc = bd.Arc(2.0, 1.0)
+        beam = mech.add(bd.Beam("beam", arc, strip, 64, formulation=formulation))
+        kind = bd.Weld if clamped else bd.Revolute
+        mech.add(kind("foot", mech.ground.at(0.0, 0.0), beam.start))
+        return bd.equilibrium(mech)
+
+    held = rested(clamped=True)
+    assert held.stable
+    assert not held.free
+    with pytest.warns(bd.BeamdaeWarning, match="it is free to move without stiffness"):
+        swinging = rested(clamped=False)
+    assert swinging.free.startswith("beam.")
+    assert not swinging.stable
+    assert swinging.unstable[-1] == 0

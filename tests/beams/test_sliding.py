@@ -124,7 +124,7 @@ def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
     return mech
 
 
-@integrators(rtol=1e-5, step=5e-4)
+@integrators(rtol=1e-5, step=5e-4, slow=("alpha stabilized",))
 def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
     """Across all boundaries of elements, there and back."""
     solution = bd.simulate(hanging(4), integrator, t_end=1.0)

@@ -119,7 +119,8 @@ def test_the_error_of_ida_falls_with_its_tolerance(case, formulation):
         relative_errors(case, ida(rtol, formulation))["q"] for rtol in (1e-4, 1e-6, 1e-8)
     )
     assert second < first / 3.0
-    assert third < second / 3.0
+    # At the one time there is of some cases an error may pass through zero.
+    assert third < max(second, 1e-6) / 3.0
     # Over all four decades at least as the square root of rtol; about in proportion to it where
     # velocities are tested, but a lucky run at the first tolerance hides a part of that.
     assert third < first / (30.0 if formulation == "index3" else 100.0)

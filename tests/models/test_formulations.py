@@ -16,6 +16,7 @@ COMPARED = {
     "leaf_spring_vehicle": ("axle.y [m]", 0.25),
     "sliding_mass": ("tip.y [m]", 0.1),
     "ring_mount": ("motor.y [m]", 0.05),
+    "shallow_arch": ("crown.y [m]", 0.01),
 }
 WITHOUT_BEAMS = {"quick_return", "governor"}
 

@@ -18,7 +18,9 @@ BOUNDS = {
     ("shallow arch", "8 elements, floating frame"): 4e-3,
     # Three digits of an inextensible arch.
     ("deep arch", "16 exact elements"): 5e-4,
-    ("Euler column", "4 exact elements"): 5e-6,
+    ("Euler column", "8 exact elements"): 1e-6,
+    # Four digits.
+    ("Beck column", "8 exact elements"): 1e-4,
 }
 
 
@@ -141,3 +143,13 @@ def test_an_arch_that_leans_comes_back_where_it_left(side):
     assert again.status.success
     assert again.stable
     assert_allclose(again.q[-1], whole.q[-1], atol=1e-9)
+
+
+def test_a_follower_load_on_a_thin_column_is_none_with_a_potential():
+    """It holds twice what a dead load holds, and more: nothing is lost below 20.05 EI / L^2."""
+    path = bd.equilibrium(equilibria.column("body", 1.0, elements=12), to=[15.0, 21.0], step=15.0)
+    (flutter,) = path.critical
+    assert flutter.kind == "flutter point"
+    # Digits of the published load.
+    assert flutter.factor == pytest.approx(20.05, abs=5e-3)
+    assert list(path.unstable) == [0, 0, 2, 2] or list(path.unstable) == [0, 0, 0, 2]

@@ -254,15 +254,15 @@ def lee_frame(elements: int = 8) -> bd.Mechanism:
     return mech
 
 
-def euler_column(elements: int = 4) -> bd.Mechanism:
-    """A column clamped at its foot, straight to 1e-8, under Euler's load pi^2 EI / (4 L^2)."""
+def column(axes: str, load: float, elements: int = 8) -> bd.Mechanism:
+    """A slender column clamped at its foot, of length, EI and mass one, pressed at its top."""
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
-    own = by_stiffness(1.0, 1e8, 1e8)
-    column = mech.add(bd.Beam("column", line, own, elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Force("press", column.end, (0.0, -0.25 * np.pi**2)))
-    mech.observe("top", column.end)
+    own = by_stiffness(1.0, 1e7, 1e7)
+    beam = mech.add(bd.Beam("column", line, own, elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -load), axes=axes))
+    mech.observe("top", beam.end)
     return mech
 
 
@@ -275,9 +275,16 @@ def deep_arch_answers() -> Iterator[Answer]:
 
 def euler_column_answers() -> Iterator[Answer]:
     """The load it gives way at."""
-    path = bd.equilibrium(euler_column(), to=1.2)
+    path = bd.equilibrium(column("inertial", 0.25 * np.pi**2), to=1.2)
     found = path.critical[0].factor
-    yield Answer("4 exact elements", "branch point", 1.0, found, len(path.q))
+    yield Answer("8 exact elements", "branch point", 1.0, found, len(path.q))
+
+
+def beck_column_answers() -> Iterator[Answer]:
+    """The follower load it flutters at; M. Beck, ZAMP 3 (1952) 225."""
+    path = bd.equilibrium(column("body", 1.0), to=25.0)
+    found = path.critical[0].factor
+    yield Answer("8 exact elements", "flutter point [EI / L^2]", 20.05, found, len(path.q))
 
 
 KNOWN_PATHS = (
@@ -285,4 +292,5 @@ KNOWN_PATHS = (
     KnownPath("shallow arch", shallow_arch_answers),
     KnownPath("deep arch", deep_arch_answers),
     KnownPath("Euler column", euler_column_answers),
+    KnownPath("Beck column", beck_column_answers),
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,16 +38,17 @@ class KnownModes:
     ours: Callable[[int, str], Array]
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers and formulations."""
-        return chain.from_iterable(map(self.rows_of, FORMULATIONS))
+        """Those by both formulations."""
+        for label in FORMULATIONS:
+            yield from self.rows_by(label)
 
-    def rows_of(self, formulation: str) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers; the formulation is a key of `FORMULATIONS`."""
-        found = self.ours(self.elements, FORMULATIONS[formulation])
+    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
+        """A row for each of the numbers, by a formulation."""
+        found = self.ours(self.elements, FORMULATIONS[label])
         for k, (own, known) in enumerate(zip(found, self.known, strict=True)):
             yield {
                 "case": self.name,
-                "setting": f"modes, {self.elements} {formulation}",
+                "setting": f"modes, {self.elements} {label}",
                 "quantity": "frequency",
                 "entry": k,
                 "published": f"{known:.12g}",

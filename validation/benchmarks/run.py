@@ -27,17 +27,17 @@ from benchmarks.modes import KNOWN_MODES
 from benchmarks.periodic_motions import KNOWN_PERIODIC
 from benchmarks.section_forces import KNOWN_SECTION_FORCES
 from benchmarks.spun_up import SPUN_UP
-from benchmarks.step_response import STEP_RESPONSE
+from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
 FURTHER = (
     *KNOWN_MODES,
+    *STEP_RESPONSES,
     *KNOWN_RESTS,
-    *SPUN_UP,
-    STEP_RESPONSE,
     *KNOWN_PATHS,
+    *SPUN_UP,
     *KNOWN_SECTION_FORCES,
     *KNOWN_PERIODIC,
 )

@@ -27,14 +27,14 @@ TRANSIENT, STEADY = 1e-3, 1e-4
 TRANSIENT_RUNS = {
     "Ida rtol 1e-06": bd.Ida(1e-6),
     "Radau rtol 1e-06": bd.Radau(1e-6),
-    "GeneralizedAlpha rtol 1e-06": bd.GeneralizedAlpha(rtol=1e-6),
+    "GeneralizedAlpha rtol 1e-05": bd.GeneralizedAlpha(rtol=1e-5),
     "GeneralizedAlpha step 0.001": bd.GeneralizedAlpha(1e-3),
 }
 # An extension of 5e-5 of the length, to 4 digits.
 STEADY_RUNS = {
     "Ida rtol 1e-08": bd.Ida(1e-8),
     "Radau rtol 1e-06": bd.Radau(1e-6),
-    "GeneralizedAlpha rtol 1e-07": bd.GeneralizedAlpha(rtol=1e-7),
+    "GeneralizedAlpha rtol 1e-06": bd.GeneralizedAlpha(rtol=1e-6),
     "GeneralizedAlpha step 0.001": bd.GeneralizedAlpha(1e-3),
 }
 _TIP = [f"deformation.{component} [m]" for component in "uv"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -234,7 +235,7 @@ RESULTS: dict[str, Base] = {
         lambda w, **given: _kept(w, **given),
     ),
     "Solution.save": Base(
-        lambda w: {"path": Path("run.beamdae")}, itself, lambda w, path: _saved(w, path)
+        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: _deep(w, w.solution.save, path)
     ),
     "Solution.difference": Base(
         lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
@@ -242,7 +243,13 @@ RESULTS: dict[str, Base] = {
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
-        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+        lambda w: {
+            "solution": w.solution,
+            "path": w.folder / "run.gif",
+            "speed": 1.0,
+            "frames": 3,
+        },
+        itself,
     ),
     "Solution.observe": Base(
         lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
@@ -266,18 +273,15 @@ def _kept(world: World, path: Any, model: Any) -> Any:
         file.unlink()
 
 
-def _saved(world: World, path: Any) -> None:
-    (world.folder / "deep").mkdir(parents=True)
-    with chdir(world.folder / "deep"):
-        world.solution.save(path)
-
-
 def _written(world: World, path: Any, result: Any = None) -> None:
-    solution = world.solution if result is None else result
+    _deep(world, (world.solution if result is None else result).to_csv, path)
+
+
+def _deep(world: World, write: Callable[[Any], object], path: Any) -> None:
     # Relative paths may lead up.
     (world.folder / "deep").mkdir(parents=True)
     with chdir(world.folder / "deep"):
-        solution.to_csv(path)
+        write(path)
 
 
 BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
