@@ -39,6 +39,7 @@ from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
+from .loading import load as load
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
@@ -97,6 +98,7 @@ from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse
 from .results.frequency_response import ResponsePoint as ResponsePoint
 from .results.periodic_motion import PeriodicMotion as PeriodicMotion
+from .results.saved import SavedRun as SavedRun
 from .results.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.validity import BeamRange as BeamRange

@@ -212,7 +212,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         found = replace(
             found,
             rank=joints.rank,
-            rigid_mobility=rigid_mobility(equations, joints),
+            rigid_mobility=rigid_mobility(equations, q, joints),
             dependent=dependent_sets(own, time, q, v, joints),
             free_motions=free_motions(equations, q, joints),
         )

@@ -214,14 +214,17 @@ def _is_for_memory(problem: Exception) -> bool:
     return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)
 
 
-def as_equations(model: Any, start: Any = None) -> EquationsOfMotion:
-    """Equations of motion of whatever can state them; `start` stands for the model's own."""
+def as_equations(model: Any, start: Any = None, name: str = "simulate") -> EquationsOfMotion:
+    """Equations of motion of whatever can state them; `start` stands for the model's own.
+
+    `name` is that of the function that was given the model.
+    """
     if isinstance(model, Model):
-        return as_equations(model(), start)
+        return as_equations(model(), start, name)
     if isinstance(model, Mechanism):
         return equations_of_motion(model, start)
     if isinstance(model, ConstrainedSystem):
         model = model.equations
     if isinstance(model, EquationsOfMotion):
         return model if start is None else started(model, start)
-    raise BeamdaeError(f"simulate: expected a model or a mechanism, got {shown(model)}.")
+    raise BeamdaeError(f"{name}: expected a model or a mechanism, got {shown(model)}.")

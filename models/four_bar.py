@@ -6,7 +6,15 @@ import beamdae as bd
 
 
 @bd.model(t_end=2.0)
-def four_bar(elements=6, speed=2.0 * np.pi, rise=0.12, height=0.004, stiffness=150.0, damping=1e-4):
+def four_bar(
+    elements=6,
+    speed=2.0 * np.pi,
+    rise=0.12,
+    height=0.004,
+    stiffness=150.0,
+    damping=1e-4,
+    formulation="floating frame",
+):
     """Crank of 0.25 m run up to `speed` [rad/s] in 0.5 s, coupler bowed by `rise` [m]; from rest.
 
     Coupler of 0.8 m from pin to pin, a steel strip of 20 mm x `height`; rocker of 0.6 m, ground
@@ -26,7 +34,7 @@ def four_bar(elements=6, speed=2.0 * np.pi, rise=0.12, height=0.004, stiffness=1
     crank = mech.add(bd.RigidBody.rod("crank", shaft, crank_end, density=steel.rho, area=bar.area))
     rocker = mech.add(bd.RigidBody.rod("rocker", foot, rocker_end, density=7850.0, area=bar.area))
     bow = bd.Parabola(span=0.8, rise=rise, start=crank_end, angle=turn)
-    coupler = mech.add(bd.Beam("coupler", bow, strip, elements=elements))
+    coupler = mech.add(bd.Beam("coupler", bow, strip, elements, formulation=formulation))
 
     mech.add(bd.Revolute("crank bearing", ground.at(*shaft), crank.at(*shaft)))
     mech.add(bd.Revolute("crank pin", crank.at(*crank_end), coupler.start))

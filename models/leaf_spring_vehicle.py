@@ -7,7 +7,13 @@ import beamdae as bd
 
 @bd.model(t_end=2.0)
 def leaf_spring_vehicle(
-    elements=3, sprung_mass=400.0, leaves=4, bump=0.08, duration=0.15, damping=2000.0
+    elements=3,
+    sprung_mass=400.0,
+    leaves=4,
+    bump=0.08,
+    duration=0.15,
+    damping=2000.0,
+    formulation="floating frame",
 ):
     """Drives over a `bump` [m] that lasts `duration` [s], from rest under its own weight.
 
@@ -28,7 +34,9 @@ def leaf_spring_vehicle(
     chassis = mech.add(bd.RigidBody.plate("chassis", (0.0, 0.2), 1.6, 0.2, mass=sprung_mass))
     axle = mech.add(bd.RigidBody.disk("axle", hub, radius=0.06, mass=35.0))
     patch = mech.add(bd.PointMass("contact patch", 1.0, at=(0.0, -0.46)))
-    front, rear = bd.welded_beams(mech, "leaf", camber, leaf, bodies=2, elements=elements)
+    front, rear = bd.welded_beams(
+        mech, "leaf", camber, leaf, bodies=2, elements=elements, formulation=formulation
+    )
 
     mech.add(bd.Prismatic("straight ahead", ground.at(0.0, 0.2), chassis.at(0.0, 0.2), down))
     mech.add(bd.Revolute("front eye", chassis.at(-0.6, 0.0), front.start))

@@ -6,7 +6,14 @@ import beamdae as bd
 
 
 @bd.model(t_end=0.6)
-def ring_mount(elements=3, radius=0.3, motor_mass=3.0, frequency=20.0, unbalance=2e-3):
+def ring_mount(
+    elements=3,
+    radius=0.3,
+    motor_mass=3.0,
+    frequency=20.0,
+    unbalance=2e-3,
+    formulation="floating frame",
+):
     """Steel ring, 40 mm x 8 mm, of four beams welded end to start, from rest under its weight.
 
     The motor of `motor_mass` [kg] is run up in 0.2 s to `frequency` [Hz]; its rotor has an
@@ -19,7 +26,9 @@ def ring_mount(elements=3, radius=0.3, motor_mass=3.0, frequency=20.0, unbalance
 
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     ground = mech.ground
-    ring = bd.welded_beams(mech, "ring", circle, flat, 4, closed=True, elements=elements)
+    ring = bd.welded_beams(
+        mech, "ring", circle, flat, 4, closed=True, elements=elements, formulation=formulation
+    )
     rubber = {"kx": 6e4, "ky": 3e4, "ktheta": 40.0, "cx": 60.0, "cy": 40.0, "ctheta": 0.05}
     feet = [
         mech.add(bd.Bushing(name, ground.at(*foot.point), foot, **rubber))

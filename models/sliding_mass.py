@@ -4,7 +4,9 @@ import beamdae as bd
 
 
 @bd.model(t_end=2.0)
-def sliding_mass(elements=8, mass=0.15, height=0.003, radius=1.0, damping=1e-4):
+def sliding_mass(
+    elements=8, mass=0.15, height=0.003, radius=1.0, damping=1e-4, formulation="floating frame"
+):
     """Particle of `mass` [kg] on a clamped strip of aluminum, 25 mm x `height`, from rest.
 
     The strip leaves its clamp downward at 1.1 rad and ends level after an arc of `radius` [m]; the
@@ -15,7 +17,7 @@ def sliding_mass(elements=8, mass=0.15, height=0.003, radius=1.0, damping=1e-4):
     arc = bd.Arc(radius=radius, length=1.1 * radius, start=(0.0, 0.0), angle=-1.1)
 
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rail = mech.add(bd.Beam("rail", arc, strip, elements=elements))
+    rail = mech.add(bd.Beam("rail", arc, strip, elements, formulation=formulation))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rail.start))
     bead = mech.add(bd.PointMass("bead", mass, at=tuple(arc.point(0.1 * radius))))
     slide = mech.add(bd.SlidingOnBeam("slide", bead.point, rail))

@@ -194,7 +194,7 @@ LOADS = {
     "law of damping": lambda m, d, b: bd.ForceLaw(
         "load",
         b.end,
-        lambda tip, t: -np.sqrt(tip.velocity @ tip.velocity) * tip.velocity,
+        lambda tip, t: -np.sqrt(tip.velocity @ tip.velocity + 1e-6) * tip.velocity,
         dissipative=True,
     ),
     "potential": lambda m, d, b: bd.ForceLaw(

@@ -111,11 +111,14 @@ MOTIONS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
 
 
-def every(variants):
-    """These variants as a parameter of a test, one half of the product of all in the slow run."""
+def every(variants, later=_LATER):
+    """These variants as a parameter of a test, those of `later` in the slow run.
+
+    By default that is one half of the product of all.
+    """
     return pytest.mark.parametrize(
         "variant",
-        [pytest.param(v, marks=[pytest.mark.slow] if v in _LATER else []) for v in variants],
+        [pytest.param(v, marks=[pytest.mark.slow] if v in later else []) for v in variants],
         ids=str,
     )
 

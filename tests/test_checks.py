@@ -314,3 +314,28 @@ def test_a_check_does_not_depend_on_the_place_of_the_drawing_or_the_order_of_par
         assert told.blocks == "the turn of the coupler"
     assert told.everywhere
     assert (found.mobility, len(found.free_motions)) == (1, 1)
+
+
+def exact_arch(*joints):
+    """A geometrically exact arch of two elements, held by joints of (kind, at its end)."""
+    mech = bd.Mechanism()
+    curve = bd.Arc(radius=1.0, length=1.0, start=(0.2, -0.3), angle=0.4)
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    strip = bd.Section.rectangle(steel, width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("arch", curve, strip, elements=2, formulation="exact"))
+    for kind, end in joints:
+        at = beam.end if end else beam.start
+        mech.add(kind(f"joint {end}", mech.ground.at(*at.point), at))
+    return mech
+
+
+def test_a_beam_of_nodes_moves_as_one_body_if_it_is_rigid():
+    assert bd.check(exact_arch()).rigid_mobility == 3
+    hinged = bd.check(exact_arch((bd.Revolute, False)))
+    assert hinged.rigid_mobility == 1
+    assert hinged.free_motions == ("arch can turn about (0.2, -0.3)",)
+    for kind in (bd.Revolute, bd.Weld):
+        held = bd.check(exact_arch((kind, False), (kind, True)))
+        assert not held.problem
+        assert held.free_motions == ()
+        assert held.rigid_mobility == 0

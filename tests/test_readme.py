@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import beamdae as bd
 
@@ -35,6 +36,39 @@ def test_the_system_of_equations_runs_as_printed():
     # A gravitational potential leaves nothing to be a load.
     np.testing.assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-12)
     assert solution.quality.energy_imbalance < 100e-6
+
+
+@pytest.mark.slow(reason="moving pictures")
+def test_modes_of_the_example(tmp_path, monkeypatch):
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
+    section = readme.split("## Modes and linear models")[1].split("\n## ")[0]
+    (modes,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    # One frame shows what it writes.
+    modes = modes.replace('mode_2.gif")', 'mode_2.gif", frames=2)')
+    exec(model.split("solution =")[0] + modes, names)
+    assert {file.name for file in Path("results").iterdir()} == {"modes.png", "mode_2.gif"}
+    assert names["found"].kinds == ("vibration",) * 4
+    # Hanging, as a pendulum of its length nearly does.
+    assert 0.5 < names["found"].frequencies[0] < 0.7
+    assert names["response"].shape == (2, len(names["model"].outputs), 2)
+
+
+def test_the_arch_jumps_as_printed(tmp_path, monkeypatch):
+    root = Path(__file__).parents[1]
+    section = (root / "README.md").read_text().split("## Equilibria")[1].split("\n## ")[0]
+    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    assert len(example.splitlines()) == 5
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(root / "models")
+    given = {"bd": bd}
+    exec(compile(example, "README.md", "exec"), given)
+    heights = given["jump"]["crown.y"]
+    assert heights.iloc[0] == given["path"]["crown.y"].iloc[given["limit"].row]
+    assert heights.min() < -5e-3
+    assert (tmp_path / "snap.png").exists()
 
 
 def test_forces_join_the_example():

@@ -288,6 +288,8 @@ ELSEWHERE = {
     "grid",
     "linearize",
     "periodic",
+    "SavedRun",
+    "load",
     "plot",
     "simulate",
     "study",

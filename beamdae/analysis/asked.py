@@ -27,7 +27,7 @@ class Asked:
     targets: tuple[float, ...]
     control: str
     step: float | None
-    switch: int
+    switch: tuple[int, ...]
     most: int
 
     @classmethod
@@ -51,7 +51,7 @@ class Asked:
         targets = tuple(finite(name, "to", value) for value in listed)
         if not targets:
             raise BeamdaeError("equilibrium: to must hold at least one number.")
-        switch = _switch(switch)
+        switch = _switches(switch)
         if control is None:
             control = ARC if switch else DISPLACEMENT if column else LOAD
         one_of(name, "control", control, (LOAD, DISPLACEMENT, ARC))
@@ -70,13 +70,21 @@ class Asked:
         """As plain values."""
         to = list(self.targets)
         told = {"to": {self.column: to} if self.column else to, "control": self.control}
-        return {**told, "step": self.step, "switch": self.switch}
+        return {**told, "step": self.step, "switch": list(self.switch)}
 
     def of_stage(self) -> Asked:
         """What is asked for of a stage before the last: all of its load."""
-        return Asked("", (1.0,), LOAD, None, 0, self.most)
+        return Asked("", (1.0,), LOAD, None, (), self.most)
 
 
-def _switch(switch: Any) -> int:
-    side = finite("equilibrium", "switch", switch)
-    return count("equilibrium", "switch", abs(side), 0) * (1 if side > 0.0 else -1)
+def _switches(switch: Any) -> tuple[int, ...]:
+    """Branch points to leave at, one after the other; none where that is 0."""
+    what = "a whole number or several"
+    listed = (
+        [switch] if number(switch) is not None else entries("equilibrium", "switch", switch, what)
+    )
+    sides = [finite("equilibrium", "switch", side) for side in listed]
+    if sides == [0.0]:
+        return ()
+    found = [count("equilibrium", "switch", abs(side), 1) for side in sides]
+    return tuple(k if side > 0.0 else -k for k, side in zip(found, sides, strict=True))

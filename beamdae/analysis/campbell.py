@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from beamdae.analysis.modes import Modes, modes
+from beamdae.analysis.modes import DECAY, Modes, modes
 from beamdae.analysis.rotation import rotation
 from beamdae.errors import BeamdaeError, count, entries, finite
 from beamdae.model_functions import Model
@@ -106,7 +106,8 @@ def campbell(
     order = np.arange(min(wanted, *map(len, found)))
     rows = [found[0].eigenvalues[order]]
     for before, after in pairwise(found):
-        # Those most alike.
-        _, order = linear_sum_assignment(-before.mac(after)[order])
+        # Those most alike; of a vibration that parts into growth and decay the growth.
+        preferred = np.where(np.array(after.kinds) == DECAY, 0.5, 1.0)
+        _, order = linear_sum_assignment(-preferred * before.mac(after)[order])
         rows.append(after.eigenvalues[order])
     return Campbell(np.array(values), np.array(rows), tuple(found))

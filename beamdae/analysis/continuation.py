@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.analysis.controls import Control, LoadControl, Norm
+from beamdae.analysis.controls import Control, LoadControl, Norm, Way
 from beamdae.analysis.corrector import Corrector, Point, StepError
 from beamdae.analysis.path import Path, Stretch
 from beamdae.results.outcome import Status
@@ -20,6 +20,15 @@ _CUT, _LEAST = 0.25, 1e-6
 _GROWTH, _EASY = 1.5, 4
 # How far a point may be from its prediction, of the way made: farther off it is another path.
 _ASTRAY, _ROUNDING = 0.5, 1e-7
+# Cosines of how far a path may turn in a step by arc length, where paths cross the other leaves at
+# a larger angle, and for steps to grow; the share of the largest step below which it has a corner.
+_STRAIGHT, _GENTLE, _CORNER = 0.7, 0.95, 1e-3
+_CLOSED = (
+    "the path is closed, it comes back to a branch point that it went through; leave it on the way "
+    "by one branch point more, as in switch=[1, 1]"
+)
+# Of a step: how far branch points are from each other that are the same.
+_SAME = 1e-2
 
 
 @dataclass(frozen=True)
@@ -33,7 +42,10 @@ class Stepping:
     by_arc
         Whether steps go by arc length; if not by the aim.
     step
-        The largest step: of the aim, or of the norm.
+        The largest step: of the aim, or by arc length of what moves.
+    load
+        The change of the factor in the first step by arc length, and at most where the aim is a
+        load.
     most
         Points at most.
     leave_at
@@ -43,21 +55,10 @@ class Stepping:
     aim: Control
     by_arc: bool
     step: float
+    load: float
     norm: Norm
     most: int
     leave_at: int = 0
-
-
-@dataclass(frozen=True)
-class Way:
-    """The direction of a path at a point, of x = (q, lam) and of the factor."""
-
-    x: Array
-    mu: float
-
-    def times(self, factor: float) -> Way:
-        """So many times as far."""
-        return Way(factor * self.x, factor * self.mu)
 
 
 def follow(
@@ -72,7 +73,7 @@ def follow(
     `way` is the direction in which it begins by arc length; None: that of a growing factor, or to
     the first target if that is one.
     """
-    path.size, left = stepping.step, len(path.branches)
+    path.size, left = np.inf, len(path.branches)
     for target in targets:
         reached = stepping.aim.value(path.end.x, path.end.mu) == target
         while not reached:
@@ -82,51 +83,77 @@ def follow(
             try:
                 way, reached = _stepped(corrector, path, stepping, target, way)
             except StepError as problem:
-                path.status = Status("failed", str(problem))
+                path.status, path.stuck = Status("failed", str(problem)), True
                 return
             if stepping.leave_at and len(path.branches) - left >= stepping.leave_at:
                 return
+            if _comes_back(path, stepping):
+                path.status = Status("failed", _CLOSED)
+                return
+
+
+def _comes_back(path: Path, stepping: Stepping) -> bool:
+    """Whether the last branch point of a path is one that it went through before."""
+    if len(path.branches) > 1:
+        *others, last = (path.points[one.place] for one in path.branches)
+        off = [stepping.norm.largest(one.x - last.x, one.mu - last.mu) for one in others]
+        return min(off) < _SAME * stepping.step
+    return False
 
 
 def _stepped(
     corrector: Corrector, path: Path, stepping: Stepping, target: float, way: Way | None
-) -> tuple[Way, bool]:
+) -> tuple[Way | None, bool]:
     """Add the points of one step to the path; its direction, and whether the target is reached."""
     at, norm, aim = path.end, stepping.norm, stepping.aim
-    sign, control, reach = 1.0, aim, stepping.step
+    sign, control = 1.0, aim
     if stepping.by_arc:
         way = _arc_way(corrector, stepping, at, target, way)
-        control = norm.arc(at.x, at.mu, way.x, way.mu)
-        if not isinstance(aim, LoadControl):
-            # Nobody knows what load it takes: where little moves its steps grow without bound.
-            reach = stepping.step / max(norm.largest(way.x), 1e-9)
+        control, reach = norm.arc(at.x, at.mu, way), _reach(stepping, way, path.size)
+        size = min(path.size, reach)
     else:
-        way = Way(*corrector.tangent(at, aim))
+        way = way or corrector.tangent(at, aim)
         ahead = target - aim.value(at.x, at.mu)
         sign, reach = float(np.sign(ahead)), abs(ahead)
+        size = min(path.size, reach, stepping.step)
     begin = control.value(at.x, at.mu)
-    size = min(path.size, reach)
-    # The last step but one leaves no splinter.
+    # The last step but one leaves no splinter, and rounding no step.
     if not stepping.by_arc and size < reach < 1.2 * size:
-        size = 0.5 * reach
+        size = reach if reach < 1.001 * size else 0.5 * reach
     least = min(_LEAST * stepping.step, size)
     while True:
         end = target if size == reach and not stepping.by_arc else begin + sign * size
         try:
             found = _near(corrector, control, end, at, way.times(sign * size), norm)
+            after = corrector.direction(found, control)
+            straight = norm.cosine(way, after or way) if stepping.by_arc else 1.0
+            if straight < _STRAIGHT and size > _CORNER * stepping.step:
+                raise StepError("the path turns away from its direction")
+            stretch = Stretch(corrector, control, at, found, (begin, end), (way, after))
+            landed = stretch.up_to(aim, target) if stepping.by_arc else None
+            stretch = landed or stretch
+            critical = stretch.critical()
             break
         except StepError as problem:
             size *= _CUT
             if size < least:
                 raise StepError(str(problem)) from None
-    stretch = Stretch(corrector, control, at, found, (begin, end))
-    landed = stretch.up_to(aim, target) if stepping.by_arc else None
-    path.add(landed or stretch)
-    grown = _GROWTH if found.iterations <= _EASY else 1.0
+    path.add(stretch, critical)
+    grown = _GROWTH if found.iterations <= _EASY and straight > _GENTLE else 1.0
     arrived = landed is not None or (not stepping.by_arc and end == target)
     # A step that is short because it arrives says nothing of the next.
     path.size = max(size * grown, path.size * arrived)
-    return way, arrived
+    return stretch.ways[1], arrived
+
+
+def _reach(stepping: Stepping, way: Way, size: float) -> float:
+    """The largest step by arc length; `size` is that of the last one, if there is one."""
+    tiny = np.finfo(float).tiny
+    moved = stepping.step / max(stepping.norm.largest(way.x), tiny)
+    if isinstance(stepping.aim, LoadControl) or size == np.inf:
+        return min(moved, stepping.load / max(abs(way.mu), tiny))
+    # Nobody knows what load it takes: where little moves steps grow without bound.
+    return moved
 
 
 def _near(
@@ -146,12 +173,9 @@ def _arc_way(
 ) -> Way:
     """The direction of the path by arc length, of length one, going on from `way`."""
     if way is None:
-        way = Way(*corrector.tangent(at, LoadControl()))
+        way = corrector.tangent(at, LoadControl())
         ahead = target - at.mu if isinstance(stepping.aim, LoadControl) else 1.0
         way = way.times(float(np.sign(ahead)) or 1.0)
-    else:
-        along = stepping.norm.arc(at.x, at.mu, way.x, way.mu)
-        way = Way(*corrector.tangent(at, along))
     return way.times(1.0 / stepping.norm.largest(way.x, way.mu))
 
 
@@ -168,18 +192,11 @@ def switched(corrector: Corrector, path: Path, stepping: Stepping, side: float) 
     branch, norm = path.branches[-1], stepping.norm
     del path.points[branch.place + 1 :]
     path.critical = [one for one in path.critical if one.place <= branch.place]
-    at = path.end
-    n = len(norm.scale)
-    mode = np.zeros_like(at.x)
-    mode[:n] = at.stability.mode(branch.index)
-    # What of the mode goes along the path that is left belongs to that.
-    before = path.points[branch.place - 1]
+    at, before = path.end, path.points[branch.place - 1]
     own = Way(at.x - before.x, at.mu - before.mu)
-    along = norm.arc(np.zeros_like(at.x), 0.0, own.x, own.mu)
-    share = along.value(mode, 0.0)
-    way = Way(mode - share * own.x, -share * own.mu)
+    way = _crossing(corrector, norm, at, branch.index, own)
     way = way.times(side / norm.largest(way.x, way.mu))
-    control = norm.arc(at.x, at.mu, way.x, way.mu)
+    control = norm.arc(at.x, at.mu, way)
     size = 0.5 * stepping.step
     while True:
         try:
@@ -192,3 +209,20 @@ def switched(corrector: Corrector, path: Path, stepping: Stepping, side: float) 
                 raise StepError(f"no other path was found at the branch point, {problem}") from None
     path.points.append(found)
     return Way(found.x - at.x, found.mu - at.mu)
+
+
+def _crossing(corrector: Corrector, norm: Norm, at: Point, index: int, own: Way) -> Way:
+    """About the direction of the path that crosses one of direction `own`.
+
+    Both lie in the plane of the mode that is lost and of where the load leads besides; what is at
+    right angles to `own` there is near enough for Newton's method.
+    """
+    mode = np.zeros_like(at.x)
+    mode[: len(norm.scale)] = at.stability.mode(index)
+    lost = Way(mode, 0.0)
+    ways = (lost, corrector.loaded(at, norm.row(lost)[0]))
+    across = [norm.across(way, own) for way in ways]
+    left = [
+        norm.product(a, a) / norm.product(way, way) for a, way in zip(across, ways, strict=True)
+    ]
+    return across[int(np.argmax(left))]

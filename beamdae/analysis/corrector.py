@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.controls import Control
+from beamdae.analysis.controls import Control, Way
 from beamdae.analysis.loading import LoadedEquations
 from beamdae.analysis.stability import Stability, stability
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
@@ -110,8 +110,8 @@ class Corrector:
             before = far
         raise StepError(f"Newton's iteration has not converged after {_ITERATIONS} steps")
 
-    def tangent(self, at: Point, control: Control) -> tuple[Array, float]:
-        """The direction (x', mu') of the path by the control.
+    def tangent(self, at: Point, control: Control) -> Way:
+        """The direction of the path by the control.
 
         Raises
         ------
@@ -121,10 +121,35 @@ class Corrector:
         x, mu = at.x, at.mu
         _, by_factor = self.system.residual(x, mu)
         self._factorize(self.system.tangent(x, mu), by_factor, control.row(x, mu))
-        way = self._solver.solve(np.append(np.zeros(len(x)), 1.0))
-        if not np.all(np.isfinite(way)):
+        way = self._solved(np.append(np.zeros(len(x)), 1.0))
+        return Way(way[:-1], float(way[-1]))
+
+    def direction(self, at: Point, control: Control) -> Way | None:
+        """The same; None where the control does not change along the path."""
+        try:
+            return self.tangent(at, control)
+        except StepError:
+            return None
+
+    def loaded(self, at: Point, mode: Array) -> Way:
+        """Where a growing factor leads from a point at which the stiffness loses a mode (n + m,).
+
+        Without what goes along the mode itself, of which the equations say nothing.
+
+        Raises
+        ------
+        StepError
+            If more than this mode is lost.
+        """
+        _, by_factor = self.system.residual(at.x, at.mu)
+        self._factorize(self.system.tangent(at.x, at.mu), mode, (mode, 0.0))
+        return Way(self._solved(np.append(-by_factor, 0.0))[:-1], 1.0)
+
+    def _solved(self, right: Array) -> Array:
+        found = self._solver.solve(right)
+        if not np.all(np.isfinite(found)):
             raise StepError("the tangent stiffness is singular there")
-        return way[:-1], float(way[-1])
+        return found
 
     def _size(self, change: Array) -> float:
         e = self.system.equations

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.analysis.asked import Asked
 from beamdae.analysis.loading import Loading, loading_of
-from beamdae.analysis.tracing import indifferent, traced
+from beamdae.analysis.tracing import free_motion, traced
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, finite
 from beamdae.model_functions import Model
@@ -21,6 +21,12 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
+_NAME = "equilibrium"
+_WITHOUT_FRICTION = (
+    "friction follows the speed of sliding and holds nothing at rest: this is where the mechanism "
+    "rests without it."
+)
+
 
 def equilibrium(
     model: Any,
@@ -28,7 +34,7 @@ def equilibrium(
     to: Any = 1.0,
     control: str | None = None,
     step: float | None = None,
-    switch: int = 0,
+    switch: Any = 0,
     most_points: int = 500,
     t: float = 0.0,
     start: Any = None,
@@ -59,13 +65,13 @@ def equilibrium(
     control
         What is given in each step: "load", the factor (default); "displacement", the column of
         `to`, which passes limit loads (default where `to` names one); or "arc length" (Keller,
-        1977), which passes turning points of the displacement as well.
+        1977), which passes turning points of the displacement as well, and goes on and never back.
     step
         The largest step: of the factor (default a tenth of the way), of the column (a twentieth),
         or by arc length of the motion, relative to the size of the mechanism or in rad (0.05).
     switch
         Leave the path at this branch point, the first is 1, on to the path that crosses it there,
-        by arc length; negative: to the other side.
+        by arc length; negative: to the other side. Several: the next is counted on that path.
     most_points
         Where the path ends whatever it has reached.
     t
@@ -107,7 +113,7 @@ def equilibrium(
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
-    t = finite("equilibrium", "t", t)
+    t = finite(_NAME, "t", t)
     asked = Asked.of(to, control, step, switch, most_points)
     whole, q = _begin(model, start)
     loading = loading_of(model, whole, loads, t)
@@ -115,7 +121,7 @@ def equilibrium(
         found = _result(loading, q, asked, information)
     told = list(found.warnings)
     if not found.status.success:
-        told.insert(0, f"{information.get('name', 'equilibrium')}: {found.status.sentence}.")
+        told.insert(0, f"{information.get('name', _NAME)}: {found.status.sentence}.")
     for sentence in told:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return found
@@ -124,13 +130,13 @@ def equilibrium(
 def _begin(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
     """The equations of the whole model, and positions to begin near."""
     if isinstance(start, Equilibrium):
-        whole = as_equations(model, AS_DRAWN)
+        whole = as_equations(model, AS_DRAWN, _NAME)
         return whole, start.starting().starting(whole).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:
-        start = require_start("equilibrium", start, ", or another equilibrium")
-    whole = as_equations(model, AS_DRAWN if start == EQUILIBRIUM else start)
+        start = require_start(_NAME, start, ", or another equilibrium")
+    whole = as_equations(model, AS_DRAWN if start == EQUILIBRIUM else start, _NAME)
     return whole, whole.q0
 
 
@@ -138,14 +144,7 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
     e, time = loading.whole, loading.systems[0].under.time
     found = traced(loading, q, asked)
     states = np.array([point.x for point in found.points])
-    notes = []
-    if any(term.rows is not None for term in e.forces):
-        notes.append(
-            "friction follows the speed of sliding and holds nothing at rest: this is where the "
-            "mechanism rests without it."
-        )
-    if found.status.success:
-        notes.append(indifferent(e, found.points[-1]))
+    rubs = any(term.rows is not None for term in e.forces)
     return Equilibrium(
         e,
         float(time[0]),
@@ -158,5 +157,6 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
         found.critical,
         {**asked.told, "iterations": found.iterations},
         information,
-        tuple(filter(None, notes)),
+        (_WITHOUT_FRICTION,) if rubs else (),
+        free_motion(e, found.points[-1]),
     )

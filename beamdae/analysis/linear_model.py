@@ -11,6 +11,7 @@ import scipy.linalg as la
 
 from beamdae.analysis.inputs import Input, inputs_of
 from beamdae.analysis.linearization import REFERENCE, Linearization, linearization
+from beamdae.analysis.rotation import Turning
 from beamdae.analysis.saddle import saddle
 from beamdae.equations.equations_of_motion import Observable
 from beamdae.errors import BeamdaeError, entries, finite, nearest, shown
@@ -35,14 +36,15 @@ class LinearModel:
     Attributes
     ----------
     A, B, C, D
-        Arrays; `tuple(model)` gives all four, as `scipy.signal` and python-control take them.
+        Arrays; `tuple(model)` gives all four, as `scipy.signal` and python-control take them:
+        `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
         Names and units: independent coordinates of the mechanism, then their rates.
     inputs
         Names and units: "push.Fy" [N]; of drivers the acceleration, "motor.angle_ddot" [rad/s^2].
     outputs
         Names and units of the observed columns.
-    state_values, input_values, output_values
+    state_values, output_values
         What deviations are from.
     about
         The state, in words.
@@ -75,14 +77,20 @@ class LinearModel:
         """C (i w 1 - A)^-1 B + D at frequencies [Hz], (k, outputs, inputs) complex."""
         given = entries("frequency_response", "frequencies", frequencies, "a list [Hz]")
         values = [finite("frequency_response", "frequencies", f) for f in given]
-        one = np.eye(len(self.A))
-        return np.array(
-            [
-                self.C @ np.linalg.solve(2j * np.pi * f * one - self.A, self.B.astype(complex))
-                + self.D
-                for f in values
-            ]
-        ).reshape(len(values), len(self.outputs), len(self.inputs))
+        found = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
+        for row, f in zip(found, values, strict=True):
+            try:
+                with np.errstate(all="ignore"):
+                    shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
+                    row[:] = self.C @ np.linalg.solve(shifted, self.B.astype(complex)) + self.D
+            except np.linalg.LinAlgError:
+                row[:] = np.nan
+            if not np.all(np.isfinite(row)):
+                raise BeamdaeError(
+                    f"frequency_response: frequencies hold {f:g} Hz, at which the response is not "
+                    "finite: that is an undamped mode, or one that nothing drives back."
+                )
+        return found
 
 
 @single_threaded
@@ -97,7 +105,8 @@ def linearize(
 
     Coordinates that joints make depend on others are eliminated, so that the states are as many as
     the degrees of freedom, twice; reactions are among what may be observed. Where a driver is an
-    input its motion and its rate are states as well, and its acceleration is the input.
+    input its motion and its rate are states as well, and its acceleration is the input. About a
+    rotation states are those of an observer who turns as well, and outputs are along axes that do.
 
     Parameters
     ----------
@@ -199,6 +208,9 @@ class _Reduction:
         solved = np.stack([self.solve(column) for column in right.T], axis=1)
         da, dlam = solved[: e.n], solved[e.n :]
         rates = np.vstack([dv[self.x_at], da[self.w_at]])
+        if lin.turning is not None:
+            # What is observed is that of the inertial frame, where all of it turns on.
+            dv = dv + lin.turning.speed * (Turning.of(e).generator @ dq)
         found, values, columns = self._observed(observed, dq, dv, dlam)
         states = [e.coordinates[k] for k in self.x_at]
         states += [e.coordinates[k].rate for k in self.w_at]

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
+from beamdae.analysis.loading import loading_of
+from beamdae.analysis.rest import at_rest
 from beamdae.analysis.rotation import Rotation
-from beamdae.analysis.saddle import saddle
 from beamdae.analysis.steady import steady
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -27,16 +27,15 @@ from beamdae.equations.reduced import reduced
 from beamdae.equations.tangents import Tangent, tangent
 from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.starts import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.instant import Instant
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 REFERENCE = "reference"
-# Forces that do not balance, beside those there are, and beside what rounding leaves of stiffness.
-_UNBALANCED, _ROUNDING = 1e-6, 1e-13
-# Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
-_STEP = 1e-4
+# What Newton's method leaves of a load factor of one.
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,12 @@ class Linearization:
         (t, branch), and coordinates, velocities, accelerations and multipliers there.
     tangent
         The matrices.
-    turning
-        How it turns, if it does: coordinates are then those of an observer who turns as well.
     warnings
         What the result has to be read with.
+    still
+        Squares of frequencies [1/s^2] up to this are zero.
+    turning
+        How it turns, if it does: coordinates are then those of an observer who turns as well.
     """
 
     equations: EquationsOfMotion
@@ -67,8 +68,9 @@ class Linearization:
     time: Array
     state: State
     tangent: Tangent
-    turning: Rotation | None = None
     warnings: tuple[str, ...] = ()
+    still: float = 0.0
+    turning: Rotation | None = None
 
     @property
     def nonholonomic(self) -> Array:
@@ -103,13 +105,15 @@ def linearization(model: Any, about: Any = REFERENCE, t: float = 0.0) -> Lineari
         own, time = _active(whole, None, t)
         state, found = steady(own, time, about)
         told = f"rotation at {about.speed:g} rad/s about {about.center}"
-        return Linearization(own, whole, told, time, state, found, about)
+        return Linearization(own, whole, told, time, state, found, turning=about)
+    if isinstance(about, Equilibrium):
+        return _on_the_path(model, about)
     if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
         return _at_rest(as_equations(model, AS_DRAWN), REFERENCE, t)
     if not (isinstance(about, (str, Mapping))):
         raise BeamdaeError(
-            f"{name}: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...) "
-            f"or solution.at(t), got {shown(about)}."
+            f"{name}: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
+            f"solution.at(t) or what bd.equilibrium gives, got {shown(about)}."
         )
     require_start(name, about)
     whole = started(as_equations(model, AS_DRAWN), about, t)
@@ -143,66 +147,21 @@ def _on_the_way(whole: EquationsOfMotion, instant: Instant) -> Linearization:
 
 
 def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
-    """About rest at the start of `whole`, with the reactions there, drivers held."""
+    """About rest at the start of `whole`, drivers held."""
     own, time = _active(whole, None, t)
-    starter = Starter(own)
-    starter.require_inertia()
-    q = starter.state(time, own.q0, np.zeros(own.n)).q
-    state = _released(own, time, q)
-    found = tangent(own, time, state)
-    force = tangent(own, time, state._replace(a=np.zeros(own.n))).residual[: own.n]
-    if not _is_unbalanced(own, found, state, force):
-        state = state._replace(a=np.zeros(own.n))
-        return Linearization(own, whole, told, time, state, tangent(own, time, state))
-    found = found._replace(stiffness=_covariant(own, time, state, found))
-    share = np.abs(state.a) / own.position_scales
-    worst = int(np.argmax(share))
-    sentence = (
-        f"{own.q_names[worst]}: it accelerates by {state.a[worst]:.3g} where it is let go, this "
-        "state is no equilibrium; frequencies are those of the second derivatives of the potential "
-        "there, about='equilibrium' finds where it rests."
-    )
-    return Linearization(own, whole, told, time, state, found, warnings=(sentence,))
+    found = at_rest(own, time, lambda state: tangent(own, time, state))
+    return Linearization(own, whole, told, time, *found)
 
 
-def _released(e: EquationsOfMotion, time: Array, q: Array) -> State:
-    """Accelerations and reactions at rest: M a + F + G^T lam = 0, J a = 0."""
-    rest = Starter(e).at_rest(q)
-    found = tangent(e, time, rest)
-    solve = saddle(found.mass, found.reactions, found.held_accelerations(e))
-    if solve is None:
-        raise BeamdaeError("modes: something can move without inertia, give it a mass or a joint.")
-    solved = solve(np.concatenate([-found.residual[: e.n], np.zeros(e.m)]))
-    return rest._replace(a=solved[: e.n], lam=solved[e.n :])
-
-
-def _is_unbalanced(e: EquationsOfMotion, found: Tangent, state: State, force: Array) -> bool:
-    """Whether the accelerations are more than what rounding leaves of an equilibrium.
-
-    `force` is F + G^T lam without inertia.
-    """
-    needed = np.abs(found.mass @ state.a)
-    reactions = np.abs(found.reactions @ state.lam)
-    there = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
-    rounding = _ROUNDING * (abs(found.stiffness) @ e.position_scales)
-    return bool(np.any(needed > np.maximum(_UNBALANCED * there, rounding)))
-
-
-def _covariant(e: EquationsOfMotion, time: Array, state: State, found: Tangent) -> sp.csc_array:
-    """The stiffness that does not depend on the coordinates, at rest but not in equilibrium.
-
-    The derivative of F at constant a depends on the coordinates it is taken in, as long as a is not
-    zero. The covariant one in the metric of the mass matrix does not:
-
-        K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
-
-    of a potential V it is the Hessian of V on the manifold of the positions joints allow.
-    """
-    still = tangent(e, time, state._replace(a=np.zeros(e.n)))
-    by_inertia = found.stiffness - still.stiffness
-    step = _STEP / float(np.max(np.abs(state.a) / e.position_scales))
-    ahead, behind = (
-        tangent(e, time, state._replace(q=state.q + h * state.a)).mass for h in (step, -step)
-    )
-    changed = (ahead - behind) / (2.0 * step)
-    return sp.csc_array(found.stiffness - 0.5 * (by_inertia - by_inertia.T + changed))
+def _on_the_path(model: Any, path: Equilibrium) -> Linearization:
+    """About the end of a path of equilibria, under the loads there."""
+    whole = path.starting().starting(as_equations(model, AS_DRAWN))
+    loading = loading_of(model, whole, [list(stage) for stage in path.loads] or None, path.t)
+    factors = path.factors[-1].tolist() or [1.0]
+    parts = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _WHOLE)
+    stage = next(parts, len(factors) - 1)
+    system = loading.systems[stage]
+    own, time = replace(system.equations, q0=whole.q0, v0=whole.v0), system.under.time
+    found = at_rest(own, time, lambda state: system.tangent_of_motion(state, factors[stage]))
+    told = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
+    return Linearization(own, whole, told, time, *found)

@@ -13,9 +13,11 @@ import scipy.sparse as sp
 
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations import State
 from beamdae.equations.given_start import time_on_branch
 from beamdae.equations.reduced import Reduced, reduced
 from beamdae.equations.static_equations import StaticEquations
+from beamdae.equations.tangents import Tangent, tangent
 from beamdae.errors import BeamdaeError, entries, nearest, shown
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN
@@ -65,6 +67,8 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
         raise BeamdaeError(f"equilibrium: loads must be {_WHAT}, got {shown(name)}.")
     if name == GRAVITY and _is_heavy(mechanism):
         return
+    if name == GRAVITY and name not in mechanism.parts:
+        raise BeamdaeError("equilibrium: loads name 'gravity', of which the mechanism has none.")
     if name not in mechanism.parts:
         known = (*mechanism.parts, GRAVITY)
         raise BeamdaeError(f"equilibrium: loads, no part {shown(name)}{nearest(name, known)}.")
@@ -140,6 +144,18 @@ class LoadedEquations:
             found *= mu
             found[at_without] += (1.0 - mu) * self.without.tangent(x[:n], x[n:])
         return found
+
+    def tangent_of_motion(self, state: State, mu: float) -> Tangent:
+        """The matrices of the equations of motion under the factor."""
+        under = tangent(self.equations, self.under.time, state)
+        if not self.is_scaled:
+            return under
+        without = tangent(self.without.equations, self.without.time, state)
+        shares = {
+            name: (1.0 - mu) * getattr(without, name) + mu * getattr(under, name)
+            for name in ("damping", "stiffness", "reactions", "residual")
+        }
+        return under._replace(**shares)
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
         """The tangent of these non-zeros."""

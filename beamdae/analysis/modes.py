@@ -12,7 +12,6 @@ import numpy as np
 from beamdae.analysis.eigenproblem import eigenmodes
 from beamdae.analysis.linearization import REFERENCE, Linearization, linearization
 from beamdae.analysis.rotation import Turning
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, count, finite, one_of, shown
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -27,8 +26,8 @@ Array = np.ndarray
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
 # Real parts beside the size of an eigenvalue that rounding leaves.
 _NONE = 1e-9
-# Shares of a mode that are told.
-_TOLD = 0.005
+# Shares of a mode that are told, and those of the mass that rounding leaves.
+_TOLD, _NO_SHARE = 0.005, 1e-20
 
 
 @dataclass(frozen=True)
@@ -78,12 +77,12 @@ class Modes:
     def damping_ratios(self) -> Array:
         """-Re l / |l|: one for decays, negative for what grows, and zero for free motions."""
         size = np.abs(self.eigenvalues)
-        return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0)
+        return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0) + 0.0
 
     @property
     def growth_rates(self) -> Array:
         """Real parts of the eigenvalues [1/s]: negative for what decays."""
-        return self.eigenvalues.real.copy()
+        return self.eigenvalues.real + 0.0
 
     @cached_property
     def shares(self) -> dict[str, Array]:
@@ -103,7 +102,9 @@ class Modes:
         """
         turning, mass = Turning.of(self._linearization.equations), self._linearization.tangent.mass
         travels = np.stack([turning.travel(axis) for axis in (0, 1)], axis=1)
-        return np.abs(self.shapes.conj() @ (mass @ travels)) ** 2
+        found = np.abs(self.shapes.conj() @ (mass @ travels)) ** 2
+        whole = np.einsum("ij,ij->j", travels, mass @ travels)
+        return np.where(found > _NO_SHARE * whole, found, 0.0)
 
     def table(self) -> pd.DataFrame:
         """A row a mode: frequency, damping ratio, growth rate, effective masses, what moves."""
@@ -129,7 +130,7 @@ class Modes:
         """
         if not isinstance(other, Modes) or other.shapes.shape[1] != self.shapes.shape[1]:
             raise BeamdaeError(
-                f"mac: it needs modes of the same mechanism, got {shown(type(other).__name__)}."
+                f"mac: other must be modes of the same mechanism, got {shown(other)}."
             )
         mass = self._linearization.tangent.mass
         own, its = (
@@ -165,7 +166,8 @@ def modes(
         would not stay frequencies are those of the second derivatives of the potential, and a
         warning says so. "equilibrium": at rest under the loads. Positions by name, {"crank.angle":
         0.3}: at rest there. `rotation(speed)`: all of it turns steadily. `solution.at(time)`: the
-        motion of a run, as if it stayed there. Drivers hold.
+        motion of a run, as if it stayed there. What `equilibrium` gives: at rest at the end of its
+        path, under the load there. Drivers hold.
     n
         How many, nearest to zero; None: all of them, by dense matrices.
     damping
@@ -215,7 +217,7 @@ def modes_of(
         kinds,
         lin.state.q,
         mechanism,
-        (*lin.warnings, *_unstable(lin.equations, found.values, kinds)),
+        (*lin.warnings, *_held(lin), *_unstable(found.values, kinds)),
         lin,
     )
 
@@ -228,7 +230,13 @@ def _kind(value: complex) -> str:
     return VIBRATION if value.imag > 0.0 else DECAY
 
 
-def _unstable(e: EquationsOfMotion, values: Array, kinds: Sequence[str]) -> list[str]:
+def _held(lin: Linearization) -> list[str]:
+    if lin.equations.n > lin.equations.m:
+        return []
+    return ["nothing vibrates: joints and drivers hold every coordinate."]
+
+
+def _unstable(values: Array, kinds: Sequence[str]) -> list[str]:
     growing = [float(x.real) for x, kind in zip(values, kinds, strict=True) if kind == UNSTABLE]
     if not growing:
         return []

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import brentq
 
-from beamdae.analysis.controls import Control
+from beamdae.analysis.controls import Control, Way
 from beamdae.analysis.corrector import Corrector, Point, StepError
 from beamdae.results.outcome import REACHED_END, Status
 
 # Of a stretch: how closely a point is found where Newton's method ends the search, and the
 # distances of points by which one is found where it cannot.
 _LANDED, _WIDTH = 1e-6, 1e-3
+# The same distances for a path that only touches another, of which near points might be; and what
+# is left of the eigenvalue, of its size at the ends.
+_APART, _TOUCHED = 0.1, 1e-2
+# How often one in which several things happen is halved.
+_SPLITS = 6
 
 Array = np.ndarray
 
@@ -49,12 +54,15 @@ class Path:
     ----------
     size
         Of the next step.
+    stuck
+        Whether it ended where no step converges.
     """
 
     points: list[Point] = field(default_factory=list)
     critical: list[Critical] = field(default_factory=list)
     status: Status = REACHED_END
     size: float = np.inf
+    stuck: bool = False
 
     @property
     def end(self) -> Point:
@@ -66,9 +74,9 @@ class Path:
         """Where other paths cross."""
         return [one for one in self.critical if one.kind == BRANCH]
 
-    def add(self, stretch: Stretch) -> None:
+    def add(self, stretch: Stretch, critical: Sequence[Found]) -> None:
         """Add the end of a stretch, and before it what is critical on the way there."""
-        for found in stretch.critical():
+        for found in critical:
             self.critical.append(Critical(found.kind, len(self.points), found.index))
             self.points.append(found.point)
         self.points.append(stretch.end)
@@ -82,6 +90,8 @@ class Stretch:
     ----------
     values
         Of the control at both points.
+    ways
+        The directions of the path at both points by the control, as far as it tells them.
     """
 
     corrector: Corrector
@@ -89,6 +99,7 @@ class Stretch:
     begin: Point
     end: Point
     values: tuple[float, float]
+    ways: tuple[Way, Way | None]
 
     def at(self, share: float) -> Point:
         """A point between: 0 is the begin, 1 the end."""
@@ -116,30 +127,82 @@ class Stretch:
             # Where the aim itself turns nothing is closer.
             end = near
         value = self.control.value(end.x, end.mu)
-        return Stretch(self.corrector, self.control, self.begin, end, (self.values[0], value))
+        after = self.corrector.direction(end, self.control)
+        return replace(self, end=end, values=(self.values[0], value), ways=(self.ways[0], after))
 
-    def critical(self) -> list[Found]:
+    def critical(self, splits: int = _SPLITS) -> list[Found]:
         """What is critical in it, in order."""
         counts = [point.stability.negative for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
-        if low < 0 or low == high:
+        if low < 0:
             return []
-        if not len(self.begin.stability.values):
-            share = self._changed(counts[0])
-            near = self._around(share, None)
-            return [replace(near, kind=FLUTTER) if high - low > 1 else near]
-        found = []
-        for index in range(low, high):
-            ends = [point.stability.value(index) for point in (self.begin, self.end)]
-            if ends[0] * ends[1] < 0.0:
-                share = brentq(
-                    lambda share, k=index: self._beside(share).stability.value(k),
-                    0.0,
-                    1.0,
-                    xtol=_WIDTH,
-                )
-                found.append(self._around(share, index))
-        return sorted(found, key=lambda one: one.share)
+        if not all(len(point.stability.values) for point in (self.begin, self.end)):
+            return self._flutter(counts) if low < high else []
+        found = [self._lost(index) for index in range(low, high)]
+        if low == high and self._turns():
+            found = [self._touched()]
+            if found[0] is not None and found[0].kind == LIMIT and splits:
+                # One direction is lost and one is found again.
+                return [one for half in self._halves() for one in half.critical(splits - 1)]
+        return sorted(filter(None, found), key=lambda one: one.share)
+
+    def _halves(self) -> tuple[Stretch, Stretch]:
+        middle, value = self._beside(0.5), 0.5 * sum(self.values)
+        way = self.corrector.direction(middle, self.control)
+        if way is None:
+            raise StepError("paths cross there")
+        return (
+            replace(self, end=middle, values=(self.values[0], value), ways=(self.ways[0], way)),
+            replace(self, begin=middle, values=(value, self.values[1]), ways=(way, self.ways[1])),
+        )
+
+    def _flutter(self, counts: Sequence[int]) -> list[Found]:
+        """Where the number of unstable directions changes without a potential."""
+        near = self._around(self._changed(counts[0]), None)
+        return [replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near]
+
+    def _lost(self, index: int) -> Found | None:
+        """Where an eigenvalue changes its sign, if it does."""
+        ends = [point.stability.value(index) for point in (self.begin, self.end)]
+        if not ends[0] * ends[1] < 0.0:
+            return None
+
+        def left(point: Point) -> float:
+            value = point.stability.value(index)
+            if np.isnan(value):
+                raise StepError("the stability of equilibria changes abruptly")
+            return value
+
+        share = brentq(lambda share: left(self._beside(share)), 0.0, 1.0, xtol=_WIDTH)
+        return replace(self._around(share, left), index=index)
+
+    def _turns(self) -> bool:
+        """Whether the load factor begins to fall or to rise in it."""
+        rates = [0.0 if way is None else way.mu for way in self.ways]
+        return rates[0] * rates[1] < 0.0
+
+    def _touched(self) -> Found | None:
+        """Where the load factor turns and no direction is lost, as on a path that branches off.
+
+        There it crosses the one that it came from, or another, and an eigenvalue touches zero.
+        """
+
+        def rate(point: Point) -> float:
+            way = self.corrector.direction(point, self.control)
+            return 0.0 if way is None else way.mu
+
+        begin, end = (0.0 if way is None else way.mu for way in self.ways)
+        first = self._around(begin / (begin - end), rate, _APART)
+        near = self._around(first.share, rate, _APART)
+        told = near.point.stability
+        place = int(np.argmin(np.abs(told.values)))
+        index = place - int(np.sum(told.values < 0.0)) + told.negative
+        ends = [abs(point.stability.value(index)) for point in (self.begin, self.end)]
+        if not abs(told.values[place]) <= _TOUCHED * max(ends):
+            return None
+        aside = (self._beside(near.share + far) for far in (-_APART, _APART))
+        before, after = (point.stability.negative for point in aside)
+        return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
 
     def _beside(self, share: float) -> Point:
         """A point between, or close by where paths cross and Newton's method has no hold."""
@@ -159,17 +222,18 @@ class Stretch:
             low, high = (between, high) if same else (low, between)
         return 0.5 * (low + high)
 
-    def _around(self, share: float, index: int | None) -> Found:
-        """The point at which an eigenvalue vanishes, near a share; None: there it is.
+    def _around(
+        self, share: float, left: Callable[[Point], float] | None, width: float = _WIDTH
+    ) -> Found:
+        """The point at which something vanishes, near a share; None: there it is.
 
         From four points around it: at the point itself, where paths cross, the equations do not
         say how far a point is along the other one.
         """
-        shares = share + _WIDTH * np.array([-1.5, -0.5, 0.5, 1.5])
+        shares = share + width * np.array([-1.5, -0.5, 0.5, 1.5])
         points = [self._beside(at) for at in shares]
-        if index is not None:
-            values = [point.stability.value(index) for point in points]
-            share = _root(shares, values, share)
+        if left is not None:
+            share = _root(shares, [left(point) for point in points], share)
         weights = [
             np.prod([(share - b) / (a - b) for b in shares if b != a]) for a in shares.tolist()
         ]
@@ -178,7 +242,7 @@ class Stretch:
         rates = np.diff(factors)
         kind = LIMIT if rates[0] * rates[-1] < 0.0 else BRANCH
         point = Point(self.corrector.system, x, float(weights @ factors))
-        return Found(share, point, kind, index or 0)
+        return Found(share, point, kind, 0)
 
 
 def _root(places: Array, values: Sequence[float], near: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.monodromy import Linearized
-from beamdae.analysis.shooting import Flow, Shot
+from beamdae.analysis.shooting import Flow, Shot, UnfinishedError
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, count, finite, positive
 from beamdae.integrators import Integrator, Radau
@@ -23,8 +23,12 @@ Array = np.ndarray
 TOLERANCE, _MOST_ITERATIONS = 1e-6, 25
 RTOL = 1e-8
 MOST_SETTLING = 10_000
+# Nearer than this iterations that do not halve what is missed are in vain, several in a row.
+_NEAR, _IN_VAIN = 1e-4, 4
+# How often a step of Newton's method is halved from where no run reaches the end of the period.
+_HALVINGS = 5
 # Steps of the disturbances are halved until the largest multipliers change by less.
-_MULTIPLIERS, _MOST_HALVINGS = 1e-5, 3
+_MULTIPLIERS, _MOST_HALVINGS = 1e-5, 6
 # Singular values smaller than this, over the largest, belong to motions that any state repeats in.
 _NEUTRAL = 1e-9
 
@@ -66,12 +70,13 @@ def periodic(
     Returns
     -------
     PeriodicMotion
-        Also where Newton's method did not converge: `status` says so, and a warning.
+        Also where Newton's method did not converge, or a run did not reach its end: `status` says
+        so, and a warning.
 
     Raises
     ------
     BeamdaeError
-        If loads or drivers do not repeat, parts are switched, or a run over a period fails.
+        If loads or drivers do not repeat, or parts are switched.
 
     Examples
     --------
@@ -93,15 +98,29 @@ def periodic(
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator("periodic", method)
     flow = Flow.of(equations_of(model, start), method, begin, period)
-    q, v, scales = settled(flow, settle)
-    shot, iterations = converged(flow, q, v, scales, tolerance)
-    status = Status("ok", "repeats after its period")
-    if shot.off > tolerance:
-        told = f"misses its start by {shot.off:.3g} of its motion after {iterations} iterations"
-        status = Status("failed", told)
-        warnings.warn(f"periodic: the motion {told}.", BeamdaeWarning, stacklevel=2)
-    multipliers, error = _multipliers(flow, shot)
-    return PeriodicMotion(shot.solution, period, multipliers, error, shot.off, iterations, status)
+    try:
+        shot, iterations = converged(flow, *settled(flow, settle), tolerance)
+    except UnfinishedError as problem:
+        told = str(problem).removeprefix("periodic: ").rstrip(".")
+        found = PeriodicMotion(problem.solution, period, status=Status("failed", told))
+    else:
+        status = _status(shot, iterations, tolerance)
+        multipliers, error = _multipliers(flow, shot)
+        found = PeriodicMotion(
+            shot.solution, period, multipliers, error, shot.off, iterations, status
+        )
+    if not found.status.success:
+        warnings.warn(f"periodic: {found.status.sentence}.", BeamdaeWarning, stacklevel=2)
+    return found
+
+
+def _status(shot: Shot, iterations: int, tolerance: float) -> Status:
+    if shot.off <= tolerance:
+        return Status("ok", "repeats after its period")
+    told = f"after {iterations} iterations the motion misses its start by {shot.off:.3g} of itself"
+    if shot.off < _NEAR:
+        told += ", which may be what the integrator is off by"
+    return Status("failed", told)
 
 
 def equations_of(model: Any, start: Any = None) -> EquationsOfMotion:
@@ -122,10 +141,6 @@ def settled(flow: Flow, periods: int) -> tuple[Array, Array, Array | None]:
     if not periods:
         return q, v, None
     solution = flow.run(q, v, periods=periods)
-    if not solution.status.success:
-        raise BeamdaeError(
-            f"periodic: the run to settle was not finished, {solution.status.sentence}."
-        )
     last = solution.trajectory.intervals[-1].state
     q = last.q[-1].copy()
     angles = np.array([c.unit == "rad" for c in e.coordinates])
@@ -139,7 +154,7 @@ def converged(
     """The last shot of Newton's method, and how many there were before it."""
     shot = Shot.of(flow, q, v, scales)
     flow.require_repeating(shot.solution)
-    best = shot
+    best, last = shot, 0
     for iteration in range(1, _MOST_ITERATIONS + 1):
         if shot.off <= tolerance:
             return shot, iteration - 1
@@ -147,10 +162,23 @@ def converged(
         change = -np.linalg.lstsq(matrix, shot.missed, rcond=_NEUTRAL)[0]
         # No more than what the motion is as a whole.
         change /= max(1.0, float(np.max(np.abs(change))) / 3.0)
-        q, v = flow.consistent(*shot.moved(change))
-        shot = Shot.of(flow, q, v, None)
+        shot = _moved(flow, shot, change)
+        if shot.off < 0.5 * best.off:
+            last = iteration
         best = min(best, shot, key=lambda x: x.off)
+        if best.off < _NEAR and iteration - last >= _IN_VAIN:
+            return best, iteration
     return best, _MOST_ITERATIONS
+
+
+def _moved(flow: Flow, shot: Shot, change: Array, halvings: int = _HALVINGS) -> Shot:
+    """The period from a changed start on; from one changed by less where no run gets through."""
+    try:
+        return Shot.of(flow, *flow.consistent(*shot.moved(change)), None)
+    except UnfinishedError:
+        if not halvings:
+            raise
+        return _moved(flow, shot, 0.5 * change, halvings - 1)
 
 
 def _multipliers(flow: Flow, shot: Shot) -> tuple[Array, float]:

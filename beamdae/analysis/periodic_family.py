@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as la
 
 from beamdae.analysis.periodic import converged, equations_of, settled
-from beamdae.analysis.shooting import Flow, Shot
+from beamdae.analysis.shooting import Flow, Shot, UnfinishedError
 from beamdae.errors import BeamdaeError, positive, told
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 
 Array = np.ndarray
 
-_MOST_ITERATIONS = 8
+# Iterations of Newton's method, and the largest change in one.
+_MOST_ITERATIONS, _MOST_CHANGED = 8, 0.3
 # Step of differences by the parameter, over its range.
 _DIFFERENCE = 1e-5
 _SLOW = "Newton's method does not converge"
+_SHARP = "the curve turns too sharply for the steps"
+# Cosine of the angle by which it may turn in a step.
+_TURNED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +39,9 @@ class Traced:
         Of the parameter, and its period [s].
     direction
         Of the curve there: of (q, v), and of the parameter over its range.
+    orientation
+        Sign of the determinant that the derivatives of what a period misses, and the direction
+        below them, have: all along a curve it is the same.
     iterations
         Of Newton's method.
     """
@@ -42,6 +50,7 @@ class Traced:
     value: float
     period: float
     direction: Array
+    orientation: float = 0.0
     iterations: int = 0
 
     @property
@@ -96,25 +105,22 @@ class Curve:
         equations = equations_of(self.model(**{self.parameter: value}))
         return Flow.of(equations, self.integrator, self.begin, period)
 
-    def first(self, settle: int) -> Traced:
-        """The motion at the beginning of the range.
-
-        Raises
-        ------
-        BeamdaeError
-            If none is found.
-        """
+    def first(self, settle: int) -> tuple[Traced | None, str]:
+        """The motion at the beginning of the range; None if there is none, and why."""
         value = self.ends[0]
         flow = self._flow(value)
-        shot, iterations = converged(flow, *settled(flow, settle), self.tolerance)
-        if shot.off > self.tolerance:
-            raise BeamdaeError(
-                f"frequency_response: no periodic motion was found at {self.told(value)}; give the "
-                "model another start, or settle= more periods."
-            )
-        ahead = np.append(np.zeros(len(shot.scales)), 1.0)
-        begun = Traced(shot, value, flow.period, ahead, iterations)
-        return self._directed(begun, self._by_parameter(begun), ahead)
+        try:
+            shot, iterations = converged(flow, *settled(flow, settle), self.tolerance)
+            if shot.off > self.tolerance:
+                return None, (
+                    f"no periodic motion was found at {self.told(value)}; give the model another "
+                    "start, or settle= more periods"
+                )
+            ahead = np.append(np.zeros(len(shot.scales)), 1.0)
+            begun = Traced(shot, value, flow.period, ahead, iterations=iterations)
+            return _directed(begun, self._by_parameter(begun)), ""
+        except UnfinishedError as problem:
+            return None, f"{self.told(value)}: {_reason(problem)}"
 
     def after(self, point: Traced, size: float) -> tuple[Traced | None, str]:
         """The next point of the curve, so far away; None if it is not found, and why."""
@@ -126,18 +132,20 @@ class Curve:
                 flow = self._flow(value)
                 n = flow.equations.n
                 shot = Shot.of(flow, *flow.consistent(state[:n], state[n:]), None)
-                now = Traced(shot, value, flow.period, point.direction, iteration)
+                before = point.direction, point.orientation
+                now = Traced(shot, value, flow.period, *before, iteration)
+                if shot.off <= self.tolerance:
+                    found = _directed(now, self._by_parameter(now))
+                    return (found, "") if _follows(point, found) else (None, _SHARP)
                 if by_parameter is None:
                     by_parameter = self._by_parameter(now)
-                if shot.off <= self.tolerance:
-                    return self._directed(now, by_parameter, point.direction), ""
                 change = self._correction(now, by_parameter)
-                # No more than what the motion is as a whole.
-                change /= max(1.0, float(np.max(np.abs(change))))
+                # No more than a part of the motion as a whole, or of the range.
+                change /= max(1.0, float(np.max(np.abs(change))) / _MOST_CHANGED)
                 state = np.concatenate(shot.moved(change[:-1]))
                 value += change[-1] * self._range
         except (BeamdaeError, la.LinAlgError) as problem:
-            return None, str(problem).rstrip(".")
+            return None, _reason(problem)
         return None, _SLOW
 
     def _correction(self, now: Traced, by_parameter: Array) -> Array:
@@ -151,18 +159,36 @@ class Curve:
         shot, flow = now.shot, self._flow(now.value + _DIFFERENCE * self._range)
         n = flow.equations.n
         solution = flow.run(*flow.consistent(now.state[:n], now.state[n:]), shot.scales[:n])
-        if not solution.status.success:
-            raise BeamdaeError(f"a run was not finished, {solution.status.sentence}.")
         missed = (shot.free / shot.scales[:, None] ** 2).T @ flow.missed(solution)
         return (missed - shot.missed) / _DIFFERENCE
 
-    def _directed(self, now: Traced, by_parameter: Array, before: Array) -> Traced:
-        """The point with the direction of the curve there, going on as `before`."""
-        shot = now.shot
-        along = la.svd(_augmented(shot, by_parameter))[2][-1]
-        along *= np.sign(along @ _in_free(shot, before)) or 1.0
-        direction = np.append(shot.free @ along[:-1], along[-1])
-        return Traced(shot, now.value, now.period, direction, now.iterations)
+
+def _reason(problem: Exception) -> str:
+    return re.sub("^(periodic|frequency_response): ", "", str(problem)).rstrip(".")
+
+
+def _directed(now: Traced, by_parameter: Array) -> Traced:
+    """The point with the direction of the curve there, in its orientation.
+
+    Of the first point, which has none, the direction is that of its own.
+    """
+    shot = now.shot
+    matrix = _augmented(shot, by_parameter)
+    along = la.svd(matrix)[2][-1]
+    orientation = float(np.linalg.slogdet(np.vstack([matrix, along]))[0])
+    if now.orientation:
+        along = along * (now.orientation * orientation)
+    elif along @ _in_free(shot, now.direction) < 0.0:
+        along, orientation = -along, -orientation
+    direction = np.append(shot.free @ along[:-1], along[-1])
+    return replace(now, direction=direction, orientation=now.orientation or orientation)
+
+
+def _follows(point: Traced, after: Traced) -> bool:
+    """Whether the curve goes on about in the direction it had."""
+    ways = [_in_free(after.shot, x.direction) for x in (point, after)]
+    cosine = ways[0] @ ways[1] / np.prod(np.linalg.norm(ways, axis=1))
+    return bool(cosine >= _TURNED)
 
 
 def _augmented(shot: Shot, by_parameter: Array) -> Array:

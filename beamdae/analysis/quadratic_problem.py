@@ -54,6 +54,8 @@ class QuadraticProblem:
         """Eigenvalues (k,) and shapes (n, k) nearest to zero, at least `count` of them, or all."""
         e, n = self.e, self.e.n
         free = 2 * (n - e.m) + len(e.nonholonomic_rows)
+        if not free:
+            return np.zeros(0, complex), np.zeros((n, 0), complex)
         wanted = free if count is None else min(free, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.rate
@@ -98,9 +100,14 @@ class QuadraticProblem:
         rounding, size = rounding_of(stiffness, shapes), np.abs(values)
         still = np.maximum(rounding, STILL * self.rate**2)
         zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
+        zero |= size**2 <= self.lin.still
         upper = ~zero & (values.imag > -1e-9 * size)
-        # What rounding of the stiffness makes of an eigenvalue on one of the axes.
-        off = np.maximum(0.5 * rounding / np.maximum(size, 1e-300), 1e-12 * size)
+        # What rounding of the stiffness makes of an eigenvalue on one of the axes, unless dampers
+        # take or give more than rounding.
+        taken = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), self.own.damping @ shapes)))
+        is_damped = taken > rounding_of(self.own.damping, shapes)
+        off = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, 1e-300))
+        off = np.maximum(off, 1e-12 * size)
         real = np.where(np.abs(values.real) <= off, 0.0, values.real)
         values = real + 1j * np.where(np.abs(values.imag) <= 1e-9 * size, 0.0, values.imag)
         still = self._independent(shapes[:, zero])
@@ -115,4 +122,9 @@ class QuadraticProblem:
         both = np.hstack([shapes.real, shapes.imag]) / scales
         both = both / np.maximum(np.linalg.norm(both, axis=0), 1e-300)
         left, singular, _ = la.svd(both, full_matrices=False)
-        return (scales * left[:, singular > 1e-3 * singular[0]]).astype(complex)
+        basis = scales * left[:, singular > 1e-3 * singular[0]]
+        # Where the speed of a rotation may change a double zero has one motion, and beside it what
+        # that would stretch.
+        energy, inertia = (basis.T @ (x @ basis) for x in (self.own.stiffness, self.own.mass))
+        squares, shares = la.eigh(0.5 * (energy + energy.T), 0.5 * (inertia + inertia.T))
+        return (basis @ shares[:, np.abs(squares) <= _ZERO * self.rate**2]).astype(complex)

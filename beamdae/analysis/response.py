@@ -79,7 +79,8 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
-        Also where the curve ends before its range does: `status` says why, and a warning.
+        Also where the curve ends before its range does, or where no motion is found to begin with:
+        `status` says why, and a warning.
     """
     name = "frequency_response"
     if not isinstance(model, Model):
@@ -102,9 +103,9 @@ def frequency_response(
         positive(name, "tolerance", tolerance),
     )
     steps = positive(name, "step", step), positive(name, "longest_step", longest_step)
-    first_point = curve.first(count(name, "settle", settle, 0, MOST_SETTLING))
+    settle = count(name, "settle", settle, 0, MOST_SETTLING)
     most = count(name, "most_points", most_points, least=2)
-    points, status = _followed(curve, first_point, steps, most)
+    points, status = _followed(curve, settle, steps, most)
     if not status.success:
         warnings.warn(f"{name}: {status.sentence}.", BeamdaeWarning, stacklevel=2)
     return FrequencyResponse(parameter, points, status)
@@ -115,11 +116,14 @@ def _reciprocal(frequency: float) -> float:
 
 
 def _followed(
-    curve: Curve, point: Traced, steps: tuple[float, float], most: int
+    curve: Curve, settle: int, steps: tuple[float, float], most: int
 ) -> tuple[tuple[ResponsePoint, ...], Status]:
     """The points, and how the curve ended."""
     size, (first, last) = steps[0], curve.ends
     way = 1.0 if last > first else -1.0
+    point, why = curve.first(settle)
+    if point is None:
+        return (), Status("failed", why)
     found = [_of(point, way)]
     while len(found) < most:
         after, why = curve.after(point, size)

@@ -13,7 +13,7 @@ from beamdae.errors import finite, point
 
 Array = np.ndarray
 
-_PLACES, _ANGLES = re.compile(r"([xy])(\d*)"), re.compile(r"(?:angle|theta)\d*")
+_PLACES, _ANGLES = re.compile(r"([xy])(\d*)"), re.compile(r"(?:angle|theta|psi)\d*")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Turning:
 
     @classmethod
     def of(cls, e: EquationsOfMotion) -> Turning:
-        """By the names of coordinates: x and y, angle or theta, perhaps numbered."""
+        """By the names of coordinates: x and y, angle, theta or psi, perhaps numbered."""
         x, y, angles = [], [], []
         index = {name: k for k, name in enumerate(e.q_names)}
         for name, k in index.items():

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.monodromy import Linearized
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import first_order
+from beamdae.equations.formulations import State, first_order
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
@@ -21,8 +21,17 @@ Array = np.ndarray
 
 _ROWS = 201
 _TURN = 2.0 * np.pi
-# Over the largest force or gap: what does not come back to it after a period does not repeat.
-_REPEATS = 1e-6
+# Over the largest force, and over the size of the mechanism or a radian: what does not come back to
+# it after a period does not repeat; it is looked at so many times.
+_REPEATS, _LOOKED_AT = 1e-6, 11
+
+
+class UnfinishedError(BeamdaeError):
+    """A run that did not reach the end of the periods, `solution`."""
+
+    def __init__(self, what: str, solution: Solution) -> None:
+        super().__init__(f"periodic: {what} was not finished, {solution.status.sentence}.")
+        self.solution = solution
 
 
 @dataclass(frozen=True)
@@ -54,10 +63,20 @@ class Flow:
         return cls(own, integrator, begin, period)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
-        """A run over so many periods; `scales` are how far the coordinates move, if it is known."""
+        """A run over so many periods; `scales` are how far the coordinates move, if it is known.
+
+        Raises
+        ------
+        UnfinishedError
+            If it does not reach their end.
+        """
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
         times = self.begin + self.period * np.linspace(0.0, periods, periods * (_ROWS - 1) + 1)
-        return self.integrator.integrate(equations, times)
+        solution = self.integrator.integrate(equations, times)
+        if not solution.status.success or solution.trajectory.end < times[-1]:
+            what = "the run over a period" if periods == 1 else "the run to settle"
+            raise UnfinishedError(what, solution)
+        return solution
 
     def consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """The state nearest to it that the joints allow at the beginning of a period."""
@@ -77,25 +96,27 @@ class Flow:
         e = self.equations
         form = first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
-        t = np.linspace(interval.t[0], interval.t[-1], 7)[1:-1]
-        state = interval.at(t)
-        turns = self.turns(solution)
-        for k, now in enumerate(t):
-            y, yp = form.pack(type(state)(*(x[k] for x in state)))
-            later = y.copy()
-            later[: e.n] += turns
-            at = now + self.period
-            first = form.residual(np.array([now, interval.branch]), y, yp)
-            again = form.residual(np.array([at, at]), later, yp)
-            off, still = np.abs(again - first), np.zeros_like(yp)
-            size = np.max(np.abs(form.residual(np.array([now, now]), y, still)), initial=1.0)
-            worst = int(np.argmax(off))
-            if off[worst] > _REPEATS * size:
-                raise BeamdaeError(
-                    f"{form.names[worst % len(form.names)]}: what acts on it at t = {now:.6g} s "
-                    f"is not the same a period of {self.period:g} s later, give the period of "
-                    "loads and drivers."
-                )
+        times = np.linspace(interval.t[0], interval.t[-1], _LOOKED_AT + 2)[1:-1]
+        state = interval.at(times)
+        later = np.zeros(form.size)
+        later[: e.n] = self.turns(solution)
+        off, forces = np.zeros((_LOOKED_AT, form.size)), 0.0
+        for k, t in enumerate(times.tolist()):
+            y, yp = form.pack(State(*(x[k] for x in state)))
+            now, then = np.array([t, interval.branch]), np.full(2, t + self.period)
+            off[k] = np.abs(form.residual(then, y + later, yp) - form.residual(now, y, yp))
+            still = form.residual(now, y, np.zeros_like(yp))
+            forces = max(forces, float(np.max(np.abs(still[e.n : 2 * e.n]))))
+        sizes = np.full(form.size, min(1.0, e.length))
+        sizes[e.n : 2 * e.n] = forces
+        row, worst = map(int, np.unravel_index(np.argmax(off - _REPEATS * sizes), off.shape))
+        if off[row, worst] > _REPEATS * sizes[worst]:
+            # Forces are the rows of velocities.
+            name = form.names[worst].removeprefix("velocity of ")
+            raise BeamdaeError(
+                f"{name}: what acts on it at t = {times[row]:.6g} s is not the same a period of "
+                f"{self.period:g} s later, give the period of loads and drivers."
+            )
 
     def turns(self, solution: Solution) -> Array:
         """Whole turns that angles make in a period, (n,)."""
@@ -155,18 +176,8 @@ class Shot(NamedTuple):
 
     @classmethod
     def of(cls, flow: Flow, q: Array, v: Array, scales: Array | None, finer: int = 0) -> Shot:
-        """Run a period from a state on.
-
-        Raises
-        ------
-        BeamdaeError
-            If the run does not reach the end of the period.
-        """
+        """Run a period from a state on; see `Flow.run`."""
         solution = flow.run(q, v, scales)
-        if not solution.status.success or solution.trajectory.end < solution.t[-1]:
-            raise BeamdaeError(
-                f"periodic: a run over the period was not finished, {solution.status.sentence}."
-            )
         sizes = flow.state_scales(flow.scales(solution) if scales is None else scales)
         linear = Linearized(flow.equations)
         free = linear.free_motions(solution.trajectory, sizes)

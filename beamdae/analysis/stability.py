@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from beamdae.analysis.loading import LoadedEquations
 from beamdae.equations.consistent_start import Starter
@@ -18,8 +18,10 @@ Array = np.ndarray
 # Coordinates up to which matrices are taken as a whole; those that are not symmetric have no other
 # way.
 _DENSE, _DENSE_SKEW = 150, 600
-# Of the largest eigenvalue: what rounding leaves of zero, and of a matrix that is symmetric.
-_ZERO, _SKEW = 1e-14, 1e-9
+# Of the largest entry: what rounding leaves of a zero eigenvalue of a matrix taken as a whole, and
+# of one by elimination, of fine meshes; and of differences in a matrix that is symmetric: a
+# follower load is small beside the stretch of a thin beam.
+_ZERO, _SPARSE_ZERO, _SKEW = 2e-14, 4e-15, 1e-13
 # Squares of frequencies over the lowest that are beyond rounding, over the highest that are not
 # zero, and the share of an imaginary part that is none.
 _FAST, _ENDLESS, _REAL = 1e-8, 1e14, 1e-7
@@ -85,9 +87,13 @@ def stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
     symmetric = np.max(np.abs(skew.data), initial=0.0) <= _SKEW * size
     if n <= _DENSE or (not symmetric and n <= _DENSE_SKEW):
         return _dense(system, x, stiffness.toarray(), gradients.toarray())
+    unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
     if not symmetric:
-        return Stability(np.zeros(0), np.zeros((n, 0)), -1)
-    return _sparse(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
+        return unknown
+    try:
+        return _sparse(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
+    except (RuntimeError, ArpackError):
+        return unknown
 
 
 def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array) -> Stability:
@@ -96,7 +102,7 @@ def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
     if not free.shape[1]:
         return Stability(np.zeros(0), np.zeros((len(scale), 0)), 0)
     own = free.T @ stiffness @ free
-    zero = _ZERO * len(scale) * float(np.max(np.abs(stiffness), initial=0.0))
+    zero = _ZERO * float(np.max(np.abs(stiffness), initial=0.0))
     if np.max(np.abs(own - own.T)) <= max(_SKEW * float(np.max(np.abs(own))), zero):
         values, vectors = la.eigh(0.5 * (own + own.T))
         return _told(values, free @ vectors, scale, zero)
@@ -137,13 +143,15 @@ def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> S
     bodies would be free without their joints.
     """
     n, m = stiffness.shape[0], gradients.shape[0]
+    if n == m:
+        return Stability(np.zeros(0), np.zeros((n, 0)), 0)
     size = float(np.max(np.abs(stiffness.diagonal()), initial=0.0)) or 1.0
     held = sp.csc_array(gradients.T @ gradients)
-    zero = _ZERO * n * size
+    zero = _SPARSE_ZERO * size
     lower = sp.csc_array((m, m))
-    augmented = sp.block_array(
-        [[stiffness + size * held, gradients.T], [gradients, lower]], format="csc"
-    )
+    # Where nothing resists a motion pivots might be zero.
+    stiff = stiffness + size * held + zero * sp.eye_array(n)
+    augmented = sp.block_array([[stiff, gradients.T], [gradients, lower]], format="csc")
     negative = _negative_pivots(sp.csc_array(augmented), n) - m
     plain = sp.block_array([[stiffness, gradients.T], [gradients, lower]], format="csc")
     weight = sp.block_diag([sp.eye_array(n), lower], format="csc")
@@ -157,7 +165,8 @@ def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> S
         plain, count, weight, sigma=shift, OPinv=inverse, v0=solver.solve(weight @ begin), tol=1e-10
     )
     order = np.argsort(values)
-    return _told(values[order], vectors[:n, order], scale, zero, max(negative, 0))
+    rounded = int(np.sum((values < 0.0) & (values >= -zero)))
+    return _told(values[order], vectors[:n, order], scale, zero, max(negative, 0) + rounded)
 
 
 def _negative_pivots(matrix: sp.csc_array, n: int) -> int:

@@ -57,6 +57,8 @@ def steady(
         raise BeamdaeError("rotation: nothing in this model has a place or an angle that turns.")
     begin = Starter(e).state(time, e.q0, np.zeros(e.n)).q if near is None else near
     q, lam, reached, step = begin, np.zeros(e.m), 0.0, 1.0
+    # Where they do not, there may be no state to be found.
+    _require_that_forces_turn(e, time, turning, how, _moving(turning, how, how.speed, q, lam))
     while reached < 1.0:
         to = min(reached + step, 1.0)
         found = _newton(e, time, turning, how, to * how.speed, q, lam)
@@ -64,14 +66,14 @@ def steady(
             step *= 0.5
             if step < _LEAST_STEP:
                 raise BeamdaeError(
-                    f"rotation: no steady state was found beyond {reached * how.speed:g} rad/s of "
-                    f"{how.speed:g} rad/s."
+                    f"rotation: the model has no steady state at speed {how.speed:g} rad/s about "
+                    f"the center {how.center}, none was found beyond {reached * how.speed:g} rad/s."
                 )
             continue
         (q, lam), reached, step = found, to, 2.0 * step
     state = _moving(turning, how, how.speed, q, lam)
+    _require_that_forces_turn(e, time, turning, how, state)
     own = tangent(e, time, state)
-    _require_that_forces_turn(e, time, turning, how, state, own)
     return state, _for_who_turns(own, turning, how.speed)
 
 
@@ -126,13 +128,14 @@ def _newton(
 
 
 def _require_that_forces_turn(
-    e: EquationsOfMotion, time: Array, turning: Turning, how: Rotation, state: State, own: Tangent
+    e: EquationsOfMotion, time: Array, turning: Turning, how: Rotation, state: State
 ) -> None:
     """Refuse forces that are not the same for who turns: weight, springs to the ground."""
     d, c = turning.operator(_TURNED), turning.center(how.center)
     q = c + d @ (state.q - c) + _TURNED * turning.spin
     turned = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
-    here = tangent(e, time, state._replace(lam=np.zeros(e.m))).residual[: e.n]
+    own = tangent(e, time, state._replace(lam=np.zeros(e.m)))
+    here = own.residual[: e.n]
     there = tangent(e, time, turned).residual[: e.n]
     off = np.abs(there - d @ here)
     inertia = np.abs(own.mass @ state.a)

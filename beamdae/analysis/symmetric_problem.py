@@ -58,7 +58,7 @@ class SymmetricProblem:
         self.stiffness = _symmetric(own.stiffness)
         self.mass = _symmetric(own.mass)
         self.rows = own.held_accelerations(lin.equations)
-        self.free = self.e.n - self.e.m
+        self.free, self.still = self.e.n - self.e.m, lin.still
 
     def lowest(self, count: int | None) -> Undamped:
         """The modes nearest to zero, or all."""
@@ -68,7 +68,7 @@ class SymmetricProblem:
             shapes, shift = self._all()
         else:
             shapes, shift = self._few(count)
-        return self._refined(shapes, STILL * shift)
+        return self._refined(shapes, max(STILL * shift, self.still))
 
     def _refined(self, shapes: Array, still: float) -> Undamped:
         """Rayleigh quotients: their error is the square of that of the shapes."""
@@ -156,5 +156,6 @@ def rounding_of(stiffness: sp.csc_array, shapes: Array) -> Array:
 def _shift_below(squares: Array) -> float:
     """A shift s > 0 below the lowest of these that rounding lets be told from zero."""
     size = np.abs(squares)
-    told = size[size > 1e-11 * np.max(size, initial=0.0)]
+    # Whose inverse is a number.
+    told = size[size > max(1e-11 * np.max(size, initial=0.0), 1e-200)]
     return _BELOW * float(np.min(told)) if len(told) else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.asked import ARC, DISPLACEMENT, LOAD, Asked
 from beamdae.analysis.continuation import Stepping, follow, switched
-from beamdae.analysis.controls import ColumnControl, Control, LoadControl, Norm
+from beamdae.analysis.controls import ColumnControl, Control, LoadControl, Norm, Way
 from beamdae.analysis.corrector import Corrector, Point, StepError
 from beamdae.analysis.loading import LoadedEquations, Loading
 from beamdae.analysis.path import Path
@@ -22,8 +22,10 @@ from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
-# Steps to the farthest target, and by arc length in natural sizes.
-_OF_LOAD, _OF_DISPLACEMENT, _OF_ARC = 0.1, 0.05, 0.05
+# Steps to the farthest target; by arc length in natural sizes, and of what has to move at least.
+_OF_LOAD, _OF_DISPLACEMENT, _OF_ARC, _OF_LEAST = 0.1, 0.05, 0.05, 0.25
+# What a tenth of the load moves, if it moves less: by arc length it counts for that.
+_MOVED = 1e-3
 # A way to a target is as long at least, of the factor or the column.
 _LEAST_REACH = 1e-12
 # What Newton's method may move to close joints and to balance what is not scaled.
@@ -131,30 +133,64 @@ def _relaxed(corrector: Corrector, q: Array, mu: float) -> Point:
 def _follow(corrector: Corrector, path: Path, asked: Asked, aim: Control) -> None:
     """Follow the path of one stage, and go over to another where that is asked for."""
     begin, targets = path.end, list(asked.targets)
-    e = corrector.system.equations
-    by_arc = asked.control == ARC
-    reach = max(abs(target - aim.value(begin.x, begin.mu)) for target in targets)
-    share = {LOAD: _OF_LOAD, DISPLACEMENT: _OF_DISPLACEMENT}.get(asked.control, 1.0)
-    step = asked.step or (_OF_ARC if by_arc else share * max(reach, _LEAST_REACH))
-    # A tenth of the load counts as much as a step.
-    factor = 1.0 if asked.column else max(reach, _LEAST_REACH)
-    norm = Norm(e.position_scales, factor * _OF_LOAD / _OF_ARC)
-    stepping = Stepping(aim, by_arc, step, norm, asked.most, abs(asked.switch))
+    stepping = _stepping(corrector, begin, asked, aim)
+    if asked.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
+        t = corrector.system.under.time[0]
+        path.status = Status("failed", f"the loads that are scaled are zero at t = {t:g} s")
+        return
     if begin.stability.free:
         _released(corrector, path, stepping, targets)
         return
-    follow(corrector, path, stepping, targets)
-    if not asked.switch or not path.status.success:
-        return
-    if len(path.branches) < abs(asked.switch):
-        count = len(path.branches)
-        path.status = Status("failed", f"there is no branch point {abs(asked.switch)}, of {count}")
-        return
+    way = None
     try:
-        way = switched(corrector, path, stepping, np.sign(asked.switch))
-        follow(corrector, path, replace(stepping, leave_at=0), targets, way)
+        for switch in asked.switch:
+            if not _left(corrector, path, replace(stepping, leave_at=abs(switch)), targets, way):
+                return
+            way = switched(corrector, path, stepping, np.sign(switch))
     except StepError as problem:
         path.status = Status("failed", str(problem))
+        return
+    follow(corrector, path, stepping, targets, way)
+
+
+def _left(
+    corrector: Corrector,
+    path: Path,
+    stepping: Stepping,
+    targets: Sequence[float],
+    way: Way | None,
+) -> bool:
+    """Follow a path up to the branch point at which it is left, if there is one."""
+    before = len(path.branches)
+    follow(corrector, path, stepping, targets, way)
+    count = len(path.branches) - before
+    if path.status.success and count < stepping.leave_at:
+        told = f"there is no branch point {stepping.leave_at} on the way, of {count}"
+        path.status = Status("failed", told)
+    return path.status.success
+
+
+def _stepping(corrector: Corrector, begin: Point, asked: Asked, aim: Control) -> Stepping:
+    """How far steps go."""
+    scale = corrector.system.equations.position_scales
+    reach = max(abs(target - aim.value(begin.x, begin.mu)) for target in asked.targets)
+    reach = max(reach, _LEAST_REACH)
+    by_load = isinstance(aim, LoadControl)
+    load = _OF_LOAD * (reach if by_load else 1.0)
+    if asked.control != ARC:
+        step = asked.step or (load if by_load else _OF_DISPLACEMENT * reach)
+        load = step if by_load else load
+        return Stepping(aim, False, step, load, Norm(scale, np.inf), asked.most)
+    step = _OF_ARC
+    if not by_load:
+        # What has to move at least for the column to get there.
+        row = np.abs(aim.row(begin.x, begin.mu)[0][: len(scale)]) @ scale
+        step = min(step, _OF_LEAST * reach / max(row, _LEAST_REACH))
+    way = corrector.direction(begin, LoadControl())
+    moved = 0.0 if way is None else Norm(scale, np.inf).largest(way.x)
+    # Where paths cross they do so at an angle if a load counts no more than what it moves.
+    norm = Norm(scale, 1.0 / max(moved, _MOVED / load))
+    return Stepping(aim, True, asked.step or step, load, norm, asked.most)
 
 
 def _released(
@@ -172,11 +208,12 @@ def _released(
     try:
         for k, target in enumerate(targets):
             first = path.end.mu + np.sign(target - path.end.mu) * min(
-                stepping.step, abs(target - path.end.mu)
+                stepping.load, abs(target - path.end.mu)
             )
             near = _relaxed(corrector, path.end.x[: e.n], float(first))
             if not near.stability.free:
-                path.points.append(near)
+                # It rests anywhere without the load: no path leads from there to here.
+                path.points[-1] = near
                 follow(corrector, path, stepping, targets[k:])
                 return
             path.points.append(_relaxed(corrector, path.end.x[: e.n], target))
@@ -198,14 +235,9 @@ def _moves(e: EquationsOfMotion, at: Point, index: int) -> str:
     return _most(e, at.stability.mode(index)) if len(at.stability.values) else ""
 
 
-def indifferent(e: EquationsOfMotion, at: Point) -> str:
-    """A sentence on a motion that nothing resists, or nothing."""
-    if not at.stability.free:
-        return ""
-    return (
-        f"{_free(e, at)}: it is free to move without stiffness, it rests anywhere along a motion "
-        "in which this coordinate moves most."
-    )
+def free_motion(e: EquationsOfMotion, at: Point) -> str:
+    """The coordinate that moves most in a motion that nothing resists, or nothing."""
+    return _free(e, at) if at.stability.free else ""
 
 
 def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
@@ -214,7 +246,7 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
         return path.status
     end, told = path.end, path.status.sentence
     sentence = f"{told}; the last load factor that converged is {end.mu:.6g}"
-    if path.status.kind == "failed":
+    if path.stuck:
         control = LOAD if asked is None else asked.control
         sentence += _hint(path, system.equations, control)
     return Status(path.status.kind, sentence)
@@ -222,10 +254,14 @@ def _told(path: Path, system: LoadedEquations, asked: Asked | None) -> Status:
 
 def _hint(path: Path, e: EquationsOfMotion, control: str) -> str:
     """What may help, the end of a sentence."""
+    if control == DISPLACEMENT and len(path.points) == 1:
+        return ", as where the loads do not move what they should"
     if control == DISPLACEMENT:
         return ", control='arc length' goes on where a displacement turns back"
     if control != LOAD:
         return ""
+    if len(path.points) == 1:
+        return ", a millionth of a step is too much: the loads may be larger than meant"
     end = path.end
     before, now = (_softest(point) for point in (path.points[0], end))
     if not 0.0 < now < _SOFT * before:

@@ -41,6 +41,10 @@ class GeometricallyExact(Kinematics):
     The axis of an element interpolates its nodes; where its tangent is off the interpolated angles
     of the sections in the drawing, by the fourth order of its length, the sections stand normal to
     it all the same: there is no strain in the drawing, nor in a rigid motion of it.
+
+    Section forces of degree nodes - 2 as unknowns of their own (mixed interpolation) would make the
+    equations of reduced quadrature. That does not lock: compliances of a quarter circle are off by
+    7e-7 with 8 elements at R/h = 4 as at 2500, where full quadrature is by 7e-3 (validation/).
     """
 
     name: str

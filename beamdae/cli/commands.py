@@ -15,6 +15,7 @@ from beamdae.cli import interrupts, streams
 from beamdae.cli.check import check_command
 from beamdae.cli.compare import compare_command
 from beamdae.cli.draw import draw_command
+from beamdae.cli.examples import examples_command, new_command
 from beamdae.cli.listing import list_command
 from beamdae.cli.modes import modes_command
 from beamdae.cli.run import run_command
@@ -82,6 +83,8 @@ app.command("draw", cls=_Command)(draw_command)
 app.command("static", cls=_Command)(static_command)
 app.command("modes", cls=_Command)(modes_command)
 app.command("list", cls=_Command)(list_command)
+app.command("examples", cls=_Command)(examples_command)
+app.command("new", cls=_Command)(new_command)
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.examples import as_file
 from beamdae.cli.mistakes import explained
 from beamdae.errors import BeamdaeError, may_be_path, nearest, shown
 from beamdae.model_functions import Model, beside
@@ -27,7 +28,8 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     """The model of a file, by `name` if it holds several.
 
     A study file names the model it is about with it:
-    `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`.
+    `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`. The models that come with
+    beamdae are files called `example:NAME`, such as `bd.load_model("example:four_bar")`.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     """
     if not isinstance(path, (str, Path)):
         raise BeamdaeError(f"load_model: path must be that of a model file, got {shown(path)}.")
-    path = Path(path)
+    path = as_file(Path(path))
     module = _imported(path)
     models = _models(module, path)
     if not models:
@@ -78,6 +80,7 @@ def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
     # Here, for a model is loaded faster without what studies need.
     from beamdae.studies import Study
 
+    path = as_file(path)
     module = _imported(path)
     studies = [value for value in vars(module).values() if isinstance(value, Study)]
     return _models(module, path), {study.name: study for study in studies}

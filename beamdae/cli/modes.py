@@ -10,7 +10,7 @@ import typer
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
 from beamdae.cli.run import configured
 from beamdae.cli.saying import console, drawn, say_warnings, say_written
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, count, one_of
 
 
 def modes_command(
@@ -60,13 +60,17 @@ def modes_command(
         found = campbell(built, speeds, number, damping=damping)
     else:
         found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
+        for k in animated:
+            count("modes", "--animate", k, most=len(found))
     _write(found, model.name, files, animated)
 
 
 def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
     """The table on the disk and on the screen, then the pictures."""
     from beamdae.analysis.modes import Modes
-    from beamdae.report import mode_pictures, terminal
+    from beamdae.report import terminal
+    from beamdae.report.mode_pictures import animate_mode, figure_of_campbell, figure_of_modes
+    from beamdae.report.pictures import saved
     from beamdae.results.files import guarded, write_text
 
     table = found.table()
@@ -77,13 +81,13 @@ def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -
     say_warnings(screen, found.warnings)
     pictures: list[Any] = []
     if not isinstance(found, Modes):
-        pictures.append(lambda: [mode_pictures.draw_campbell(found, files["png"], name)])
+        pictures.append(
+            lambda: [saved(figure_of_campbell(found, f"{name}, Campbell diagram"), files["png"])]
+        )
     elif found.mechanism is not None and len(found):
         title = f"{name}, modes about {found.about}"
-        pictures.append(lambda: [mode_pictures.draw_modes(found, files["png"], title)])
-        pictures += [
-            lambda k=k: [mode_pictures.animate_mode(found, k, files[f"{k}"])] for k in animated
-        ]
+        pictures.append(lambda: [saved(figure_of_modes(found, title), files["png"])])
+        pictures += [lambda k=k: [animate_mode(found, k, files[f"{k}"])] for k in animated]
     done = [drawn(name, picture) for picture in pictures]
     written += [path for paths in done for path in paths or []]
     say_written(screen, written)

@@ -10,7 +10,7 @@ import typer
 
 from beamdae.errors import BeamdaeError, shown
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file, or example:NAME.")]
 ModelName = Annotated[
     str | None, typer.Option("--model", help="Which one, where the file holds several.")
 ]

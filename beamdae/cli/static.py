@@ -48,8 +48,11 @@ def static_command(
         float | None, typer.Option(help="Largest step, of what controls the path.")
     ] = None,
     switch: Annotated[
-        int, typer.Option(help="Go over to the other path at this branch point; negative: back.")
-    ] = 0,
+        list[int] | None,
+        typer.Option(
+            metavar="N", help="Go over to the other path at this branch point; -N: back; repeat."
+        ),
+    ] = None,
     most_points: Annotated[int, typer.Option(help="Points of the path at most.")] = 500,
     t: Annotated[float, typer.Option(help="Time in seconds at which laws are read.")] = 0.0,
     start: Starts = None,
@@ -71,7 +74,7 @@ def static_command(
         # They are told with the result.
         warnings.simplefilter("ignore", BeamdaeWarning)
         found = equilibrium(
-            model, load, _targets(to), control, step, switch, most_points, t, start_of(start)
+            model, load, _targets(to), control, step, switch or 0, most_points, t, start_of(start)
         )
     written = [found.to_csv(table), table.with_suffix(".json")]
     _say(found, model.name)
@@ -125,6 +128,8 @@ def path_facts(found: Equilibrium) -> dict[str, str]:
     unstable = int(found.unstable[-1])
     told = f"unstable in {unstable} direction{'s' * (unstable > 1)}"
     stability = {0: "stable", -1: "not known"}.get(unstable, told)
+    if found.free and unstable == 0:
+        stability = f"neither stable nor unstable, {found.free} is free to move"
     critical = "; ".join(
         f"{one.kind} at {one.factor:.7g}{f', {one.moves} moves most' if one.moves else ''}"
         for one in found.critical
@@ -135,6 +140,7 @@ def path_facts(found: Equilibrium) -> dict[str, str]:
         "load factor": f"{found.factor:.7g}",
         "equilibrium": stability,
         "critical points": critical or "none",
-        "path": f"{len(found.q)} points, {found.settings['iterations']} iterations, by "
+        "path": f"{len(found.q)} point{'s' * (len(found.q) > 1)}, {found.settings['iterations']} "
+        f"iterations of Newton's method, by "
         f"{found.settings['control']}",
     }

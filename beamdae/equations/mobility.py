@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.motions import free_motion, rigid_columns
+from beamdae.equations.motions import free_motion, rigid_motions
 from beamdae.equations.redundancy import ScaledJoints
 from beamdae.equations.start_sums import start_sums
 from beamdae.symbolic.sparse_sums import column_of
@@ -24,28 +24,26 @@ def free_motions(e: EquationsOfMotion, q: Array, joints: ScaledJoints) -> tuple[
 
     As many as are independent of each other, each of as few bodies as can be.
     """
-    columns = rigid_columns(e)
-    space = la.null_space(joints.matrix[:, columns], rcond=_NONE)
+    motions = rigid_motions(e, q)
+    space = la.null_space(joints.matrix @ motions, rcond=_NONE)
     count = space.shape[1]
     if not count:
         return ()
     _, _, order = la.qr(space.T, mode="economic", pivoting=True)
     apart = space @ la.inv(space[order[:count]])
     apart[np.abs(apart) < _NONE * np.max(np.abs(apart))] = 0.0
-    found = []
-    for k in np.argsort(order[:count]):
-        motion = np.zeros(e.n)
-        motion[columns] = apart[:, k]
-        found.append(free_motion(e, q, motion * e.position_scales))
-    return tuple(found)
+    return tuple(
+        free_motion(e, q, motions @ apart[:, k] * e.position_scales)
+        for k in np.argsort(order[:count])
+    )
 
 
-def rigid_mobility(e: EquationsOfMotion, joints: ScaledJoints) -> int:
+def rigid_mobility(e: EquationsOfMotion, q: Array, joints: ScaledJoints) -> int:
     """Degrees of freedom that are left to the bodies if beams are rigid."""
-    columns = rigid_columns(e)
-    matrix = joints.matrix[:, columns]
+    motions = rigid_motions(e, q)
+    matrix = joints.matrix @ motions
     rank = int(np.sum(la.svdvals(matrix) > _NONE)) if matrix.size else 0
-    return len(columns) - rank
+    return motions.shape[1] - rank
 
 
 def loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:

@@ -18,6 +18,8 @@ _NONE = 1e-9
 # Of more names a sentence has the first ones.
 _MOST_NAMES = 9
 _FRAMES = (("x", "y", "angle"), ("x0", "y0", "theta"))
+# Coordinates of the nodes of what has no frame.
+_NODES = ("x", "y", "psi")
 
 
 def listed(names: Sequence[str]) -> str:
@@ -28,12 +30,16 @@ def listed(names: Sequence[str]) -> str:
 
 
 class Body(NamedTuple):
-    """Where a part has its rigid coordinates (x, y, perhaps an angle), and its elastic ones."""
+    """Where a part has its rigid coordinates (x, y, perhaps an angle), and its elastic ones.
+
+    What has no frame but nodes (n, 3) has the coordinates of the first as its own.
+    """
 
     name: str
     place: tuple[int, int] | None
     angle: int | None
     others: tuple[int, ...]
+    nodes: Array | None = None
 
 
 def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
@@ -41,6 +47,12 @@ def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     found = []
     for part in e.parts:
         own = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
+        nodes = _nodes(own)
+        if nodes is not None:
+            x, y, angle = nodes[0].tolist()
+            others = tuple(nodes[1:].ravel().tolist())
+            found.append(Body(part.name, (x, y), angle, others, nodes))
+            continue
         x, y, angle = next((names for names in _FRAMES if names[0] in own), _FRAMES[0])
         place = (own.pop(x), own.pop(y)) if x in own and y in own else None
         turn = own.pop(angle) if place is not None and angle in own else None
@@ -48,20 +60,46 @@ def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     return tuple(found)
 
 
-def rigid_columns(e: EquationsOfMotion) -> Array:
-    """Coordinates but for elastic ones; of a part without a frame all of them."""
-    columns: list[int] = []
+def _nodes(own: dict[str, int]) -> Array | None:
+    """Positions and angles of nodes, (n, 3), if that is all there is."""
+    count = len(own) // len(_NODES)
+    names = [f"{name}{k}" for k in range(count) for name in _NODES]
+    if not count or set(names) != set(own):
+        return None
+    return np.array([own[name] for name in names]).reshape(count, len(_NODES))
+
+
+def rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
+    """Motions at q without deformation in natural sizes, (n, k); of other parts each coordinate."""
+    columns: list[Array] = []
     for body in bodies(e):
-        if body.place is None or body.angle is None:
-            columns += [*(body.place or ()), *body.others]
-        else:
-            columns += [*body.place, body.angle]
-    return np.sort(np.array(columns, int))
+        if body.nodes is not None:
+            columns += list(_rigid(e, q, body.nodes).T)
+            continue
+        own = (*(body.place or ()), *body.others)
+        if body.place is not None and body.angle is not None:
+            own = (*body.place, body.angle)
+        columns += list(np.eye(e.n)[np.sort(own)])
+    return np.array(columns).reshape(-1, e.n).T
 
 
-def _sizes(e: EquationsOfMotion, body: Body, motion: Array) -> tuple[float, float, float]:
+def _rigid(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
+    """Both travels of nodes and their turn about the first, in natural sizes, (n, 3)."""
+    motions = np.zeros((e.n, 3))
+    x, y, angle = nodes.T
+    motions[x, 0] = motions[y, 1] = e.length
+    motions[x, 2], motions[y, 2], motions[angle, 2] = q[y[0]] - q[y], q[x] - q[x[0]], 1.0
+    return motions / e.position_scales[:, None]
+
+
+def _sizes(e: EquationsOfMotion, q: Array, body: Body, motion: Array) -> tuple[float, float, float]:
     """Travel, turn and deformation in lengths of the mechanism, or rad."""
     scaled = motion / e.position_scales
+    if body.nodes is not None:
+        own, rigid = body.nodes.ravel(), _rigid(e, q, body.nodes)
+        shares = np.linalg.lstsq(rigid[own], scaled[own])[0]
+        bent = float(np.max(np.abs(scaled[own] - rigid[own] @ shares)))
+        return float(np.hypot(*shares[:2])), abs(float(shares[2])), bent
     travel = float(np.hypot(*scaled[list(body.place)])) if body.place else 0.0
     turn = abs(float(scaled[body.angle])) if body.angle is not None else 0.0
     return travel, turn, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
@@ -69,10 +107,10 @@ def _sizes(e: EquationsOfMotion, body: Body, motion: Array) -> tuple[float, floa
 
 def described(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     """What moves most in a motion, as a noun: "turn of the crank"."""
-    moving = [(max(_sizes(e, body, motion)), body) for body in bodies(e)]
+    moving = [(max(_sizes(e, q, body, motion)), body) for body in bodies(e)]
     most = max(size for size, _ in moving)
     body = next(body for size, body in moving if size >= most * (1.0 - 1e-6))
-    travel, turn, bent = _sizes(e, body, motion)
+    travel, turn, bent = _sizes(e, q, body, motion)
     if bent > max(travel, turn):
         worst = max(body.others, key=lambda k: abs(motion[k]) / e.position_scales[k])
         return f"deformation of the {body.name} ({e.q_names[worst]})"
@@ -86,7 +124,7 @@ def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     who: dict[str, list[str]] = {}
     everything = bodies(e)
     for body in everything:
-        travel, turn, other = _sizes(e, body, motion)
+        travel, turn, other = _sizes(e, q, body, motion)
         if max(travel, turn, other) <= _NONE:
             continue
         if body.place is None:

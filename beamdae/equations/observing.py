@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 from beamdae.equations.building import Numbers, frozen, observable, require_headers
@@ -41,4 +42,6 @@ def observing(e: EquationsOfMotion, name: str, what: Attachment | Quantity) -> E
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
     every = (*e.observables, observable(name, quantity, owners, numbers, rows))
     require_headers(e.coordinates, e.multipliers, every)
-    return replace(e, observables=every, p=frozen(numbers.all))
+    seen = copy(mechanism)
+    seen.observables = {**mechanism.observables, name: quantity}
+    return replace(e, observables=every, p=frozen(numbers.all), mechanism=seen)

@@ -16,7 +16,7 @@ from beamdae.equations.step_equations import (
 )
 from beamdae.integrators.alpha_jerk import AdaptiveRun, normal_jerk
 from beamdae.integrators.alpha_run import AlphaRun, Motion
-from beamdae.integrators.drive import fitted
+from beamdae.integrators.method import fitted
 from beamdae.native.codes import DONE, FULL, NEW_PIVOTS, SINGULAR
 from beamdae.native.vectors import combine, factorize, fill, largest, norm, solve
 

@@ -22,8 +22,8 @@ from beamdae.integrators.alpha_loop import (
 )
 from beamdae.integrators.alpha_run import AlphaRun, Motion
 from beamdae.integrators.alpha_step import Start
-from beamdae.integrators.drive import StepError
 from beamdae.integrators.looping import Matrix, Running
+from beamdae.integrators.method import StepError
 from beamdae.native.codes import SINGULAR
 from beamdae.results.outcome import Statistics
 

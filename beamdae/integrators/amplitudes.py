@@ -15,8 +15,11 @@ Array = np.ndarray
 # coordinate of a constrained system, which may mean anything.
 _LEAST_SHARE = 1e-3
 _LEAST_SHARE_ALONE = 1e-5
-# The largest amplitude of an angle [rad], half a turn to each side: further ones carry no farther.
-_HALF_A_TURN = np.pi
+# The largest amplitude of an angle [rad]: a quarter of a turn to each side carries points as far
+# apart as any turning does.
+_QUARTER = 0.5 * np.pi
+# The mean square of an angle about its mean [rad^2] over one turn.
+_SPREAD = np.pi**2 / 3.0
 # What moves less than this share of its size does not move.
 _AT_REST = 1e-9
 
@@ -30,7 +33,7 @@ class Amplitudes:
     by_part
         Amplitude of each part over its size: the largest of those of its lengths over its extent
         and of its angles [rad], for points of a body of size L move by L times its angle; however
-        often it turns, an angle counts for pi at most.
+        often it turns, an angle counts for pi / 2 at most.
     scales
         Natural size of the motion of each coordinate [m or rad], (n,): the amplitude times the
         size of its part, or for an angle the amplitude itself.
@@ -57,7 +60,7 @@ class Amplitudes:
             for x in ("q", "v")
         )
         swings = 0.5 * np.ptp(q, axis=0)
-        swings[angles] = np.minimum(swings[angles], _HALF_A_TURN)
+        swings[angles] = np.minimum(swings[angles], _QUARTER)
         found = {part.name: float(np.max(swings[part.rows])) for part in equations.parts}
         most = max(found.values())
         rests = most <= _AT_REST
@@ -72,7 +75,7 @@ class Amplitudes:
             scales[part.rows] *= by_part[part.name]
         weights = _durations(trajectory)
         spread = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
-        spread[angles] = np.minimum(spread[angles], _HALF_A_TURN**2 / 3.0)
+        spread[angles] = np.minimum(spread[angles], _SPREAD)
         speed = np.average(v**2, 0, weights)
         rates = [
             float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))

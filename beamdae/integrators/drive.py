@@ -9,7 +9,6 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from typing import cast
 
 import numpy as np
 
@@ -20,12 +19,12 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.events import STEPS_AT_ONCE, Leg, Watch, output_times
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
-from beamdae.integrators.method import LoopMethod, Method, StepMethod
+from beamdae.integrators.method import Method, StepError
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
-from beamdae.integrators.scouting import SCOUTING_RTOL as SCOUTING_RTOL
 from beamdae.integrators.scouting import WHOSE, scouted
 from beamdae.integrators.spared import spared, with_all
+from beamdae.integrators.steps import taken
 from beamdae.integrators.switching import Methods, first_configuration, switched
 from beamdae.results.occurrences import Occurrence
 from beamdae.results.outcome import REACHED_END, Status
@@ -35,37 +34,14 @@ from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 
-STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 # Where to look for what stopped a run, over what was left of its interval.
 _AHEAD = 1e-6
-_PAST = "past the end of its interval; a method must stop there"
-_STAGES = "a method must give the stages inside a step in the order of time, in every step as many"
 _NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 
 
 # Events switched parts where the rows end.
 ACTED = Status("ok", "an event switched parts")
-
-
-class StepError(ArithmeticError):
-    """A method cannot go on; the message says why, and what to do.
-
-    `residual` is that of a first-order form where it was given up, if there is one.
-    """
-
-    def __init__(self, message: str, residual: Array | None = None) -> None:
-        super().__init__(message)
-        self.residual = residual
-
-
-# The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
-
-
-def fitted(step: float, left: float) -> float:
-    """The step to try where so much is left of an interval [s]: its last two are equal."""
-    return left if step >= _NEARLY * left else min(step, 0.5 * left)
 
 
 class _Run:
@@ -171,7 +147,7 @@ class _Run:
             while rows.end < end:
                 first = rows.count
                 most = limits.steps_left(self.steps, between_looks)
-                self.steps += self._taken(min(most, self._at_once or most), end)
+                self.steps += taken(method, rows, min(most, self._at_once or most), end)
                 if self._watch and (event := self._watch.after(self._legs[-1], first)):
                     stopped = f"stopped by event {event.name} at t = {rows.end:.6g} s"
                     return Status("ok", stopped) if event.do == "stop" else ACTED
@@ -209,28 +185,6 @@ class _Run:
         self._begin_leg(t, done.branch, done.state)
         self._watch.switched(self._legs[-1], done.impulses, done.energy_lost)
         return self._over(self._ends[0]) if t < self._ends[0] else REACHED_END
-
-    def _taken(self, most: int, end: float) -> int:
-        """Take up to so many steps; how many they were."""
-        rows, method = self._rows, self.method
-        if not hasattr(method, "advance"):
-            t, state, *inside = cast(StepMethod, method).step()
-            self._require_ahead(t, end)
-            if not rows.append(t, state, *inside):
-                raise StepError(_STAGES)
-            return 1
-        loop = cast(LoopMethod, method)
-        found = loop.advance(most)
-        self._require_ahead(found[-1, 0], end)
-        if not rows.extend(found, loop.rows_per_step):
-            raise StepError(STUCK)
-        return len(found) // loop.rows_per_step
-
-    def _require_ahead(self, t: float, end: float) -> None:
-        if t <= self._rows.end:
-            raise StepError(STUCK)
-        if not t <= end:
-            raise StepError(f"a step went to t = {t:g} s, {_PAST}")
 
 
 def drive(

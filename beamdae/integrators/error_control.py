@@ -19,7 +19,7 @@ Array = np.ndarray
 ERROR_CONTROL = ("auto", "positions", "velocities", "all")
 _UNTESTED = 1e10
 # The most that Newton's iteration may leave of multipliers that the error test does not see, of the
-# force; for small tolerances it is their square root.
+# force; for small tolerances it is their square root, but on index 3, where rounding leaves more.
 _LEFT = 1e-3
 # What a chain of roundings leaves of a position, relative to the size of the mechanism.
 ROUNDING = 1e-14
@@ -137,7 +137,8 @@ class ErrorControl:
             atol[2 * n :] = tolerance * scales.force / rate
         elif iterated:
             root = np.sqrt(form.size)
-            left = min(_LEFT, np.sqrt(tolerance * root)) * scales.force / root
+            small = np.sqrt(tolerance * root) if form.formulation.index < 3 else _LEFT
+            left = min(_LEFT, small) * scales.force / root
             step = (tolerance * root) ** (1.0 / (self.max_order + 1)) / rate
             atol[2 * n : 2 * n + m] = left * (step if form.formulation.impulses else 1.0)
         return atol

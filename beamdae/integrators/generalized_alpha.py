@@ -11,7 +11,7 @@ from beamdae.equations.step_equations import step_equations
 from beamdae.errors import BeamdaeError, finite, keep, one_of, positive
 from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.alpha_step import FAMILIES, Parameters, Start, parameters
-from beamdae.integrators.drive import SCOUTING_RTOL, drive
+from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import (
     Accuracy,
     Integrator,
@@ -21,6 +21,7 @@ from beamdae.integrators.integrator import (
 )
 from beamdae.integrators.limits import require_few
 from beamdae.integrators.route import Route
+from beamdae.integrators.scouting import SCOUTING_RTOL
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

@@ -18,7 +18,7 @@ from beamdae.equations.formulations import (
     first_order_residual,
 )
 from beamdae.errors import one_of
-from beamdae.integrators.drive import SCOUTING_RTOL, STUCK, StepError, drive
+from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
     STIFF_FOR_BDF,
@@ -29,7 +29,9 @@ from beamdae.integrators.ida_compiled import CompiledIda
 from beamdae.integrators.ida_loop import NO_ADVANCE
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.kinematic_rows import KinematicRows
+from beamdae.integrators.method import STUCK, StepError
 from beamdae.integrators.route import Route
+from beamdae.integrators.scouting import SCOUTING_RTOL
 from beamdae.native.machine import MachineError
 from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution

@@ -1,4 +1,4 @@
-"""What a drive asks of a method."""
+"""What a drive asks of a method, and how methods give up and fit their steps."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
+STUCK = "the step became too small to advance time; check laws, or loosen rtol"
 # What a step gives: its end, and the stages inside it where a method has them.
 Taken = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
@@ -74,3 +75,23 @@ class LoopMethod(Method, Protocol):
         StepError
             If there is not one.
         """
+
+
+class StepError(ArithmeticError):
+    """A method cannot go on; the message says why, and what to do.
+
+    `residual` is that of a first-order form where it was given up, if there is one.
+    """
+
+    def __init__(self, message: str, residual: Array | None = None) -> None:
+        super().__init__(message)
+        self.residual = residual
+
+
+# The last step of an interval ends on its end if it comes this near.
+_NEARLY = 1.0 - 1e-9
+
+
+def fitted(step: float, left: float) -> float:
+    """The step to try where so much is left of an interval [s]: its last two are equal."""
+    return left if step >= _NEARLY * left else min(step, 0.5 * left)

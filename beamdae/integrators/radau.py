@@ -8,10 +8,11 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import one_of
-from beamdae.integrators.drive import SCOUTING_RTOL, drive
+from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.radau_method import Collocating
 from beamdae.integrators.route import Route
+from beamdae.integrators.scouting import SCOUTING_RTOL
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

@@ -5,7 +5,7 @@ Plain Python over arrays: `native.loops` compiles it, and where that cannot be h
 
 from __future__ import annotations
 
-from beamdae.integrators.drive import fitted
+from beamdae.integrators.method import fitted
 from beamdae.integrators.radau_coefficients import C
 from beamdae.integrators.radau_run import ERROR_TOO_LARGE, TOO_SMALL, RadauRun
 from beamdae.integrators.radau_stages import (

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from beamdae.equations.formulations import FirstOrder, FirstOrderSums, State, first_order
-from beamdae.integrators.drive import StepError
 from beamdae.integrators.error_control import ROUNDING, STIFF_FOR_RADAU, Scales, resolve, scales
 from beamdae.integrators.looping import Matrix, Running
+from beamdae.integrators.method import StepError
 from beamdae.integrators.radau_loop import radau_steps
 from beamdae.integrators.radau_run import (
     ERROR_TOO_LARGE,

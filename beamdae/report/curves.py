@@ -14,7 +14,7 @@ from beamdae.report import pictures
 from beamdae.report.letters import shortened
 from beamdae.results.headers import Header
 from beamdae.results.selecting import selected
-from beamdae.results.solution import Solution
+from beamdae.results.tabulated import Tabulated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,20 +110,20 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     return Plot(figure)
 
 
-def _runs(solutions: Any) -> list[Solution]:
-    found = [solutions] if isinstance(solutions, Solution) else None
+def _runs(solutions: Any) -> list[Tabulated]:
+    found = [solutions] if isinstance(solutions, Tabulated) else None
     found = found or entries("plot", "solutions", solutions, "a solution or several")
     for one in found:
-        if not isinstance(one, Solution):
+        if not isinstance(one, Tabulated):
             raise BeamdaeError(f"plot: solutions must be solutions, got {shown(one)}.")
     if not found:
         raise BeamdaeError("plot: solutions must be a solution or several, got none.")
     return found
 
 
-def _labels(runs: Sequence[Solution], labels: Any) -> list[str]:
+def _labels(runs: Sequence[Tabulated], labels: Any) -> list[str]:
     if labels is None:
-        own = [getattr(run.made_by, "label", f"run {k + 1}") for k, run in enumerate(runs)]
+        own = [run.label for run in runs]
         several = len(set(own)) < len(own)
         return [f"{label} ({k + 1})" if several else label for k, label in enumerate(own)]
     told = entries("plot", "labels", labels, "a text for each run")

@@ -13,7 +13,8 @@ from beamdae.parts.part import Part
 from beamdae.report import pictures
 from beamdae.report.curves import Plot
 from beamdae.report.letters import shortened
-from beamdae.report.symbols import Pen, symbol
+from beamdae.report.pen import Pen
+from beamdae.report.symbols import symbol
 
 Array = np.ndarray
 

@@ -1,9 +1,8 @@
-"""Pictures of natural modes: shapes, an animation of one, and Campbell diagrams."""
+"""Pictures of natural modes: shapes, moving pictures of one, and Campbell diagrams."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,36 +12,60 @@ import numpy as np
 from beamdae.analysis.campbell import Campbell
 from beamdae.analysis.modes import Modes
 from beamdae.equations.owners import positions
-from beamdae.errors import BeamdaeError, count, may_be_path, shown
-from beamdae.report.pictures import COLORS, saved, wrapped
-from beamdae.results.files import replacing
+from beamdae.errors import BeamdaeError, count, shown
+from beamdae.parts.mechanism import Mechanism
+from beamdae.report.curves import Plot
+from beamdae.report.motion import Animation, frame_of, look, moving_pictures
+from beamdae.report.pictures import COLORS, as_written, dressed, wrapped
 from beamdae.results.shapes import outlines
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = np.ndarray
+Body = dict[str, Any]
 
-_PANELS, _SECTIONS = 12, 41
+_PANELS, _SECTIONS, _COLUMNS = 12, 41, 3
 # Of the extent of the drawing: how far the largest displacement is drawn.
 _AMPLITUDE = 0.12
 # Step of the derivative of places by coordinates, in their natural sizes.
 _STEP = 1e-5
 # Multiples of the speed in a Campbell diagram.
 _ORDERS = (1, 2, 3, 4)
+# What a panel measures [inch], and for how long a period is shown [s].
+_WIDTH, _LOWEST, _HIGHEST, _CAPTION, _PERIOD = 3.2, 0.8, 3.6, 0.35, 2.0
+_STILL = {"color": "0.75", "zorder": 1}
 
 
-class _Drawn(NamedTuple):
+class _Shapes(NamedTuple):
     """What is drawn of modes: kinds of parts, where their points begin, places and ways."""
 
-    kinds: Sequence[str]
-    starts: Sequence[int]
+    kinds: list[str]
+    starts: list[int]
     rest: Array
     ways: Array
 
+    def still(self) -> list[Body]:
+        """The state they are about, but for the ground."""
+        bodies = self._bodies(self.rest[None])
+        return [{**body, "look": _STILL} for body in bodies if body["kind"] != "ground"]
 
-def draw_modes(modes: Modes, path: str | Path, title: str = "") -> Path:
+    def moved(self, k: int, phases: Array) -> list[Body]:
+        """A mode at some phases of its period, a frame each."""
+        return self._bodies(self.rest + (self.ways[k] * phases[:, None, None]).real)
+
+    def _bodies(self, places: Array) -> list[Body]:
+        found = []
+        for kind, (first, last) in zip(self.kinds, pairwise(self.starts), strict=True):
+            points = np.arange(first, last)
+            if kind == "rigid" and len(points) > 2:
+                # Outlines are closed.
+                points = np.append(points, first)
+            found.append({"kind": kind, "x": places[:, points, 0], "y": places[:, points, 1]})
+        return found
+
+
+def draw_modes(modes: Modes) -> Plot:
     """Draw the shapes of modes, twelve at most, over the state they are about.
 
     Displacements are linear in the shapes, and as large as can be seen.
@@ -51,105 +74,137 @@ def draw_modes(modes: Modes, path: str | Path, title: str = "") -> Path:
     ----------
     modes
         Of a mechanism, see `beamdae.modes`.
-    path
-        Of the PNG (or PDF, SVG) file to be written.
+
+    Returns
+    -------
+    Plot
+        Shown by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If the model has no parts that can be drawn, or the file cannot be written.
+        If there is no mode, or the model has no parts that can be drawn.
     """
-    drawn, target = _drawn("draw_modes", modes), _path("draw_modes", path)
+    return Plot(figure_of_modes(modes))
+
+
+def figure_of_modes(modes: Modes, title: str = "") -> Figure:
+    """The shapes of modes as a figure."""
+    shapes = _shapes("draw_modes", modes)
     chosen = range(min(len(modes), _PANELS))
-    figure, axes = _panels(len(chosen), title or f"modes about {modes.about}")
-    for axis, k in zip(axes, chosen, strict=True):
-        _draw(axis, drawn, np.zeros_like(drawn.rest), "0.75")
-        _draw(axis, drawn, drawn.ways[k].real, COLORS[0])
+    still = shapes.still()
+    panels = [shapes.moved(k, np.ones(1)) for k in chosen]
+    low, high = frame_of([*still, *(body for bodies in panels for body in bodies)])
+    columns = min(len(panels), _COLUMNS)
+    rows = math.ceil(len(panels) / columns)
+    width, height = high - low
+    own = float(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST)) + _CAPTION
+    figure = _figure(
+        (max(_WIDTH * columns, 5.0), own * rows + 0.5), title or f"modes about {modes.about}"
+    )
+    for k, bodies in enumerate(panels):
+        axis = figure.add_subplot(rows, columns, k + 1)
+        axis.set_aspect("equal")
+        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axis.set_axis_off()
+        for body in [*still, *bodies]:
+            axis.plot(body["x"][0], body["y"][0], **look(body))
         axis.set_title(_told(modes, k), fontsize=9)
-    return saved(figure, target)
+    as_written(figure)
+    return figure
 
 
-def animate_mode(modes: Modes, mode: int, path: str | Path, frames: int = 32) -> Path:
-    """Write a period of a mode as an animated GIF, damping left out.
+def animate_mode(
+    modes: Modes, mode: int, path: str | Path | None = None, frames: int = 32
+) -> Animation | Path:
+    """Moving pictures of a period of a mode, damping left out: for a notebook, or as a file.
 
     Parameters
     ----------
-    modes, path
-        See `draw_modes`.
+    modes
+        Of a mechanism, see `beamdae.modes`.
     mode
         Its number, from 1 on.
+    path
+        Of a GIF or MP4 file, see `beamdae.animate`. None: for a notebook.
     frames
         How many pictures a period.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no such mode, nothing can be drawn, or the file is of another kind or cannot be
+        written.
     """
-    from matplotlib.animation import FuncAnimation, PillowWriter
-
-    drawn, target = _drawn("animate_mode", modes), _path("animate_mode", path)
+    shapes = _shapes("animate_mode", modes)
     k = count("animate_mode", "mode", mode, most=len(modes)) - 1
-    number = count("animate_mode", "frames", frames, least=2, most=1000)
-    figure, (axis,) = _panels(1, f"mode {_told(modes, k)}, about {modes.about}")
-    reach = np.abs(drawn.ways[k])
-    _limit(axis, drawn.rest - reach, drawn.rest + reach)
-    _draw(axis, drawn, np.zeros_like(drawn.rest), "0.75")
-    still = len(axis.lines)
-
-    def frame(step: int) -> list[Any]:
-        for line in axis.lines[still:]:
-            line.remove()
-        phase = np.exp(2j * np.pi * step / number)
-        _draw(axis, drawn, (drawn.ways[k] * phase).real, COLORS[0])
-        return list(axis.lines)
-
-    made = FuncAnimation(figure, frame, frames=number, init_func=lambda: [])
-    with replacing(target) as scratch:
-        # By its name it would not be known for a GIF.
-        written = scratch.with_name(f"{scratch.name}.gif")
-        made.save(written, writer=PillowWriter(fps=16), dpi=100)
-        written.replace(scratch)
-    return target
+    number = count("animate_mode", "frames", frames, least=2, most=500)
+    bodies = shapes.moved(k, np.exp(2j * np.pi * np.arange(number) / number))
+    still = [
+        {**body, "x": np.repeat(body["x"], number, 0), "y": np.repeat(body["y"], number, 0)}
+        for body in shapes.still()
+    ]
+    captions = [f"mode {_told(modes, k)}"] * number
+    rate = max(round(number / _PERIOD), 1)
+    return moving_pictures("animate_mode", [*still, *bodies], captions, rate, path)
 
 
-def draw_campbell(found: Campbell, path: str | Path, title: str = "Campbell diagram") -> Path:
-    """Draw frequencies over the speed of rotation, with multiples of the speed."""
+def draw_campbell(found: Campbell) -> Plot:
+    """Draw frequencies over the speed of rotation, with multiples of the speed.
+
+    Parameters
+    ----------
+    found
+        See `beamdae.campbell`.
+    """
+    return Plot(figure_of_campbell(found))
+
+
+def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figure:
+    """A Campbell diagram as a figure."""
     if not isinstance(found, Campbell):
-        raise BeamdaeError(f"draw_campbell: expected what campbell gives, got {shown(found)}.")
-    target = _path("draw_campbell", path)
-    figure, (axis,) = _panels(1, title, equal=False)
+        raise BeamdaeError(f"draw_campbell: found must be what campbell gives, got {shown(found)}.")
+    figure = _figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
+    axis = figure.add_subplot()
     order = np.argsort(found.speeds)
     speeds, frequencies = found.speeds[order], found.frequencies[order]
+    highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
+    turns = np.abs(speeds) / (2.0 * np.pi)
+    for multiple in _ORDERS:
+        axis.plot(speeds, multiple * turns, color="0.6", lw=0.8, ls=(0, (4, 3)))
+        if multiple * turns[-1] <= highest:
+            at = (speeds[-1], multiple * turns[-1])
+            axis.annotate(f" {multiple}", at, color="0.4", va="center")
     for k, values in enumerate(frequencies.T):
         axis.plot(speeds, values, color=COLORS[k % len(COLORS)], lw=1.4, marker=".", ms=4)
-    highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
-    for multiple in _ORDERS:
-        line = multiple * np.abs(speeds) / (2.0 * np.pi)
-        axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
+    dressed(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
     axis.set_xlabel("speed [rad/s]")
-    axis.set_ylabel("frequency [Hz]")
-    axis.grid(color="0.9", lw=0.6)
-    return saved(figure, target)
+    as_written(figure)
+    return figure
 
 
-def _path(part: str, path: Any) -> Path:
-    text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (may_be_path(text) and Path(text).name):
-        raise BeamdaeError(f"{part}: path must be that of a file, got {shown(path)}.")
-    return Path(text)
-
-
-def _drawn(part: str, modes: Any) -> _Drawn:
+def _of_mechanism(part: str, modes: Any) -> Mechanism:
     if not isinstance(modes, Modes):
-        raise BeamdaeError(f"{part}: expected what modes gives, got {shown(modes)}.")
+        raise BeamdaeError(f"{part}: modes must be what modes gives, got {shown(modes)}.")
     if modes.mechanism is None or not len(modes):
-        raise BeamdaeError(f"{part}: there is nothing to draw, it needs modes of a mechanism.")
-    parts = outlines(modes.mechanism, _SECTIONS)
-    where = positions(modes.mechanism, [place for _, x in parts for place in x.places])
+        raise BeamdaeError(f"{part}: modes must be those of a mechanism, there is nothing to draw.")
+    return modes.mechanism
+
+
+def _shapes(part: str, modes: Any) -> _Shapes:
+    mechanism = _of_mechanism(part, modes)
+    parts = outlines(mechanism, _SECTIONS)
+    if not parts:
+        raise BeamdaeError(f"{part}: modes must be those of parts that are drawn, there are none.")
+    where = positions(mechanism, [place for _, x in parts for place in x.places])
     rest = where(modes.q[None]).reshape(-1, 2)
     ways = np.array([_way(where, modes.q, shape) for shape in modes.shapes])
     largest = np.max(np.hypot(*np.moveaxis(np.abs(ways), -1, 0)), axis=1)
     extent = float(np.max(np.ptp(rest, axis=0))) or 1.0
     ways *= (_AMPLITUDE * extent / np.where(largest > 0.0, largest, 1.0))[:, None, None]
     starts = np.cumsum([0, *(len(x.places) for _, x in parts)]).tolist()
-    return _Drawn([x.kind for _, x in parts], starts, rest, ways)
+    return _Shapes([x.kind for _, x in parts], starts, rest, ways)
 
 
 def _way(where: Any, q: Array, shape: Array) -> Array:
@@ -167,37 +222,10 @@ def _told(modes: Modes, k: int) -> str:
     return f"{k + 1}: {kind}{damped}"
 
 
-def _draw(axis: Axes, drawn: _Drawn, way: Array, color: str) -> None:
-    for kind, (first, last) in zip(drawn.kinds, pairwise(drawn.starts), strict=True):
-        x, y = (drawn.rest + way)[first:last].T
-        if kind == "ground":
-            axis.plot(x, y, ls="", marker="^", ms=4, color="0.5")
-        elif last - first == 1:
-            axis.plot(x, y, ls="", marker="o", ms=3, color=color)
-        else:
-            axis.plot(x, y, lw=1.4 if kind == "beam" else 2.2, color=color)
-
-
-def _limit(axis: Axes, low: Array, high: Array) -> None:
-    for limit, k in ((axis.set_xlim, 0), (axis.set_ylim, 1)):
-        first, last = float(np.min(low[:, k])), float(np.max(high[:, k]))
-        room = 0.05 * (last - first) or 1.0
-        limit(first - room, last + room)
-
-
-def _panels(panels: int, title: str, equal: bool = True) -> tuple[Figure, list[Axes]]:
+def _figure(size: tuple[float, float], title: str) -> Figure:
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
 
-    columns = min(panels, 3)
-    rows = math.ceil(panels / columns)
-    size = (3.2 * columns + 0.6, 2.4 * rows + 0.8) if panels > 1 else (6.4, 4.8)
     figure = Figure(figsize=size, layout="constrained")
-    axes = [figure.add_subplot(rows, columns, k + 1) for k in range(panels)]
-    for axis in axes:
-        if equal:
-            axis.set_aspect("equal", adjustable="datalim")
-            axis.tick_params(labelsize=7)
-        axis.spines[["top", "right"]].set_visible(False)
     figure.suptitle(wrapped(title), fontsize=11)
-    return figure, axes
+    return figure

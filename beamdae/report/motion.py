@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.errors import BeamdaeError, count, positive, shown
 from beamdae.report.curves import picture_path
 from beamdae.report.pictures import COLORS
 from beamdae.results.files import replacing
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 Body = dict[str, Any]
 
-_FRAMES_PER_SECOND = 25
+_FRAMES_PER_SECOND, _FASTEST = 25, 100
 _FEWEST, _MOST = 2, 500
 # Of the size of what is drawn, left free around it.
 _MARGIN = 0.05
@@ -43,7 +43,10 @@ class Animation:
 
 
 def animate(
-    solution: Solution, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+    solution: Solution,
+    path: str | Path | None = None,
+    speed: float = 1.0,
+    frames: int | None = None,
 ) -> Animation | Path:
     """Moving pictures of a run: for a notebook, or as a file.
 
@@ -61,80 +64,98 @@ def animate(
     BeamdaeError
         If the run is not one of a mechanism, the file is of another kind or cannot be written.
     """
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(f"animate: solution must be that of a run, got {shown(solution)}.")
     t = frame_times(solution, 2)
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     least, most = _FEWEST, _MOST
     number = int(np.clip(round(_FRAMES_PER_SECOND * lasts), least, most))
-    number = count("animate", "frames", frames, least, most) if frames else number
-    rate = max(round((number - 1) / lasts), 1) if lasts > 0.0 else 1
+    if frames is not None:
+        number = count("animate", "frames", frames, least, most)
+    rate = int(np.clip(round((number - 1) / lasts), 1, _FASTEST)) if lasts > 0.0 else 1
+    captions = [f"t = {time:.3g} s" for time in frame_times(solution, number)]
+    return moving_pictures("animate", _bodies(solution, number), captions, rate, path)
+
+
+def moving_pictures(
+    name: str, bodies: Sequence[Body], captions: Sequence[str], rate: int, path: Any = None
+) -> Animation | Path:
+    """Moving pictures of bodies, a caption each, so many a second; `name` asks for them.
+
+    Bodies are as `beamdae.results.shapes.shapes` has them, with a "look" that may differ.
+    """
     if path is None:
-        moving = _moving(solution, number, 1000 // rate)
+        moving = _moving(bodies, captions, 1000 // rate)
         return Animation(moving.to_jshtml(fps=rate, embed_frames=True))
-    kind = _kind(path)
-    writer = _writer(kind, rate)
+    kind = _kind(name, path)
+    writer = _writer(name, kind, rate)
     with replacing(Path(path)) as scratch:
         # Its writers go by the suffix.
         named = scratch.with_name(f"{scratch.name}.{kind}")
         try:
-            _moving(solution, number, 1000 // rate).save(str(named), writer=writer, dpi=100)
+            _moving(bodies, captions, 1000 // rate).save(str(named), writer=writer, dpi=100)
             named.replace(scratch)
         finally:
             named.unlink(missing_ok=True)
     return Path(path)
 
 
-def _kind(path: str | Path) -> str:
-    kind = picture_path("animate", path).suffix.lower().removeprefix(".")
+def _kind(name: str, path: Any) -> str:
+    kind = picture_path(name, path).suffix.lower().removeprefix(".")
     if kind not in ("gif", "mp4"):
-        raise BeamdaeError(f"animate: {path} must end in .gif or .mp4.")
+        raise BeamdaeError(f"{name}: path {path} must end in .gif or .mp4.")
     return kind
 
 
-def _writer(kind: str, rate: int) -> AbstractMovieWriter:
+def _writer(name: str, kind: str, rate: int) -> AbstractMovieWriter:
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
     if kind == "gif":
         return PillowWriter(fps=rate)
     if not FFMpegWriter.isAvailable():
-        raise BeamdaeError("animate: MP4 files need the program ffmpeg, which is not there.")
+        raise BeamdaeError(f"{name}: MP4 files need the program ffmpeg, which is not there.")
     return FFMpegWriter(fps=rate)
 
 
-def _moving(solution: Solution, frames: int, interval: int) -> FuncAnimation:
+def _moving(bodies: Sequence[Body], captions: Sequence[str], interval: int) -> FuncAnimation:
     from matplotlib.animation import FuncAnimation
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    bodies, times = _bodies(solution, frames), frame_times(solution, frames)
-    low, high = _frame(bodies)
+    low, high = frame_of(bodies)
     width, height = high - low
     size = 6.0 / max(width, height)
     figure = Figure(figsize=(max(size * width, 2.0), max(size * height, 1.5)))
     FigureCanvasAgg(figure)
     axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal")
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axis.set_axis_off()
-    lines = [axis.plot([], [], **_look(body))[0] for body in bodies]
-    clock = axis.text(0.02, 0.98, "", transform=axis.transAxes, va="top", color="0.4", fontsize=9)
+    lines = [axis.plot([], [], **look(body))[0] for body in bodies]
+    caption = axis.text(0.02, 0.98, "", transform=axis.transAxes, va="top", color="0.4", fontsize=9)
 
     def draw(k: int) -> list[Any]:
         for line, body in zip(lines, bodies, strict=True):
             line.set_data(body["x"][k], body["y"][k])
-        clock.set_text(f"t = {times[k]:.3g} s")
-        return [*lines, clock]
+        caption.set_text(captions[k])
+        return [*lines, caption]
 
-    return FuncAnimation(figure, draw, frames=frames, interval=interval, blit=False)
+    return FuncAnimation(figure, draw, frames=len(captions), interval=interval, blit=False)
 
 
-def _look(body: Body) -> dict[str, Any]:
-    if body["kind"] in ("point", "ground"):
+def look(body: Body) -> dict[str, Any]:
+    """How matplotlib draws a body, by its kind."""
+    # A body that is held at one point alone is drawn as that.
+    if body["kind"] in ("point", "ground") or len(body["x"][0]) == 1:
         color = "0.55" if body["kind"] == "ground" else COLORS[3]
         mark = "^" if body["kind"] == "ground" else "o"
-        return {"color": color, "marker": mark, "ls": "none", "ms": 6}
-    color = COLORS[0] if body["kind"] == "beam" else COLORS[1]
-    return {"color": color, "lw": _WIDTHS.get(body["kind"], 1.2), "solid_capstyle": "round"}
+        found: dict[str, Any] = {"color": color, "marker": mark, "ls": "none", "ms": 6}
+    else:
+        color = COLORS[0] if body["kind"] == "beam" else COLORS[1]
+        width = _WIDTHS.get(body["kind"], 1.2)
+        found = {"color": color, "lw": width, "solid_capstyle": "round"}
+    return found | body.get("look", {})
 
 
 def _bodies(solution: Solution, frames: int) -> list[Body]:
@@ -149,7 +170,7 @@ def _bodies(solution: Solution, frames: int) -> list[Body]:
     return found
 
 
-def _frame(bodies: Sequence[Body]) -> tuple[Array, Array]:
+def frame_of(bodies: Sequence[Body]) -> tuple[Array, Array]:
     """The corners of what is seen."""
     if not bodies:
         raise BeamdaeError("animate: no part of the mechanism has anything to draw.")
@@ -172,7 +193,7 @@ def _frame(bodies: Sequence[Body]) -> tuple[Array, Array]:
 def thumbnail(solution: Solution) -> str:
     """Where the mechanism was at some times of a run, the last in full color, as SVG."""
     bodies = [body for body in _bodies(solution, _TIMES) if body["kind"] != "ground"]
-    low, high = _frame(bodies)
+    low, high = frame_of(bodies)
     width, height = high - low
     scale = _THUMBNAIL / max(width, height)
     drawn = []
@@ -181,7 +202,7 @@ def thumbnail(solution: Solution) -> str:
         for body in bodies:
             x = scale * (np.array(body["x"][k]) - low[0])
             y = scale * (high[1] - np.array(body["y"][k]))
-            color = _look(body)["color"]
+            color = look(body)["color"]
             if body["kind"] == "point":
                 drawn += [
                     f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3" fill="{color}" '

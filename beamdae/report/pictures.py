@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.errors import BeamdaeError
 from beamdae.report.letters import shortened
 from beamdae.results.files import replacing
 from beamdae.results.headers import Header, observed_columns
@@ -279,9 +280,12 @@ def as_written(figure: Figure) -> None:
 
 def saved(figure: Figure, path: Path) -> Path:
     """Save a picture, names in it drawn as they are written; the folder is made if need be."""
+    kind = path.suffix.removeprefix(".").lower() or "png"
+    if kind not in (known := figure.canvas.get_supported_filetypes()):
+        raise BeamdaeError(f"path {path} must end in one of {', '.join(f'.{k}' for k in known)}.")
     as_written(figure)
     with replacing(path) as scratch, warnings.catch_warnings():
         # A name in a script the font lacks is drawn as boxes; the tables have it right.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(scratch, dpi=150, format=path.suffix.removeprefix(".") or "png")
+        figure.savefig(scratch, dpi=150, format=kind)
     return path

@@ -12,10 +12,10 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.identity import identity_of
-from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.as_found import Held
 from beamdae.parts.events import DIRECTIONS
-from beamdae.results.files import write_text
+from beamdae.results.files import file_path, write_text
 from beamdae.results.outcome import OF_SCOUT
 
 if TYPE_CHECKING:
@@ -163,14 +163,12 @@ class Checkpoint:
         BeamdaeError
             If it cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"checkpoint: path must be that of a file, got {shown(path)}.")
+        file = file_path("checkpoint", path)
         told = asdict(self)
         q, v = told.pop("q"), told.pop("v")
         states = {name: [q[name], v[name]] for name in q}
         whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
-        return write_text(Path(path), json.dumps(whole, indent=2) + "\n")
+        return write_text(file, json.dumps(whole, indent=2) + "\n")
 
     def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         """The equations, to start from here.

@@ -12,13 +12,14 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import BeamdaeError, count, may_be_path, shown
+from beamdae.errors import count
 from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write
+from beamdae.results.files import write_result
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
 from beamdae.results.recovered import of_state
 from beamdae.results.section_forces import SectionForces
+from beamdae.results.selecting import selected
 from beamdae.results.validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
@@ -78,6 +79,9 @@ class Equilibrium:
         What was asked for, and what it took.
     notes
         Sentences on what the result is to be read with.
+    free
+        The coordinate that moves most in a motion that nothing resists where it ends, if there is
+        one: it rests anywhere along that motion.
     """
 
     equations: EquationsOfMotion
@@ -92,6 +96,14 @@ class Equilibrium:
     settings: dict[str, Any] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    free: str = ""
+
+    def __repr__(self) -> str:
+        critical = "".join(f"; {one.kind} at {one.factor:.6g}" for one in self.critical)
+        return (
+            f"<Equilibrium: {self.status.kind}, {self.status.sentence}; {len(self.q)} rows to load "
+            f"factor {self.factor:g}, {'' if self.stable else 'not '}stable{critical}>"
+        )
 
     @property
     def factor(self) -> float:
@@ -100,8 +112,8 @@ class Equilibrium:
 
     @property
     def stable(self) -> bool:
-        """Whether it is stable at its end, under loads that stay."""
-        return bool(self.unstable[-1] == 0)
+        """Whether it comes back to its end from all around, under loads that stay."""
+        return bool(self.unstable[-1] == 0) and not self.free
 
     @property
     def positions(self) -> dict[str, float]:
@@ -147,6 +159,36 @@ class Equilibrium:
             KIND: kinds,
         }
 
+    def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
+        """Columns over the load factor (of several stages their sum), by name as of a `Solution`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of the name.
+        """
+        import pandas as pd
+
+        every = {**self.all_columns(), **dict(self.coordinates())}
+        headers = selected(every, name, "Equilibrium")
+        index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
+        found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
+        return found[headers[0]] if len(headers) == 1 else found
+
+    def plot(self, *names: str) -> Plot:
+        """Draw the load factor over columns by name, default all that change.
+
+        Dashed where it is unstable, with limit and branch points marked.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no column of such a name.
+        """
+        from beamdae.report.equilibrium_picture import plot_of_path
+
+        return plot_of_path(self, names)
+
     def table(self) -> pd.DataFrame:
         """Load factors, observed quantities, stability and kind of each point of the path."""
         import pandas as pd
@@ -184,7 +226,13 @@ class Equilibrium:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is not to be trusted as it stands; `equilibrium` warns of each."""
-        return (*self.notes, *filter(None, (beam.warning for beam in self.validity)))
+        free = (
+            f"{self.free}: it is free to move without stiffness, it rests anywhere along a motion "
+            "in which this coordinate moves most."
+        )
+        rests = bool(self.free) and self.status.success
+        told = (*self.notes, free if rests else "", *(x.warning for x in self.validity))
+        return tuple(filter(None, told))
 
     def beside(self, **further: Any) -> dict[str, Any]:
         """What `to_csv` writes as JSON beside the table, as plain values."""
@@ -196,6 +244,7 @@ class Equilibrium:
             "settings": self.settings,
             "load factor": self.factor,
             "stable": self.stable,
+            "free to move": self.free,
             "critical points": [one._asdict() for one in self.critical],
             "warnings": list(self.warnings),
             **further,
@@ -209,13 +258,7 @@ class Equilibrium:
         BeamdaeError
             If a file cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.q)
-        return write(Path(path), columns, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.beside(**further))
 
     def starting(self) -> Checkpoint:
         """Its end as the state a run begins with, at rest."""

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,6 +51,31 @@ def write(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> 
         with replacing(path) as scratch:
             _write_columns(scratch, columns)
     return path
+
+
+def write_result(
+    path: Any, columns: Mapping[str, Any], status: Status, beside: Mapping[str, Any]
+) -> Path:
+    """Write what `to_csv` of a result does: `write`, with a column more where it did not succeed.
+
+    Raises
+    ------
+    BeamdaeError
+        If `path` is none of a file, or a file cannot be written.
+    """
+    file = file_path("to_csv", path)
+    if not status.success:
+        rows = len(next(iter(columns.values())))
+        columns = {**columns, "status": np.full(rows, status.kind)}
+    return write(file, columns, beside)
+
+
+def file_path(name: str, path: Any) -> Path:
+    """The path of a file, as an argument of `name`."""
+    text = str(path) if isinstance(path, (str, Path)) else ""
+    if not (may_be_path(text) and Path(text).name):
+        raise BeamdaeError(f"{name}: path must be that of a file, got {shown(path)}.")
+    return Path(text)
 
 
 def write_beside(path: Path, beside: Mapping[str, Any]) -> None:

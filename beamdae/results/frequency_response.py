@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.errors import one_of
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import half_range, largest
+from beamdae.results.periodic_motion import half_range, largest, mean
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -82,9 +82,8 @@ class FrequencyResponse:
         row: dict[str, Any] = {self.parameter: point.parameter, "period [s]": point.period}
         for header, values in point.solution.columns.items():
             name, _, unit = header.partition(" [")
-            mean = float(np.trapezoid(values, point.solution.t) / point.period)
             row |= {
-                f"{name} mean [{unit}": mean,
+                f"{name} mean [{unit}": mean(values),
                 f"{name} half range [{unit}": half_range(values),
             }
         fold = k > 0 and point.forward != self.points[k - 1].forward
@@ -109,6 +108,8 @@ class FrequencyResponse:
 
         Of each peak of the curve, by the parabola through the points around it.
         """
+        if not self.points:
+            return []
         names = list(self.points[0].solution.columns)
         one_of("peaks", "column", column, names)
         sizes = np.array([half_range(x.solution.columns[column]) for x in self.points])

@@ -27,7 +27,7 @@ class PeriodicMotion:
     Attributes
     ----------
     solution
-        One period of it.
+        One period of it; where a run did not reach the end of its periods, that run.
     period
         [s].
     multipliers
@@ -46,20 +46,23 @@ class PeriodicMotion:
 
     solution: Solution
     period: float
-    multipliers: Array
-    multiplier_error: float
-    off: float
-    iterations: int
+    multipliers: Array = field(default_factory=lambda: np.zeros(0, complex))
+    multiplier_error: float = np.inf
+    off: float = np.inf
+    iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after its period"))
 
     @property
     def stable(self) -> bool:
-        """Whether no disturbance grows; where damping has no part in it, none does either."""
-        return largest(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
+        """Whether it repeats and no disturbance grows."""
+        most = largest(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
+        return self.status.success and most
 
     @property
     def stability(self) -> str:
         """In words: stable, or how disturbances grow."""
+        if not self.status.success:
+            return f"not known: {self.status.sentence}"
         if self.stable:
             return "stable"
         most = self.multipliers[0]
@@ -74,11 +77,15 @@ class PeriodicMotion:
 
         rows = {}
         for header, values in self.solution.columns.items():
-            mean = float(np.trapezoid(values, self.solution.t) / np.ptp(self.solution.t))
             unit = Header.of(header).unit
-            rows[header] = (mean, half_range(values), *extremes(values), unit)
+            rows[header] = (mean(values), half_range(values), *extremes(values), unit)
         names = ["mean", "half range", "least", "largest", "unit"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)
+
+
+def mean(values: Array) -> float:
+    """Mean of what was sampled evenly from one end of the period to the other."""
+    return float(np.mean(0.5 * (values[:-1] + values[1:]) if len(values) > 1 else values))
 
 
 def extremes(values: Array) -> tuple[float, float]:
@@ -93,6 +100,8 @@ def half_range(values: Array) -> float:
 
 
 def _top(values: Array) -> float:
+    if len(values) < 3:
+        return float(np.max(values))
     k = int(np.clip(np.argmax(values), 1, len(values) - 2))
     before, here, after = values[k - 1 : k + 2].tolist()
     slope, bend = 0.5 * (after - before), before - 2.0 * here + after

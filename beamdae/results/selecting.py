@@ -9,7 +9,7 @@ from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.results.headers import Header
 
 
-def selected(headers: Iterable[str], name: Any) -> list[str]:
+def selected(headers: Iterable[str], name: Any, of: str = "Solution") -> list[str]:
     """The headers a name stands for.
 
     Parameters
@@ -18,6 +18,8 @@ def selected(headers: Iterable[str], name: Any) -> list[str]:
         'name.column [unit]', as tables have them.
     name
         A header, a header without its unit, or the name of an observable for all its columns.
+    of
+        What has them.
 
     Raises
     ------
@@ -33,6 +35,6 @@ def selected(headers: Iterable[str], name: Any) -> list[str]:
             return found
     known = list(dict.fromkeys([*bare, *whole]))
     raise BeamdaeError(
-        f"Solution: no column is called {shown(name)}{nearest(name, known)}; "
-        "`solution.table()` and `solution.coordinates()` have all there are."
+        f"{of}: no column has the name {shown(name)}{nearest(name, known)}; "
+        f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` have all there are."
     )

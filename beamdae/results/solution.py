@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,18 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations import measures
+from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.observing import observing
-from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
+from beamdae.parts.starts import AS_DRAWN
 from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write
+from beamdae.results.files import write_result
 from beamdae.results.instant import Instant
 from beamdae.results.joining import joined
 from beamdae.results.occurrences import table_of
+from beamdae.results.packed import Packed, packed, unpacked
 from beamdae.results.recovered import section_forces
 from beamdae.results.run import Run
+from beamdae.results.saved import save
 from beamdae.results.section_forces import SectionForces
-from beamdae.results.selecting import selected
+from beamdae.results.tabulated import Tabulated
 from beamdae.symbolic.statements import Named, Quantity
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
@@ -35,7 +40,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class Solution(Run):
+class Solution(Run, Tabulated):
     """Result of one run.
 
     Attributes
@@ -59,8 +64,25 @@ class Solution(Run):
         Sentences on what is not to be trusted of the run it goes on from.
     """
 
+    @property
+    def label(self) -> str:
+        """Short name of the integrator."""
+        return str(getattr(self.made_by, "label", self.integrator.get("integrator", "run")))
+
+    def __reduce__(self) -> Any:
+        mechanism = self.equations.mechanism
+        if mechanism is None:
+            raise BeamdaeError(
+                "Solution: a run of equations cannot be pickled; take solution.save(path), and "
+                "bd.load(path, model) in the other process."
+            )
+        import cloudpickle
+
+        # Laws are often functions within that which makes the model.
+        return _rebuilt, (cloudpickle.dumps((mechanism, self.made_by)), packed(self))
+
     def __repr__(self) -> str:
-        method = getattr(self.made_by, "label", self.integrator.get("integrator", "?"))
+        method = self.label
         names = dict.fromkeys(o.name for o in self.equations.observables)
         observed = f"; observed: {', '.join(names)}" if names else ""
         return (
@@ -80,43 +102,6 @@ class Solution(Run):
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
 
-    def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
-        """Columns over time, by name.
-
-        Parameters
-        ----------
-        name
-            A header, with or without its unit ("tip.y [m]" or "tip.y"), of an observed column, an
-            energy, a coordinate, velocity or multiplier; or the name of an observable ("tip").
-
-        Returns
-        -------
-        pandas.Series or pandas.DataFrame
-            One column, or all those of an observable, over t [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If there is none of the name.
-
-        Examples
-        --------
-        >>> import beamdae as bd
-        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-        >>> mech.observe("ball", ball.point)
-        >>> solution = bd.simulate(mech, t_end=1.0)
-        >>> print(f"{solution['ball.y'].min():.3f} m")
-        -2.905 m
-        """
-        import pandas as pd
-
-        every = {**self.all_columns(), **dict(self.coordinates())}
-        headers = selected(every, name)
-        index = pd.Index(self.t, name=measures.TIME)
-        found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
-        return found[headers[0]] if len(headers) == 1 else found
-
     def observe(self, name: str, what: Attachment | Quantity) -> Solution:
         """The run with one more observable, see `Mechanism.observe`; nothing is integrated again.
 
@@ -128,14 +113,8 @@ class Solution(Run):
         """
         return replace(self, equations=observing(self.equations, name, what))
 
-    def plot(self, *names: str) -> Plot:
-        """Draw columns over time, see `beamdae.plot`."""
-        from beamdae.report.curves import plot
-
-        return plot(self, *names)
-
     def animate(
-        self, path: str | Path | None = None, speed: float = 1.0, frames: int = 0
+        self, path: str | Path | None = None, speed: float = 1.0, frames: int | None = None
     ) -> Animation | Path:
         """Moving pictures of the run, see `beamdae.animate`."""
         from beamdae.report.motion import animate
@@ -167,12 +146,6 @@ class Solution(Run):
 
         rows = self._measured(measures.books_of(self.equations))[:, -2:]
         return pd.DataFrame(rows, columns=list(measures.DRIFT_COLUMNS))
-
-    def table(self) -> pd.DataFrame:
-        """Time, observed quantities and the energy ledger; headers carry units."""
-        import pandas as pd
-
-        return pd.DataFrame(self.all_columns())
 
     def coordinates(self) -> pd.DataFrame:
         """Time, all coordinates, velocities and multipliers, named by part, with units."""
@@ -214,13 +187,23 @@ class Solution(Run):
         BeamdaeError
             If a file cannot be written.
         """
-        text = str(path) if isinstance(path, (str, Path)) else ""
-        if not (may_be_path(text) and Path(text).name):
-            raise BeamdaeError(f"to_csv: path must be that of a file, got {shown(path)}.")
-        columns: dict[str, Any] = dict(self.all_columns())
-        if not self.status.success:
-            columns["status"] = [self.status.kind] * len(self.t)
-        return write(Path(path), columns, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.beside(**further))
+
+    def save(self, path: str | Path) -> Path:
+        """Write all of the run to one file, see `beamdae.load`.
+
+        The file is a zip archive of NumPy arrays and JSON, without anything that is executed.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        return save(self, path)
+
+    def at_times(self, times: Array) -> Solution:
+        """The same run with other output times [s], ascending and within it."""
+        return replace(self, t=np.asarray(times, float))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""
@@ -229,3 +212,9 @@ class Solution(Run):
     def followed_by(self, later: Solution) -> Solution:
         """Join the run and one that went on from its end."""
         return joined(self, later)
+
+
+def _rebuilt(made_of: bytes, kept: Packed) -> Solution:
+    """In another process: expressions of CasADi do not travel, what they are made of does."""
+    mechanism, made_by = pickle.loads(made_of)
+    return unpacked(equations_of_motion(mechanism, AS_DRAWN), kept, made_by)

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.lanes import LaneKernel, lane_kernel
+from beamdae.native.objects import is_on
 from beamdae.native.vectors import add, add_weighted, call_kernel, combine, fill, gather, pick
 from beamdae.symbolic.compiled import Compiled
 
@@ -54,9 +55,13 @@ class Kernel:
             self._copies[count] = many
         return self._copies[count]
 
-    @cached_property
+    @property
     def native(self) -> LaneKernel | None:
-        """In machine code, if that can be had."""
+        """In machine code, if that is wanted and can be had."""
+        return self._compiled if is_on() else None
+
+    @cached_property
+    def _compiled(self) -> LaneKernel | None:
         return lane_kernel(self.function)
 
     @classmethod

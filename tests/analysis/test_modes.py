@@ -137,6 +137,7 @@ def test_a_cantilever_is_that_of_timoshenko(height):
         assert_allclose(share, [0.61308, 0.18830], rtol=1e-3)
 
 
+@pytest.mark.slow(reason="all modes")
 def test_effective_masses_add_up_to_the_mass():
     found = bd.modes(cantilever(2), n=None)
     total = STRIP.rhoA * 0.5
@@ -146,6 +147,14 @@ def test_effective_masses_add_up_to_the_mass():
     mass = found._linearization.tangent.mass
     assert_allclose(found.shapes.conj() @ (mass @ found.shapes.T), np.eye(len(found)), atol=1e-7)
     assert_allclose(found.mac(found), np.eye(len(found)), atol=1e-7)
+
+
+@pytest.mark.slow(reason="256 elements")
+def test_light_damping_of_many_elements_is_told():
+    """Rounding of the stiffness is more than this damping of the lowest mode."""
+    found = bd.modes(cantilever(256, damping=1e-5, formulation="exact"), n=2)
+    w = bd.modes(cantilever(16), n=2).eigenvalues.imag
+    assert_allclose(found.damping_ratios, 0.5 * 1e-5 * w, rtol=1e-4)
 
 
 def test_material_damping_of_a_mode_grows_with_its_frequency():
@@ -158,8 +167,7 @@ def test_material_damping_of_a_mode_grows_with_its_frequency():
 # What moves freely -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("elements", [4, 40])
-@pytest.mark.parametrize("damping", [0.0, 1e-6])
+@pytest.mark.parametrize(("elements", "damping"), [(4, 0.0), (40, 1e-6)])
 def test_a_free_beam_moves_as_a_rigid_body_three_ways(elements, damping):
     mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.03, height=0.002, damping=damping)
@@ -243,6 +251,7 @@ def test_weight_stiffens_what_hangs_and_softens_what_stands():
     assert abs(below) < 2e-3 * still
 
 
+@pytest.mark.slow(reason="an equilibrium")
 def test_the_drawing_need_not_be_an_equilibrium():
     """A strip let go with the weight upon it does not bear it yet: it has the modes without."""
     falling = bd.modes(cantilever(gravity=(0.0, -9.81)), n=3)

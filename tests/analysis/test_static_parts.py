@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.analysis import stability as module
-from beamdae.analysis.controls import ColumnControl, Norm
+from beamdae.analysis.controls import ColumnControl, Norm, Way
 from beamdae.analysis.loading import loading_of
 from beamdae.analysis.stability import stability
 
@@ -89,10 +89,12 @@ def test_rows_of_observed_columns_are_their_derivatives(loading, state, name):
 
 def test_the_way_along_a_direction_is_one():
     norm = Norm(np.array([1.0, 2.0]), 4.0)
-    way = np.array([0.5, 1.0, 7.0])
-    control = norm.arc(np.zeros(3), 0.0, way, 0.3)
-    assert control.value(way, 0.3) == pytest.approx(1.0)
-    assert norm.largest(way, 3.2) == pytest.approx(0.8)
+    way = Way(np.array([0.5, 1.0, 7.0]), 0.3)
+    control = norm.arc(np.zeros(3), 0.0, way)
+    assert control.value(way.x, way.mu) == pytest.approx(1.0)
+    assert norm.largest(way.x, 3.2) == pytest.approx(0.8)
+    other = norm.across(Way(np.array([0.3, -2.0, 1.0]), 0.7), way)
+    assert norm.product(way, other) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5, 12.0])
@@ -115,3 +117,26 @@ def test_signs_by_pivots_are_those_of_eigenvalues(factor, monkeypatch):
         assert sparse.value(index) == pytest.approx(dense.value(index), rel=1e-6)
     mode, other = (s.mode(dense.negative) for s in (dense, sparse))
     assert_allclose(np.abs(other), np.abs(mode), atol=1e-6)
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_fine_meshes_are_not_taken_for_free_nor_free_ones_for_held(formulation):
+    """The softest motion of a fine mesh is 1e-11 of its largest stiffness, rounding 1e-16."""
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+
+    def rested(clamped):
+        mech = bd.Mechanism()
+        arc = bd.Arc(2.0, 1.0)
+        beam = mech.add(bd.Beam("beam", arc, strip, 64, formulation=formulation))
+        kind = bd.Weld if clamped else bd.Revolute
+        mech.add(kind("foot", mech.ground.at(0.0, 0.0), beam.start))
+        return bd.equilibrium(mech)
+
+    held = rested(clamped=True)
+    assert held.stable
+    assert not held.free
+    with pytest.warns(bd.BeamdaeWarning, match="it is free to move without stiffness"):
+        swinging = rested(clamped=False)
+    assert swinging.free.startswith("beam.")
+    assert not swinging.stable
+    assert swinging.unstable[-1] == 0

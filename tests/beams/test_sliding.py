@@ -77,7 +77,8 @@ def rotating(E, elements=4):
     return mech, distance, omega
 
 
-@integrators(rtol=1e-6, step=1e-3)
+# Its flexible neighbor below is run by all.
+@integrators(rtol=1e-6, step=1e-3, slow=("ida", "alpha stabilized"))
 def test_a_bead_slides_out_on_a_stiff_rotating_rod(integrator):
     """s = r0 cosh(omega t); the rod stretches and lags by a thousandth of what steel does."""
     mech, distance, omega = rotating(2.1e14)
@@ -123,7 +124,7 @@ def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
     return mech
 
 
-@integrators(rtol=1e-5, step=5e-4)
+@integrators(rtol=1e-5, step=5e-4, slow=("alpha stabilized",))
 def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
     """Across all boundaries of elements, there and back."""
     solution = bd.simulate(hanging(4), integrator, t_end=1.0)

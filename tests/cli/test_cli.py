@@ -465,3 +465,40 @@ def test_draw_shows_a_model_without_a_run(command):
     assert "arm_drawing.png" in done.output
     assert Path("results/arm_drawing.png").stat().st_size > 5000
     assert_mistake(command("draw", NO_START), "nowhere states equations, which have no shape.")
+
+
+def invoked(*arguments):
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_examples_are_listed_by_name_with_what_they_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoked("examples")
+    assert done.exit_code == 0, done.output
+    models = Path(__file__).parents[2] / "models"
+    listed = {line.split()[0] for line in done.output.splitlines()}
+    assert {file.stem for file in models.glob("*.py")} <= listed
+    assert "Curved-beam pendulum with a tip mass" in done.output
+
+
+def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoked("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
+    assert done.exit_code == 0, done.output
+    assert Path("results/spin_up.csv").exists()
+    assert bd.load_model("example:spin_up").name == "spin_up"
+    assert_mistake(invoked("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
+
+
+def test_a_new_model_runs_and_is_not_written_over(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert invoked("new", "arm.py").exit_code == 0
+    done = invoked("run", "arm.py", "--t-end", "0.01", "--set", "push=2")
+    assert done.exit_code == 0, done.output
+    assert_mistake(invoked("new", "arm.py"), "arm.py: it is there already")
+    assert invoked("new", "mine.py", "--like", "four_bar").exit_code == 0
+    assert "def four_bar(" in Path("mine.py").read_text()
+    assert_mistake(invoked("new", "a b.py"), "a b.py: the file of a model must be called")
+    assert_mistake(invoked("new", "arm.txt"), "arm.txt: the file of a model must be called")
+    assert_mistake(invoked("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
+    assert not Path("b.py").exists()

@@ -19,8 +19,9 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.equations.formulations import State
 from beamdae.integrators import rows as rows_of_a_run
-from beamdae.integrators.drive import drive, fitted
+from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
+from beamdae.integrators.method import fitted
 from beamdae.integrators.route import plan
 from beamdae.results.outcome import Statistics
 from beamdae.symbolic import factorizations

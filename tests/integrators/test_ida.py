@@ -181,9 +181,9 @@ UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for 
 @pytest.mark.parametrize("equations", [UNDAMPED, DAMPED], ids=["undamped", "damped"])
 def test_machine_code_takes_the_steps_of_scikit_sundae(equations, formulation, monkeypatch):
     settings = bd.Ida(1e-5, formulation=formulation)
-    one = bd.simulate(equations, settings, 0.2)
+    one = bd.simulate(equations, settings, 0.1)
     by_class(monkeypatch)
-    other = bd.simulate(equations, settings, 0.2)
+    other = bd.simulate(equations, settings, 0.1)
     assert one.integrator["ida"] == "shared libraries"
     assert other.integrator["ida"] == "scikit-sundae"
     # Factors differ by rounding, and so in the end do steps.

@@ -22,6 +22,7 @@ MOTIONS = {
     "sliding_mass": ["s [m]", "bead.x [m]", "bead.y [m]", "tip.x [m]", "tip.y [m]"],
     "ring_mount": ["motor.x [m]", "motor.y [m]", "motor.angle [rad]"],
     "governor": ["rotor.angle [rad]", "energy.dissipated [J]"],
+    "shallow_arch": ["crown.y [m]", "quarter.y [m]", "quarter.angle [rad]"],
 }
 
 
@@ -42,7 +43,14 @@ def test_integrators_agree_within_100_rtol(name):
         assert share.max() < 100.0 * RTOL, (label, share.to_dict())
 
 
-@pytest.mark.parametrize("name", MOTIONS)
+# Those with many unknowns in the slow run.
+LARGE = {"leaf_spring_vehicle", "ring_mount", "sliding_mass"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in MOTIONS],
+)
 def test_nothing_is_wrong_with_a_model(name):
     found = bd.check(MODELS[name])
     assert not found.problem

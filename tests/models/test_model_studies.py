@@ -14,7 +14,7 @@ from beamdae.studies.pool import LocalPool
 from beamdae.studies.references import groups
 
 FOLDER = Path(__file__).parents[2] / "models" / "studies"
-FILES = sorted(FOLDER.glob("*.py"))
+FILES = sorted(FOLDER.glob("*_integrators.py"))
 
 
 def studies(path):
@@ -51,6 +51,14 @@ def test_first_group_of_a_study_runs_with_the_orders_it_should_show(path, tmp_pa
     assert np.all(np.diff(ida) < 0.0)
     tolerances = np.array([case.tolerance for case in first if case.series == "Ida"])
     assert np.all(ida < 100.0 * tolerances)
+
+
+@pytest.mark.slow(reason="ten runs of the hub beam in processes of their own")
+def test_formulations_stand_side_by_side(tmp_path):
+    (study,) = studies(FOLDER / "hub_beam_formulations.py").values()
+    results = engine.run(study, tmp_path, LocalPool())
+    assert set(results.table["status"]) == {"ok"}
+    assert {case.parameters.get("formulation") for case in study.cases} == {None, "exact"}
 
 
 def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):

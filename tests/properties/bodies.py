@@ -11,6 +11,14 @@ import beamdae as bd
 
 GROUND = None
 
+# Of beams, by name: settings of each.
+THEORIES = {
+    "chord": {"frame": "chord"},
+    "tangent": {"frame": "tangent"},
+    "exact strain": {"strain": "exact"},
+    "exact": {"formulation": "exact"},
+}
+
 
 @dataclass(frozen=True)
 class Body:
@@ -32,7 +40,7 @@ class Body:
     height: float = 0.02
     damping: float = 0.0
     elements: int = 1
-    chord: bool = True
+    theory: str = "chord"
 
     @property
     def is_beam(self) -> bool:
@@ -75,8 +83,8 @@ class Body:
         else:
             axis = bd.Line(start, frame.point(*self.point(1.0)))
         own = section(frame, self.modulus, 0.03, self.height, self.damping)
-        shape = "chord" if self.chord else "tangent"
-        return bd.Beam(self.name, axis, own, elements=self.elements, frame=shape, **moving)
+        theory = THEORIES[self.theory]
+        return bd.Beam(self.name, axis, own, elements=self.elements, **theory, **moving)
 
 
 @dataclass(frozen=True)

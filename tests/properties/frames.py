@@ -9,6 +9,8 @@ import numpy as np
 
 import beamdae as bd
 
+# Angles that are those of the drawing, not since then.
+ABSOLUTE = ("theta", "psi")
 # Powers of length, mass and time.
 POWERS = {
     "": (0, 0, 0),
@@ -102,20 +104,26 @@ def carried(frame: Frame, equations, values: np.ndarray, kind: str) -> dict[str,
     length = 1.0 / frame.length if kind == "Q" else frame.length
     c, s = np.cos(frame.angle), np.sin(frame.angle)
     for k, coordinate in enumerate(equations.coordinates):
-        own = coordinate.name.rpartition(".")[2]
+        own = bare(coordinate.name)
         value = weight * values[k] * (1.0 if coordinate.unit == "rad" else length)
-        if own in ("x", "x0"):
+        if own == "x":
             y = frame.sense * weight * length * values[k + 1]
             other = equations.coordinates[k + 1].name
             moved = np.array([c * value - s * y, s * value + c * y])
             if kind == "q":
                 moved += frame.shift
             found[coordinate.name], found[other] = moved.tolist()
-        elif own not in ("y", "y0"):
-            mirrored = coordinate.unit == "rad" or own[0] == "v"
+        elif own != "y":
+            mirrored = coordinate.unit == "rad" or own == "v"
             value *= frame.sense if mirrored else 1.0
-            found[coordinate.name] = value + (frame.angle if (own, kind) == ("theta", "q") else 0.0)
+            turned = own in ABSOLUTE and kind == "q"
+            found[coordinate.name] = value + (frame.angle if turned else 0.0)
     return found
+
+
+def bare(name: str) -> str:
+    """The name of a coordinate without that of its part and the number of its node."""
+    return name.rpartition(".")[2].rstrip("0123456789")
 
 
 def section(frame: Frame, modulus: float, width: float, height: float, damping: float):

@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from properties.frames import ABSOLUTE, Frame, bare, carried
 from support import Numeric
 
 import beamdae as bd
 from beamdae.equations.consistent_start import Starter
+from beamdae.equations.formulations import State as FullState
 from beamdae.equations.rank import joint_matrix
 
 # Of nine-point differences along a motion, over the time in which it changes: they truncate at
@@ -77,11 +79,11 @@ class State(Numeric):
         """Rates of the coordinates as all moves along x, along y, and turns, (n, 3)."""
         found = np.zeros((self.n, 3))
         for k, coordinate in enumerate(self.equations.coordinates):
-            own = coordinate.name.rpartition(".")[2]
-            if own in ("x", "x0"):
+            own = bare(coordinate.name)
+            if own == "x":
                 found[k, 0] = found[k + 1, 1] = 1.0
                 found[k, 2], found[k + 1, 2] = -q[k + 1], q[k]
-            elif own in ("angle", "theta"):
+            elif own in ("angle", *ABSOLUTE):
                 found[k, 2] = 1.0
         return found
 
@@ -89,33 +91,72 @@ class State(Numeric):
         """Linear momentum along x and y, angular momentum about the origin."""
         return self.travel(q).T @ (self.mass(q=q, v=v) @ v)
 
-    def pulls(self) -> np.ndarray:
-        """Forces and moment about the origin of the ground on what is joined to it, by joint."""
-        found = [np.zeros(3)]
-        for name in self.ground_joints:
-            for which in "ab":
-                try:
-                    x, y, fx, fy, m = self._pull(name, which)
-                except KeyError:
-                    continue
-                found.append(np.array([fx, fy, m + x * fy - y * fx]))
-        return np.array(found)
+    def pulls(self, joints: dict[str, str]) -> np.ndarray:
+        """Forces and moments about the origin of joints with the ground, by joint, (k, 3).
 
-    @property
-    def ground_joints(self) -> list[str]:
-        return [o.name[:-2] for o in self.equations.observables if o.name.endswith(" a")] + [
-            o.name[:-2] for o in self.equations.observables if o.name.endswith(" b")
-        ]
-
-    def _pull(self, name: str, which: str):
+        On the bodies at their points "a", "b" or "on"; see `observe_pulls`.
+        """
         state = {"q": self.q, "v": self.v, "a": self.a, "lam": self.lam}
-        load = self.observed(f"{name} {which}", **state)
-        x, y = self.observed(f"{name} {which} at", **state)[:2]
-        return x, y, *load, *([0.0] * (3 - len(load)))
+        found = np.zeros((len(joints), 3))
+        for row, name in zip(found, joints, strict=True):
+            load = self.observed(f"{name} pull", **state)
+            x, y = self.observed(f"{name} place", **state)[:2]
+            row[: len(load)] = load
+            row[2] += x * load[1] - y * load[0]
+        return found
+
+    # Other frames -----------------------------------------------------------------------------
+
+    def rounding(self) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations and reactions that coordinates make of it that are off by their size."""
+        e, rng = self.equations, np.random.default_rng(0)
+        far = np.abs(self.q) + e.position_scales
+        force = np.abs(self.stiffness(q=self.q, v=self.v, a=self.a)) @ far
+        force *= rng.choice([-1.0, 1.0], self.n)
+        state = FullState(self.q, self.v, self.a, self.lam)
+        a = Starter(e).mass_solver(self.time, state)(force)
+        return a, force - self.mass(q=self.q) @ a
+
+    def unlike(self, other: State, frame: Frame) -> dict[str, float]:
+        """Largest relative differences of the same drawing in another frame.
+
+        Of coordinates, rates, accelerations and generalized reactions, each of the largest there
+        is; where everything is nearly at rest, or in balance, of a hundredth of what the velocities
+        that were asked for make of it, or of what coordinates rounded to 1e-15 do.
+        """
+        e = other.equations
+        asked = e.v0 / e.position_scales
+        speed, energy = np.max(np.abs(asked)), other.energies(q=other.q, v=e.v0)[0]
+        a, force = other.rounding()
+        least = {
+            "q": 0.0,
+            "v": 1e-2 * speed,
+            "a": max(1e-2 * speed**2, 1e-7 * np.max(np.abs(a) / e.position_scales)),
+            "Q": max(1e-2 * energy, 1e-7 * np.max(np.abs(force) * e.position_scales)),
+        }
+        found = {}
+        for kind, here, there in (
+            ("q", self.q, other.q),
+            ("v", self.v, other.v),
+            ("a", self.a, other.a),
+            ("Q", self.held, other.held),
+        ):
+            by_name = carried(frame, self.equations, here, kind)
+            expected = np.array([by_name[name] for name in other.names])
+            off = there - expected
+            if kind == "q":
+                turns = [bare(name) in ABSOLUTE for name in other.names]
+                off[turns] -= 2.0 * np.pi * np.round(off[turns] / (2.0 * np.pi))
+            scales = e.position_scales ** (-1 if kind == "Q" else 1)
+            size = max(float(np.max(np.abs(expected) / scales)), least[kind], 1e-300)
+            found[kind] = float(np.max(np.abs(off) / scales) / size)
+        return found
 
 
-def compared(state: State, other: dict[str, np.ndarray], values: np.ndarray, size: float) -> float:
-    """Largest difference to what another mechanism has by name, over the size."""
-    expected = np.array([other[name] for name in state.names])
-    scales = state.equations.position_scales
-    return float(np.max(np.abs(values - expected) / scales) / size)
+def observe_pulls(mechanism: bd.Mechanism, joints: dict[str, str]) -> bd.Mechanism:
+    """Have joints with the ground observed on the body at their point "a", "b" or "on"."""
+    for name, which in joints.items():
+        joint = mechanism.part(name)
+        mechanism.observe(f"{name} pull", joint.reaction_on(which))
+        mechanism.observe(f"{name} place", getattr(joint, which))
+    return mechanism

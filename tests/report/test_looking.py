@@ -69,7 +69,7 @@ def test_a_column_that_is_not_there_is_told(run, name):
     if name == "energy":
         assert len(run[name].columns) == 7
         return
-    with pytest.raises(bd.BeamdaeError, match=r"Solution: no column is called .*\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"Solution: no column has the name .*\.$"):
         run[name]
 
 

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 import beamdae as bd
 
 SUMMARIZED = pd.read_csv(SUMMARY)
-STORED = SUMMARIZED[~SUMMARIZED["setting"].str.startswith("modes")]
+STORED = SUMMARIZED[SUMMARIZED["setting"].isin(INTEGRATORS)]
 FLOORS = {case.name: case.floor for case in CASES}
 # Runs of beams take as long as all others.
 OF_BEAMS = ("moving load", "follower load")

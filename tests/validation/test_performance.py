@@ -39,6 +39,17 @@ def test_cost_of_small_sizes(tmp_path):
     assert list(scaling.slopes(lines, "beam", 2)["sizes"]) == ["2 to 4", "4 to 8", "from 2 on"]
     scaling.draw([(lines, "beam", "elements")], tmp_path / "scaling.png")
     assert scaling.measured(scaling.ring, 4, 1)["unknowns"] > 0
+    assert scaling.measured(scaling.exact, 4, 1)["unknowns"] > 0
+    assert set(scaling.motions(1, 2)["model"]) == {"exact", "beam"}
+
+
+def test_time_of_mechanisms_over_what_their_size_predicts(monkeypatch):
+    import mechanisms
+
+    monkeypatch.setattr(mechanisms, "STEPS", 200)
+    lines = mechanisms.compared(1)
+    assert list(lines["four-bar"]) == list(mechanisms.CASES)
+    assert (lines[["step [us]", "predicted [us]", "ratio by residual"]] > 0.0).all(axis=None)
 
 
 def test_errors_against_the_stored_reference(tmp_path):

@@ -1,4 +1,4 @@
-"""Natural frequencies with published or closed-form answers, none of them by this project."""
+"""Natural frequencies with published or closed-form answers, by both formulations of beams."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
+from benchmarks import mode_closed_forms as closed_forms
 
 Array = np.ndarray
+
+FORMULATIONS = {"elements": "floating frame", "exact elements": "exact"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +22,12 @@ class KnownModes:
 
     Attributes
     ----------
-    ours
-        Modes of the structure of so many elements -> the numbers of `known`.
     known
-        The published numbers, in order.
+        The numbers, in order.
     within
         Relative error that is to be met with these `elements`.
+    ours
+        Modes of the structure, of so many elements of a formulation -> the numbers of `known`.
     """
 
     name: str
@@ -32,15 +35,20 @@ class KnownModes:
     elements: int
     known: tuple[float, ...]
     within: float
-    ours: Callable[[int], Array]
+    ours: Callable[[int, str], Array]
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers."""
-        found = self.ours(self.elements)
+        """Those by both formulations."""
+        for label in FORMULATIONS:
+            yield from self.rows_by(label)
+
+    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
+        """A row for each of the numbers, by a formulation."""
+        found = self.ours(self.elements, FORMULATIONS[label])
         for k, (own, known) in enumerate(zip(found, self.known, strict=True)):
             yield {
                 "case": self.name,
-                "setting": f"modes, {self.elements} elements",
+                "setting": f"modes, {self.elements} {label}",
                 "quantity": "frequency",
                 "entry": k,
                 "published": f"{known:.12g}",
@@ -51,25 +59,33 @@ class KnownModes:
             }
 
 
-def ring(section: bd.Section, radius: float, elements: int) -> bd.Mechanism:
+def ring(
+    section: bd.Section, radius: float, elements: int, formulation: str = "floating frame"
+) -> bd.Mechanism:
     """Free ring of four welded beams."""
     mech = bd.Mechanism()
     circle = bd.Arc(radius=radius, length=2.0 * np.pi * radius)
-    bd.welded_beams(mech, "ring", circle, section, 4, closed=True, elements=elements // 4)
+    settings: dict[str, Any] = {"elements": elements // 4, "formulation": formulation}
+    bd.welded_beams(mech, "ring", circle, section, 4, closed=True, **settings)
     return mech
 
 
-def _ring_pairs(section: bd.Section, radius: float, count: int, elements: int) -> Array:
-    """Both frequencies [Hz] of each of the first wave numbers, the one that is farther off."""
-    found = bd.modes(ring(section, radius, elements), n=3 + 2 * count)
-    assert found.kinds[:3] == ("free motion",) * 3
-    return found.frequencies[4::2]
+def _rings(section: bd.Section, radius: float, waves: range) -> Callable[[int, str], Array]:
+    """Frequencies [Hz] of these numbers of waves, of each pair the one that is farther off."""
+
+    def ours(elements: int, formulation: str) -> Array:
+        found = bd.modes(ring(section, radius, elements, formulation), n=2 * waves[-1] + 1)
+        assert found.kinds[:3] == ("free motion",) * 3
+        return found.frequencies[[2 * n for n in waves]]
+
+    return ours
 
 
-def thin_ring(section: bd.Section, radius: float, n: Array) -> Array:
-    """w_n^2 = n^2 (n^2 - 1)^2 / (n^2 + 1) EI / (rho A R^4) in Hz (Love; Blevins 1979)."""
-    squares = n**2 * (n**2 - 1) ** 2 / (n**2 + 1) * section.EI / (section.rhoA * radius**4)
-    return np.sqrt(squares) / (2.0 * np.pi)
+_Form = Callable[[bd.Section, float, int], float]
+
+
+def _hertz(form: _Form, section: bd.Section, radius: float, waves: range) -> tuple[float, ...]:
+    return tuple(form(section, radius, n) / (2.0 * np.pi) for n in waves)
 
 
 def _round_steel() -> bd.Section:
@@ -89,42 +105,57 @@ def _thin() -> bd.Section:
     return bd.Section.rectangle(steel, width=0.01, height=1e-3)
 
 
-def _hinged_arch(elements: int) -> Array:
-    """Of 90 degrees, R sqrt(A / I) = 15, kG / E = 0.3: w L^2 sqrt(rho A / EI)."""
+def arch_section() -> bd.Section:
+    """Of R sqrt(A / I) = 15 with R = 1, kG / E = 0.3."""
     rubber = bd.Material(E=1e9, nu=0.3, rho=1000.0)
     shear = 0.3 * 2.0 * 1.3
-    section = bd.Section(rubber, area=1e-2, second_moment=1e-2 / 225.0, shear_coefficient=shear)
-    arc, mech = bd.Arc(radius=1.0, length=0.5 * np.pi, angle=-0.25 * np.pi), bd.Mechanism()
-    beam = mech.add(bd.Beam("arch", arc, section, elements=elements))
+    return bd.Section(rubber, area=1e-2, second_moment=1e-2 / 225.0, shear_coefficient=shear)
+
+
+def hinged_arch(elements: int, formulation: str) -> Array:
+    """Of 90 degrees, w L^2 sqrt(rho A / EI)."""
+    section, arc = arch_section(), bd.Arc(radius=1.0, length=0.5 * np.pi, angle=-0.25 * np.pi)
+    mech = bd.Mechanism()
+    settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
+    beam = mech.add(bd.Beam("arch", arc, section, **settings))
     for name, s, end in (("left", 0.0, beam.start), ("right", arc.length, beam.end)):
         mech.add(bd.Revolute(name, mech.ground.at(*arc.point(s)), end))
     found = bd.modes(mech, n=10).eigenvalues.imag
     return found * arc.length**2 * np.sqrt(section.rhoA / section.EI)
 
 
-def supported_beam(elements: int) -> bd.Mechanism:
-    """Thick straight beam on two hinges, of which one slides."""
+def square_rubber() -> bd.Section:
+    """A thick square."""
     nu, side = 0.3, 0.4
     rubber = bd.Material(E=1e9, nu=nu, rho=7850.0)
     shear = 10.0 * (1.0 + nu) / (12.0 + 11.0 * nu)
-    section = bd.Section(rubber, area=side**2, second_moment=side**4 / 12, shear_coefficient=shear)
+    return bd.Section(rubber, area=side**2, second_moment=side**4 / 12, shear_coefficient=shear)
+
+
+def supported_beam(elements: int, formulation: str = "floating frame") -> bd.Mechanism:
+    """Straight beam of 2 m on two hinges, of which one slides."""
     mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (2.0, 0.0)), section, elements=elements))
+    settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
+    line = bd.Line((0.0, 0.0), (2.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, square_rubber(), **settings))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), beam.end))
     return mech
 
 
-def _supported(elements: int) -> Array:
-    return bd.modes(supported_beam(elements), n=5).eigenvalues.imag
+def _supported(elements: int, formulation: str) -> Array:
+    return bd.modes(supported_beam(elements, formulation), n=5).eigenvalues.imag
 
 
-def rotating_arm(slenderness: float, elements: int) -> bd.Mechanism:
+def rotating_arm(
+    slenderness: float, elements: int, formulation: str = "floating frame"
+) -> bd.Mechanism:
     """Cantilever of unit length, rho A and EI, with L sqrt(A / I) = `slenderness`."""
     light = bd.Material(E=slenderness**2, nu=0.3, rho=1.0)
     section = bd.Section(light, area=1.0, second_moment=slenderness**-2)
     mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=elements))
+    settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
+    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), section, **settings))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
     return mech
 
@@ -144,61 +175,68 @@ WRIGHT = {
 }
 
 
-def _rotating(speed: float) -> Callable[[int], Array]:
+def _rotating(speed: float) -> Callable[[int, str], Array]:
     """Those in the plane: a thin arm there is softer by the square of the speed, w^2 - W^2."""
 
-    def ours(elements: int) -> Array:
-        found = bd.modes(rotating_arm(1e4, elements), about=bd.rotation(speed), n=3)
+    def ours(elements: int, formulation: str) -> Array:
+        arm = rotating_arm(1e4, elements, formulation)
+        found = bd.modes(arm, about=bd.rotation(speed), n=3)
         return np.sqrt(found.eigenvalues.imag**2 + speed**2)
 
     return ours
 
 
-_EISENBERGER = (
-    *(29.279900, 33.304919, 67.123516, 79.970812, 107.851105),
-    *(143.617539, 156.6656, 190.4771, 225.3612, 234.5235),
-)
+# w L^2 sqrt(rho A / EI), to the digits that are printed.
+EISENBERGER = (29.280, 33.305, 67.124, 79.971, 107.851, 143.618, 156.666, 190.477, 225.361, 234.524)
 KNOWN_MODES = (
     KnownModes(
         "free ring, thick",
-        "NAFEMS R0015 Test 6 (53.382, 150.99, 289.51 Hz by the formula of thin rings); with shear "
-        "and rotary inertia",
-        20,
-        (53.115955, 149.320108, 283.940167),
+        "NAFEMS R0015 Test 6, 53.382 and 150.99 Hz by the formula of thin rings; closed form with "
+        "stretch, shear and rotary inertia",
+        16,
+        _hertz(closed_forms.ring, _round_steel(), 1.0, range(2, 4)),
         1e-4,
-        lambda elements: _ring_pairs(_round_steel(), 1.0, 3, elements),
+        _rings(_round_steel(), 1.0, range(2, 4)),
+    ),
+    KnownModes(
+        "free ring, thick, four waves",
+        "NAFEMS R0015 Test 6, 289.51 Hz by the formula of thin rings; closed form as above",
+        20,
+        _hertz(closed_forms.ring, _round_steel(), 1.0, range(4, 5)),
+        1e-4,
+        _rings(_round_steel(), 1.0, range(4, 5)),
     ),
     KnownModes(
         "free ring, SDLL11",
-        "AFNOR SDLL11, Code_Aster V2.02.011 (318.36, 900.46 Hz by the formula of thin rings); with "
-        "shear and rotary inertia",
+        "AFNOR SDLL11, Code_Aster V2.02.011, 318.36 and 900.46 Hz by the formula of thin rings; "
+        "closed form with stretch, shear and rotary inertia",
         16,
-        (317.753143, 896.803020),
+        _hertz(closed_forms.ring, _sdll11(), 0.1, range(2, 4)),
         1e-4,
-        lambda elements: _ring_pairs(_sdll11(), 0.1, 2, elements),
+        _rings(_sdll11(), 0.1, range(2, 4)),
     ),
     KnownModes(
         "free ring, thin",
         "closed form: Love; Blevins 1979",
         16,
-        tuple(thin_ring(_thin(), 1.0, np.array([2.0, 3.0])).tolist()),
+        _hertz(closed_forms.thin_ring, _thin(), 1.0, range(2, 4)),
         1e-4,
-        lambda elements: _ring_pairs(_thin(), 1.0, 2, elements),
+        _rings(_thin(), 1.0, range(2, 4)),
     ),
     KnownModes(
         "hinged arch",
         "Eisenberger & Efraim, IJNME 52 (2001) 1221: circular, 90 degrees, shear flexible",
         24,
-        _EISENBERGER,
+        EISENBERGER,
         1e-4,
-        _hinged_arch,
+        hinged_arch,
     ),
     KnownModes(
         "supported beam",
         "closed form of Timoshenko; Nachbagauer et al. 2013, EXUDYN ANCFBeam3DeigTest.py "
         "(95.635645, 280.322475, 332.254249, 635.769143 rad/s of 256 elements)",
         16,
-        (95.633980881, 280.320625133, 332.234513637, 635.696288366, 840.961875398),
+        tuple(closed_forms.supported_beam(square_rubber(), 2.0, 5).tolist()),
         1e-6,
         _supported,
     ),

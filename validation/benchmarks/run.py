@@ -1,4 +1,4 @@
-"""Every integrator, and natural modes, against published and closed-form answers.
+"""Integrators, equilibria, modes, linear models, section forces, steady states: known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -19,12 +19,28 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
+from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
+from benchmarks.periodic_motions import KNOWN_PERIODIC
+from benchmarks.section_forces import KNOWN_SECTION_FORCES
+from benchmarks.spun_up import SPUN_UP
+from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
+# What gives rows of its own.
+FURTHER = (
+    *KNOWN_MODES,
+    *STEP_RESPONSES,
+    *KNOWN_RESTS,
+    *KNOWN_PATHS,
+    *KNOWN_SECTION_FORCES,
+    *KNOWN_PERIODIC,
+    *SPUN_UP,
+)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},
@@ -73,12 +89,12 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=[case.name for case in (*CASES, *KNOWN_MODES)])
+    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
     chosen = parser.parse_args().case
     cases = [case for case in CASES if chosen in (None, case.name)]
     found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
-    known = [case for case in KNOWN_MODES if chosen in (None, case.name)]
-    found += [row for case in known for row in case.rows()]
+    further = [case for case in FURTHER if chosen in (None, case.name)]
+    found += [row for case in further for row in case.rows()]
     table = pd.DataFrame(found, dtype=object)
     if chosen is None:
         table.to_csv(SUMMARY, index=False)

@@ -2,6 +2,7 @@
 
     python validation/performance/scaling.py --peer PYTHON    five minutes
     python validation/performance/scaling.py --quick          up to a quarter of the size
+    python validation/performance/scaling.py --exact          exact beams alone
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), beside which 256 elements are timed if
 it is there. Residual, iteration matrix, factorization and solution are those of generalized-alpha
@@ -28,7 +29,7 @@ import pandas as pd
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from pieces import PIECES, step_pieces
-from systems import beam, chain, ring
+from systems import beam, chain, exact, ring
 from tables import RESULTS, write
 from timing import integrated, taken
 from workers import Worker, exudyn
@@ -43,6 +44,9 @@ STEP = 1e-3
 # A run of the first steps is taken from one of more: what is left is steps alone.
 FIRST = 20
 BESIDE = 256
+# 2 s of motion of the hub beam by so many elements.
+LONG = 64
+INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Radau(1e-4), bd.Ida(1e-5))
 # With so many short elements Exudyn's iteration cannot leave less, from rounding.
 LEFT = 1e-4
 TIMES = (*(f"{piece} [us]" for piece in PIECES), "step [us]")
@@ -120,6 +124,28 @@ def beside(peer: Worker, turns: int, elements: int = BESIDE) -> pd.DataFrame:
     return lines
 
 
+@single_threaded
+def motions(turns: int, elements: int = LONG) -> pd.DataFrame:
+    """Integration of 2 s, of the exact beam and of one in a chord frame."""
+    lines, times = [], np.linspace(0.0, 2.0, 401)
+    for model in (exact, beam):
+        equations = bd.equations_of_motion(model(elements))
+        for integrator in INTEGRATORS:
+            runs = [integrated(equations, integrator, times) for _ in range(turns)]
+            line: dict[str, object] = {"model": model.__name__, "elements": elements}
+            line |= {"integrator": integrator.label, "steps": runs[0][1].statistics.steps}
+            lines.append(line | {"integration [s]": min(run[0] for run in runs)})
+    return pd.DataFrame(lines)
+
+
+def exacts(out: Path, sizes: Sequence[int], turns: int) -> None:
+    """The tables of exact beams."""
+    lines = pd.DataFrame([measured(exact, size, turns) for size in sizes])
+    write(out, "scaling_exact", lines)
+    write(out, "scaling_exact_slopes", slopes(lines, "exact", 32))
+    write(out, "motions_exact", motions(turns))
+
+
 def draw(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
     """Times over sizes, and a line of slope 1."""
     figure, axes = plt.subplots(1, len(tables), figsize=(5.0 * len(tables), 4.2), squeeze=False)
@@ -153,12 +179,16 @@ def main() -> None:
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--quick", action="store_true", help="up to a quarter of the size")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
+    parser.add_argument("--exact", action="store_true", help="exact beams alone")
     parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.peak:
         peak(options.peak)
         return
     last, turns = (-2, 3) if options.quick else (None, 5)
+    if options.exact:
+        exacts(options.out, ELEMENTS[:last], turns)
+        return
     # First of all: a process counts what the one had in use that started it.
     command = [sys.executable, __file__, "--peak", str(ELEMENTS[:last][-1])]
     print(subprocess.run(command, check=True, capture_output=True, text=True).stdout, flush=True)
@@ -169,6 +199,7 @@ def main() -> None:
     write(options.out, "scaling_beams", chains)
     write(options.out, "scaling_beams_slopes", slopes(chains, "chain", 8))
     write(options.out, "scaling_ring", pd.DataFrame([measured(ring, RING, turns)]))
+    exacts(options.out, ELEMENTS[:last], turns)
     peer = exudyn(options.peer)
     if peer is not None:
         with peer:

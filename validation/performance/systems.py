@@ -42,6 +42,11 @@ def beam(elements: int) -> bd.Mechanism:
     return exact_hub_beam(1, elements, 0.0)
 
 
+def exact(elements: int) -> bd.Mechanism:
+    """The hub beam without a floating frame."""
+    return hub_beam(elements=elements, formulation="exact")
+
+
 def chain(beams: int) -> bd.Mechanism:
     """A hanging chain of straight beams of 4 elements, hinged to each other."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

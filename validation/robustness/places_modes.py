@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import beamdae as bd
 from robustness.world import KNEE, Base, World, itself
@@ -23,14 +22,6 @@ def _turned(world: World) -> bd.Mechanism:
 def _pushed(world: World) -> bd.Mechanism:
     world.mech.add(bd.Force("push", world.bar.at(*KNEE), (0.0, 0.0)))
     return world.mech
-
-
-def _drawn(world: World) -> dict[str, Any]:
-    return {"modes": bd.modes(world.mech), "path": Path("modes.png"), "title": "modes"}
-
-
-def _followed(world: World, **given: Any) -> bd.Campbell:
-    return bd.campbell(_turned(world), [0.0, 1.0], **given)
 
 
 MODES: dict[str, Base] = {
@@ -80,13 +71,10 @@ MODES: dict[str, Base] = {
         itself,
         lambda w, frequencies: bd.linearize(_pushed(w)).frequency_response(frequencies),
     ),
-    "draw_modes": Base(_drawn, itself),
+    "draw_modes": Base(lambda w: {"modes": bd.modes(w.mech)}, itself),
     "animate_mode": Base(
-        lambda w: {"modes": bd.modes(w.mech), "mode": 1, "path": Path("mode.gif"), "frames": 2},
+        lambda w: {"modes": bd.modes(w.mech), "mode": 1, "path": Path("out/mode.gif"), "frames": 2},
         itself,
     ),
-    "draw_campbell": Base(
-        lambda w: {"found": _followed(w), "path": Path("campbell.png"), "title": "speeds"},
-        itself,
-    ),
+    "draw_campbell": Base(lambda w: {"found": bd.campbell(_turned(w), [0.0, 1.0])}, itself),
 }

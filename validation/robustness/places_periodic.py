@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import beamdae as bd
 from robustness.world import Base, World, itself
 
@@ -52,7 +54,7 @@ PERIODIC: dict[str, Base] = {
             "parameter": "frequency",
             "between": (100.0, 101.0),
             "period": lambda frequency: 1.0 / frequency,
-            "integrator": w.integrator,
+            "integrator": replace(w.integrator, time_limit=1.0),
             "step": 0.5,
             "longest_step": 1.0,
             "settle": 1,

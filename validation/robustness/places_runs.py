@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
 from robustness.places_modes import MODES
 from robustness.places_periodic import PERIODIC
+from robustness.places_statics import STATICS
 from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
@@ -99,14 +101,6 @@ def _listing(cases: Any) -> bd.Study:
     return bd.study(output_step=OUTPUT_STEP)(few)
 
 
-def _leaning(world: World) -> bd.Mechanism:
-    """The bar on a torsion spring, pushed aside."""
-    foot = world.mech.ground.at(0.0, 0.0)
-    world.mech.add(bd.TorsionSpring("spring", foot, world.bar.at(0.0, 0.0), 10.0))
-    world.mech.add(bd.Force("push", world.bar.at(*KNEE), (0.0, 1.0)))
-    return world.mech
-
-
 def _loaded(world: World, path: Any, name: Any) -> bd.Model:
     world.write_model()
     return bd.load_model(path, name)
@@ -155,28 +149,6 @@ MODELS: dict[str, Base] = {
         itself,
     ),
     "check": Base(lambda w: {"model": w.mech, "t_end": T_END, "predict": False}, itself),
-    "equilibrium": Base(
-        lambda w: {
-            "model": w.mech,
-            "loads": ["gravity"],
-            "to": [0.5, 1.0],
-            "control": "load",
-            "step": 0.5,
-            "switch": 0,
-            "most_points": 20,
-            "t": 0.0,
-            "start": {"bar.angle": -1.0},
-        },
-        lambda w, found: found.table(),
-    ),
-    "equilibrium displaced": Base(
-        lambda w: {"to": {"knee.x": 0.1}, "switch": 0},
-        lambda w, found: found.table(),
-        lambda w, **given: bd.equilibrium(_leaning(w), **given),
-    ),
-    "Equilibrium.at": Base(
-        lambda w: {"row": 0}, itself, lambda w, row: bd.equilibrium(w.mech).at(row)
-    ),
     "Equilibrium.to_csv": Base(
         lambda w: {"path": Path("path.csv")},
         itself,
@@ -257,33 +229,63 @@ RESULTS: dict[str, Base] = {
     ),
     "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
     "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
+    "load": Base(
+        lambda w: {"path": "run.beamdae", "model": w.mech},
+        itself,
+        lambda w, **given: _kept(w, **given),
+    ),
+    "Solution.save": Base(
+        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: _deep(w, w.solution.save, path)
+    ),
+    "Solution.difference": Base(
+        lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
+    ),
     "draw": Base(lambda w: {"mechanism": w.mech}, itself),
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
-        lambda w: {"solution": w.solution, "path": "run.gif", "speed": 1.0, "frames": 3}, itself
+        lambda w: {
+            "solution": w.solution,
+            "path": w.folder / "run.gif",
+            "speed": 1.0,
+            "frames": 3,
+        },
+        itself,
     ),
     "Solution.observe": Base(
-        lambda w: {"name": "knee", "what": w.bar.at(*KNEE)},
+        lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
         itself,
         lambda w, **given: w.solution.observe(**given),
     ),
-    "Solution[]": Base(lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]),
+    "Solution.__getitem__": Base(
+        lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]
+    ),
     "Solution.to_csv": Base(
         lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
     ),
 }
 
 
+def _kept(world: World, path: Any, model: Any) -> Any:
+    file = world.solution.save("run.beamdae")
+    try:
+        return bd.load(path, model)
+    finally:
+        file.unlink()
+
+
 def _written(world: World, path: Any, result: Any = None) -> None:
-    solution = world.solution if result is None else result
+    _deep(world, (world.solution if result is None else result).to_csv, path)
+
+
+def _deep(world: World, write: Callable[[Any], object], path: Any) -> None:
     # Relative paths may lead up.
     (world.folder / "deep").mkdir(parents=True)
     with chdir(world.folder / "deep"):
-        solution.to_csv(path)
+        write(path)
 
 
 BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
-BASES |= MODELS | INTEGRATING | RESULTS | STRESSES | PERIODIC | MODES
+BASES |= MODELS | INTEGRATING | RESULTS | STATICS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
@@ -299,6 +301,7 @@ NOT_CALLED = {
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
+    "SavedRun": "what load gives",
 }
 # Arguments users do not give.
 _TOLD = ("Solution", "Equilibrium", "SectionForces", "FrequencyResponse", "Modes", "LinearModel")

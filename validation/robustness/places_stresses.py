@@ -15,6 +15,13 @@ def _forces(world: World, **given: Any) -> bd.SectionForces:
     return solution.section_forces(**{"beam": beam, **given})
 
 
+def _resting(world: World) -> bd.Equilibrium:
+    """A beam that is held, under its weight."""
+    beam = world.beam
+    world.mech.add(bd.Weld("clamp", world.mech.ground.at(*beam.start.point), beam.start))
+    return bd.equilibrium(world.mech, loads=["gravity"], step=1.0)
+
+
 STRESSES: dict[str, Base] = {
     "Solution.section_forces": Base(
         lambda w: {"beam": "beam", "t": [0.0, OUTPUT_STEP], "s": [0.0, 0.5]},
@@ -25,6 +32,16 @@ STRESSES: dict[str, Base] = {
         lambda w: {"beam": "beam", "what": "M", "t": OUTPUT_STEP},
         itself,
         lambda w, **given: (w.beam, w.run())[1].diagram(**given),
+    ),
+    "Equilibrium.section_forces": Base(
+        lambda w: {"beam": "beam", "s": [0.0, 0.5]},
+        lambda w, forces: forces.table(),
+        lambda w, **given: _resting(w).section_forces(**given),
+    ),
+    "Equilibrium.diagram": Base(
+        lambda w: {"beam": "beam", "what": "M"},
+        itself,
+        lambda w, **given: _resting(w).diagram(**given),
     ),
     "SectionForces.stress": Base(
         lambda w: {"offset": "top"}, itself, lambda w, offset: _forces(w).stress(offset)

@@ -1,0 +1,88 @@
+"""`beamdae static`: what it writes and says of paths that reach their end and that do not."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+from typer.testing import CliRunner
+
+from beamdae.cli.commands import app
+
+TRUSS = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, load=1.0):
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
+    mech.add(bd.Force("press", crown.point, (0.0, -load)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+@bd.model(t_end=1.0)
+def falling():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
+    return mech
+"""
+
+
+@pytest.fixture
+def static(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("truss.py").write_text(TRUSS)
+
+    def call(*arguments, model="truss"):
+        return CliRunner().invoke(app, ["static", "truss.py", "--model", model, *arguments])
+
+    return call
+
+
+def told(name="truss"):
+    return json.loads(Path(f"results/{name}_static.json").read_text())
+
+
+def test_a_path_is_written_and_told(static):
+    found = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
+    assert found.exit_code == 0, found.output
+    assert "limit point at 3.019147, crown.y moves most; limit point at -3.019147" in found.stdout
+    assert "equilibrium      stable" in found.stdout
+    table = pd.read_csv("results/truss_static.csv")
+    assert table["crown.y [m]"].iloc[-1] == -0.25
+    assert 0.0 in table["crown.y [m]"].to_numpy()
+    assert told()["critical points"][0]["kind"] == "limit point"
+    picture = imread("results/truss_static.png")
+    assert picture.std() > 0.01
+
+
+def test_a_path_that_ends_early_is_written_and_why(static):
+    found = static("--to", "4")
+    assert found.exit_code == 1
+    assert "failed: " in found.stderr
+    assert "the last load factor that converged is 3.019" in found.stderr
+    assert told()["status"] == "failed"
+    assert set(pd.read_csv("results/truss_static.csv")["status"]) == {"failed"}
+    assert Path("results/truss_static.png").exists()
+
+
+def test_branches_are_gone_to_one_after_the_other(static):
+    arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
+    once = static(*arguments, "--switch", "1")
+    assert once.exit_code == 1
+    assert "the path is closed" in once.stderr
+    twice = static(*arguments, "--switch", "1", "--switch", "1")
+    assert twice.exit_code == 0, twice.output
+    assert told()["settings"]["switch"] == [1, 1]
+
+
+def test_what_falls_without_end_is_told(static):
+    found = static(model="falling")
+    assert found.exit_code == 1
+    assert "stone.y: no equilibrium was found, this coordinate moves without end" in found.stderr
+    assert told("falling")["load factor"] == 0.0

@@ -1,0 +1,125 @@
+"""Laws of runs of random mechanisms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from random import Random
+
+import numpy as np
+from hypothesis import assume
+from properties.drawings import Drawing
+from properties.mechanics import State
+from properties.states import built
+
+import beamdae as bd
+
+T_END, RTOL = 0.5, 1e-4
+# What takes longer is not for tests: it is left out.
+LIMITS = {"max_steps": 4000, "time_limit": 10.0}
+METHODS = (
+    bd.Ida(RTOL, **LIMITS),
+    bd.Radau(RTOL, **LIMITS),
+    bd.GeneralizedAlpha(rtol=RTOL, **LIMITS),
+)
+
+
+def observed(drawing: Drawing) -> bd.Mechanism:
+    """Built, with a far point of each body to look at."""
+    mech = drawing.mechanism()
+    for body in drawing.bodies:
+        part = mech.part(body.name)
+        if body.kind == "particle":
+            place = part.point
+        else:
+            place = part.end if body.is_beam else part.at(*body.point(1.0))
+        mech.observe(body.name, place)
+    return mech
+
+
+def places(solution: bd.Solution) -> dict[str, np.ndarray]:
+    """Columns of positions and angles."""
+    own = ("x", "y", "angle")
+    return {k: c for k, c in solution.columns.items() if k.split(".")[-1].split(" ")[0] in own}
+
+
+def apart(one: bd.Solution, other: bd.Solution) -> float:
+    """Largest difference of a column, over half its range, or over a share of the widest one."""
+    here, there = places(one), places(other)
+    half = {name: 0.5 * np.ptp(column) for name, column in there.items()}
+    widest = max(half.values())
+    worst = 0.0
+    for name, column in there.items():
+        size = max(half[name], 1e-2 * widest, 1e-9)
+        worst = max(worst, float(np.max(np.abs(here[name] - column)) / size))
+    return worst
+
+
+class Motion:
+    """A run that can be trusted, of a motion that can be foretold."""
+
+    def __init__(self, drawing: Drawing) -> None:
+        self.mech = observed(drawing)
+        built(drawing)
+        self.run = bd.simulate(self.mech, bd.Radau(1e-3 * RTOL, **LIMITS), T_END)
+        # A drive can be led beyond what a linkage reaches.
+        assume(self.run.status.success)
+        assume(not self.run.singular_positions)
+        assume(self.growth() < 100.0)
+
+    def growth(self) -> float:
+        """How many times a small push at the start has grown, of all that moves."""
+        e = self.run.equations
+        rng = np.random.default_rng(0)
+        v0 = self.run.v[0] + RTOL * np.max(np.abs(self.run.v / e.position_scales)) * (
+            e.position_scales * rng.standard_normal(e.n)
+        )
+        pushed = replace(e, v0=v0)
+        other = bd.simulate(pushed, bd.Radau(1e-3 * RTOL, **LIMITS), T_END)
+        return apart(other, self.run) / RTOL if other.status.success else np.inf
+
+
+def integrators_agree_and_keep_the_books(drawing: Drawing, rng: Random) -> None:
+    motion = Motion(drawing)
+    assert motion.run.quality.energy_imbalance <= RTOL
+    for method in METHODS:
+        run = bd.simulate(motion.mech, method, T_END)
+        assert run.status.success, f"{method.method}: {run.status.sentence}"
+        off = apart(run, motion.run) / RTOL
+        assert off <= 100.0, f"{method.method}: off by {off:.0f} rtol"
+        imbalance = run.quality.energy_imbalance / RTOL
+        assert imbalance <= 100.0, f"{method.method}: energy off by {imbalance:.0f} rtol"
+
+
+def free_systems_keep_their_momentum(drawing: Drawing, rng: Random) -> None:
+    """Implicit methods keep linear momentum to rounding, that of a turn to their tolerance."""
+    motion = Motion(drawing)
+    state = State(motion.mech)
+    for method in METHODS:
+        run = bd.simulate(motion.mech, method, T_END)
+        assert run.status.success, f"{method.method}: {run.status.sentence}"
+        rows = range(0, len(run.t), 50)
+        momentum = np.array([state.momentum(run.q[k], run.v[k]) for k in rows])
+        size = max(np.sum(np.abs(state.mass(q=run.q[k]) @ run.v[k])) for k in rows)
+        off = np.max(np.abs(momentum - momentum[0])) / size / RTOL
+        assert off <= 10.0, f"{method.method}: off by {off:.2g} rtol"
+
+
+def going_on_is_going_straight_on(drawing: Drawing, rng: Random) -> None:
+    motion = Motion(drawing)
+    method, row = rng.choice(METHODS), 1e-3 * T_END
+    first = bd.simulate(motion.mech, method, rng.choice(range(200, 800)) * row, row)
+    later = bd.simulate(motion.mech, method, T_END, row, start=first)
+    for run in (first, later):
+        assert run.status.success, f"{method.method}: {run.status.sentence}"
+    assert later.t[0] == first.trajectory.end
+    whole = first.followed_by(later)
+    off = apart(whole, motion.run) / RTOL
+    assert off <= 100.0, f"{method.method}: off by {off:.0f} rtol"
+    assert whole.quality.energy_imbalance <= 100.0 * RTOL
+
+
+RUN_LAWS = {
+    "integrators": (integrators_agree_and_keep_the_books, {"damped": True}),
+    "momentum of runs": (free_systems_keep_their_momentum, {"damped": True, "free": True}),
+    "going on": (going_on_is_going_straight_on, {"damped": True}),
+}

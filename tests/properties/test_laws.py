@@ -1,0 +1,67 @@
+"""Random mechanisms keep the laws of mechanics, and results do not hang on how they are drawn."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import HealthCheck, given, note, settings
+from hypothesis import strategies as st
+from properties.drawings import BUILDERS
+from properties.random_drawings import draw
+from properties.rests import REST_LAWS
+from properties.runs import RUN_LAWS
+from properties.states import STATE_LAWS
+
+import beamdae as bd
+
+LAWS = STATE_LAWS | REST_LAWS | RUN_LAWS
+# Of all that are drawn, half are of no use: they contradict themselves, fall without end, or lock.
+DRAWN = {"suppress_health_check": list(HealthCheck), "database": None}
+
+
+def tried(name, data):
+    """One drawing, by its law."""
+    law, options = LAWS[name]
+    rng = data.draw(st.randoms(use_true_random=False))
+    drawing = draw(rng, **options)
+    note(repr(drawing))
+    law(drawing, rng)
+
+
+@pytest.mark.parametrize("name", STATE_LAWS)
+@settings(max_examples=2, **DRAWN)
+@given(data=st.data())
+def test_law_of_states(name, data):
+    tried(name, data)
+
+
+@pytest.mark.slow(reason="many examples")
+@pytest.mark.parametrize("name", STATE_LAWS)
+@settings(max_examples=40, **DRAWN)
+@given(data=st.data())
+def test_law_of_many_states(name, data):
+    tried(name, data)
+
+
+@pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
+@pytest.mark.parametrize("name", REST_LAWS | RUN_LAWS)
+@settings(max_examples=8, **DRAWN)
+@given(data=st.data())
+def test_law_of_many_runs(name, data):
+    tried(name, data)
+
+
+def test_every_part_is_drawn():
+    """Damper and TorsionDamper are what springs with dampers are without stiffness, and so on."""
+    known = {getattr(bd, name) for name in dir(bd)}
+    parts = {one for one in known if isinstance(one, type) and issubclass(one, bd.Part)}
+    kinds, drawn = set(), {bd.Part, bd.Spring, bd.Damper, bd.TorsionDamper}
+    for seed in range(400):
+        drawing = draw(Random(seed))
+        own = {piece.kind for piece in (*drawing.bodies, *drawing.pieces)}
+        if not own <= kinds:
+            kinds |= own
+            drawn |= {type(part) for part in drawing.mechanism().parts.values()}
+    assert drawn >= parts
+    assert {*BUILDERS, "bar", "disk", "beam", "particle"} <= kinds

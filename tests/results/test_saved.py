@@ -1,0 +1,190 @@
+"""Runs in files and in other processes, and runs against each other."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import beamdae as bd
+
+
+def bouncing(law=9.81):
+    """A ball that is caught on its way down: events, switched joints."""
+    mech = bd.Mechanism(gravity=(0.0, -law))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
+    mech.add(bd.Force("push", ball.point, (0.0, lambda t: 0.2 * t)))
+    hold = mech.add(bd.Revolute("hold", mech.ground.at(0.0, 0.3), ball.point))
+    mech.deactivate(hold)
+    mech.observe("ball", ball.point)
+    mech.observe("push", hold.reaction)
+    mech.when("ball.y", 0.1, "down", do=bd.activate(hold, as_is=True), name="caught")
+    return mech
+
+
+@pytest.fixture(scope="module")
+def run():
+    found = bd.simulate(bouncing(), bd.Radau(1e-6), t_end=0.4, output_step=0.01)
+    assert [one.name for one in found.occurred] == ["caught"]
+    return found
+
+
+def assert_same(found, run):
+    assert (found.status, found.statistics) == (run.status, run.statistics)
+    assert list(found.table()) == list(run.table())
+    # The same numbers through the same functions.
+    assert_array_equal(found.table(), run.table())
+    assert_array_equal(found.coordinates(), run.coordinates())
+    assert found.summary() == run.summary()
+    assert found.warnings == run.warnings
+
+
+def assert_whole(found, run):
+    assert_same(found, run)
+    times = np.linspace(0.0, 0.4, 77)
+    assert_array_equal(found.at_times(times).q, run.at_times(times).q)
+    assert found.events.equals(run.events)
+    assert found.beside() == run.beside()
+
+
+def test_a_file_has_the_tables_of_a_run(run, tmp_path):
+    path = run.save(tmp_path / "new" / "ball.run")
+    found = bd.load(path)
+    assert_same(found, run)
+    assert found.label == run.label
+    assert repr(found) == (
+        "<SavedRun by Radau(rtol=1e-06): ok, reached the end; t = 0 to 0.4 s in 41 rows; "
+        "from ball.run>"
+    )
+    assert_array_equal(found["ball.y"], run["ball.y"])
+    found.to_csv(tmp_path / "again.csv")
+    run.to_csv(tmp_path / "first.csv")
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "first.csv").read_text()
+    told = json.loads((tmp_path / "again.json").read_text())
+    assert told["status"] == "ok"
+    assert bd.plot([found, run], "ball.y").figure.axes[0].lines
+
+
+def test_with_its_model_a_file_has_all_of_a_run(run, tmp_path):
+    assert_whole(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
+
+
+def test_a_run_goes_to_other_processes_and_back(run):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        there = pool.submit(repr, run).result()
+    assert there == repr(run)
+    found = pickle.loads(pickle.dumps(run))
+    assert found.label == run.label
+    assert_whole(found, run)
+    seen = run.observe("height", run.equations.mechanism.parts["ball"].point)
+    assert_array_equal(pickle.loads(pickle.dumps(seen))["height"], seen["height"])
+
+
+def test_a_start_that_was_given_comes_back(tmp_path):
+    mech = bd.Mechanism(start={"bob.angle": 0.3})
+    bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    run = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01)
+    found = bd.load(run.save(tmp_path / "a.run"), mech)
+    assert found.start == run.start
+    assert "0.3" in found.start.asked
+
+
+def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
+    import casadi as ca
+
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
+    run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
+    found = bd.load(run.save(tmp_path / "a.run"), system)
+    assert_array_equal(found.q, run.q)
+    with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; take solution\.save"):
+        pickle.dumps(run)
+
+
+def test_an_unfinished_run_is_kept_as_it_is(tmp_path):
+    mech = bouncing()
+    run = bd.simulate(mech, bd.Radau(1e-6, max_steps=5), t_end=0.4)
+    assert not run.status.success
+    path = run.save(tmp_path / "a.run")
+    assert bd.load(path).status == bd.load(path, mech).status == run.status
+
+
+def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
+    path = run.save(tmp_path / "a.run")
+    with pytest.raises(bd.BeamdaeError, match="it is a run of another model"):
+        bd.load(path, bouncing(9.82))
+    with pytest.raises(bd.BeamdaeError, match=r"b\.run: it cannot be read, No such file"):
+        bd.load(tmp_path / "b.run")
+    content = path.read_bytes()
+    for wrong in (content[:2000], b"", b"PK", b"t,x\n1,2\n", b"\x93NUMPY"):
+        path.write_bytes(wrong)
+        with pytest.raises(bd.BeamdaeError, match=r"a\.run: it is no saved run of version 1"):
+            bd.load(path)
+    with open(path, "wb") as file:
+        np.savez(file, told=np.frombuffer(b'{"format": "beamdae run"}', np.uint8))
+    with pytest.raises(bd.BeamdaeError, match="it is no saved run of version 1"):
+        bd.load(path)
+    with open(path, "wb") as file:
+        told = b'{"format": "beamdae run", "version": 1}'
+        np.savez(file, told=np.frombuffer(told, np.uint8))
+    with pytest.raises(bd.BeamdaeError, match="the saved run is damaged"):
+        bd.load(path)
+    with pytest.raises(bd.BeamdaeError, match="save: path must be that of a file, got 3"):
+        run.save(3)
+
+
+def test_nothing_in_a_file_is_executed(tmp_path):
+    path = tmp_path / "a.run"
+    with open(path, "wb") as file:
+        np.savez(file, told=np.array([{"format": "beamdae run"}], dtype=object))
+    with pytest.raises(bd.BeamdaeError, match="it is no saved run"):
+        bd.load(path)
+
+
+def falling(t_end, method, step=0.01):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    return bd.simulate(mech, method, t_end, step)
+
+
+def test_runs_are_subtracted_as_far_as_both_go(tmp_path):
+    long = falling(1.0, bd.Radau(1e-8))
+    short = falling(0.5, bd.GeneralizedAlpha(step=1e-3), 0.003)
+    found = long.difference(short)
+    assert list(found) == list(long.columns)
+    assert found.index.name == "t [s]"
+    assert_allclose(found.index[[0, -1]], [0.0, 0.5])
+    # Constant acceleration is exact in both methods.
+    assert_allclose(found["ball.y [m]"], 0.0, atol=1e-9)
+    assert_allclose(short.difference(long, "ball")["ball.y [m]"], 0.0, atol=1e-9)
+    kept = bd.load(short.save(tmp_path / "short.run"))
+    assert_allclose(kept.difference(long, "ball.y"), 0.0, atol=1e-9)
+    with pytest.raises(bd.BeamdaeError, match=r"short\.run has no rows at some of the times"):
+        long.difference(kept)
+    assert_array_equal(short.difference(kept), 0.0)
+
+
+def test_what_cannot_be_subtracted_is_told(run):
+    fall = falling(0.3, bd.Radau(1e-3))
+    with pytest.raises(bd.BeamdaeError, match="other must be a solution, got 'a'"):
+        run.difference("a")
+    with pytest.raises(bd.BeamdaeError, match=r"only one of the runs has the column 'push\.F"):
+        run.difference(fall, "push")
+    late = bd.simulate(fall.equations, bd.Radau(1e-3), 0.6, start=fall)
+    early = falling(0.2, bd.Radau(1e-3))
+    with pytest.raises(bd.BeamdaeError, match=r"no time in common, one is from 0\.3 to 0\.6 s"):
+        late.difference(early)
+
+
+def test_parquet_holds_the_table(run, tmp_path):
+    import pandas as pd
+
+    found = pd.read_parquet(run.to_parquet(tmp_path / "run.parquet"))
+    pd.testing.assert_frame_equal(found, run.table())

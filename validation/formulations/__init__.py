@@ -1,0 +1,1 @@
+"""What each formulation of a beam converges to, and how fast."""
