@@ -256,3 +256,10 @@ def test_refusals(make, message):
     beam = mech.add(CHORD.beam(ARC))
     with pytest.raises(bd.BeamdaeError, match=message):
         make(disk, beam)
+
+
+def test_a_beam_of_too_many_elements_is_refused():
+    mech, *_ = rotating(1e9, elements=32)
+    assert "slide" in mech.parts
+    with pytest.raises(bd.BeamdaeError, match="at most 32 elements, rod has 33"):
+        rotating(1e9, elements=33)
