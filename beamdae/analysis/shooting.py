@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.monodromy import Linearized
 from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import first_order
+from beamdae.equations.formulations import State, first_order
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
@@ -21,8 +21,9 @@ Array = np.ndarray
 
 _ROWS = 201
 _TURN = 2.0 * np.pi
-# Over the largest force or gap: what does not come back to it after a period does not repeat.
-_REPEATS = 1e-6
+# Over the largest force, and over the size of the mechanism or a radian: what does not come back to
+# it after a period does not repeat; it is looked at so many times.
+_REPEATS, _LOOKED_AT = 1e-6, 11
 
 
 class UnfinishedError(BeamdaeError):
@@ -95,25 +96,27 @@ class Flow:
         e = self.equations
         form = first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
-        t = np.linspace(interval.t[0], interval.t[-1], 7)[1:-1]
-        state = interval.at(t)
-        turns = self.turns(solution)
-        for k, now in enumerate(t):
-            y, yp = form.pack(type(state)(*(x[k] for x in state)))
-            later = y.copy()
-            later[: e.n] += turns
-            at = now + self.period
-            first = form.residual(np.array([now, interval.branch]), y, yp)
-            again = form.residual(np.array([at, at]), later, yp)
-            off, still = np.abs(again - first), np.zeros_like(yp)
-            size = np.max(np.abs(form.residual(np.array([now, now]), y, still)), initial=1.0)
-            worst = int(np.argmax(off))
-            if off[worst] > _REPEATS * size:
-                raise BeamdaeError(
-                    f"{form.names[worst % len(form.names)]}: what acts on it at t = {now:.6g} s "
-                    f"is not the same a period of {self.period:g} s later, give the period of "
-                    "loads and drivers."
-                )
+        times = np.linspace(interval.t[0], interval.t[-1], _LOOKED_AT + 2)[1:-1]
+        state = interval.at(times)
+        later = np.zeros(form.size)
+        later[: e.n] = self.turns(solution)
+        off, forces = np.zeros((_LOOKED_AT, form.size)), 0.0
+        for k, t in enumerate(times.tolist()):
+            y, yp = form.pack(State(*(x[k] for x in state)))
+            now, then = np.array([t, interval.branch]), np.full(2, t + self.period)
+            off[k] = np.abs(form.residual(then, y + later, yp) - form.residual(now, y, yp))
+            still = form.residual(now, y, np.zeros_like(yp))
+            forces = max(forces, float(np.max(np.abs(still[e.n : 2 * e.n]))))
+        sizes = np.full(form.size, min(1.0, e.length))
+        sizes[e.n : 2 * e.n] = forces
+        row, worst = map(int, np.unravel_index(np.argmax(off - _REPEATS * sizes), off.shape))
+        if off[row, worst] > _REPEATS * sizes[worst]:
+            # Forces are the rows of velocities.
+            name = form.names[worst].removeprefix("velocity of ")
+            raise BeamdaeError(
+                f"{name}: what acts on it at t = {times[row]:.6g} s is not the same a period of "
+                f"{self.period:g} s later, give the period of loads and drivers."
+            )
 
     def turns(self, solution: Solution) -> Array:
         """Whole turns that angles make in a period, (n,)."""

@@ -84,7 +84,9 @@ def test_all_integrators_agree(name):
 
 def test_what_is_wrong_is_said():
     swing = oscillator(bd.sine(1.0, 0.5))
-    with pytest.raises(bd.BeamdaeError, match=r"mass\.x.*not the same a period of 3 s later"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^mass\.x: what acts on it.*not the same a period of 3 s later"
+    ):
         bd.periodic(swing, 3.0)
     swing.when("mass.x", crosses=1.0, do="stop")
     with pytest.raises(bd.BeamdaeError, match="events must not stop a run"):
@@ -115,6 +117,7 @@ def test_what_is_not_found_is_a_result_with_a_reason():
         )
     assert (response.points, response.folds, response.peaks("mass.x [m]")) == ((), [], [])
     assert response.table().empty
+    assert not response.plot("mass.x [m]").figure.axes[0].lines
 
 
 @bd.model(t_end=1.0)
@@ -187,6 +190,17 @@ def test_response_of_duffing_s_oscillator_past_both_folds():
         # A period may miss 1e-6 of its motion.
         np.testing.assert_allclose(x, known, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
+    lines = response.plot("mass.x [m]").figure.axes[0].lines
+    # Up, back between the folds, on; and the peak.
+    assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
     known = [fold(response.points[k].parameter, sampled(response.points[k]) - 1.0) for k in turns]
-    # Of parabolas through three points each.
-    np.testing.assert_allclose(response.folds, known, rtol=2e-4)
+    # Of parabolas through three points each, as far apart as a fifth of the range.
+    np.testing.assert_allclose(response.folds, known, rtol=1e-3)
+
+
+@pytest.mark.parametrize("small", [1e-6, 1e6])
+def test_forces_may_be_of_any_size(small):
+    system = oscillator(bd.sine(small, 0.5), stiffness=small * STIFFNESS)
+    with pytest.raises(bd.BeamdaeError, match="not the same a period of 3 s later"):
+        bd.periodic(system, 3.0, settle=0)
+    assert bd.periodic(system, 2.0, settle=0).status.success

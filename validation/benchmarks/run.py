@@ -1,4 +1,4 @@
-"""Every integrator, equilibria, natural modes and linear models against known answers.
+"""Integrators, equilibria, modes, linear models, section forces, steady states: known answers.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
@@ -24,13 +24,24 @@ from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
 from benchmarks.equilibria import KNOWN_PATHS
 from benchmarks.mechanism_cases import MECHANISM_CASES
 from benchmarks.modes import KNOWN_MODES
+from benchmarks.periodic_motions import KNOWN_PERIODIC
+from benchmarks.section_forces import KNOWN_SECTION_FORCES
 from benchmarks.spun_up import SPUN_UP
 from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
 # What gives rows of its own.
-FURTHER = (*KNOWN_MODES, *STEP_RESPONSES, *KNOWN_RESTS, *KNOWN_PATHS, *SPUN_UP)
+FURTHER = (
+    *KNOWN_MODES,
+    *STEP_RESPONSES,
+    *KNOWN_RESTS,
+    *KNOWN_PATHS,
+    *SPUN_UP,
+    *KNOWN_SECTION_FORCES,
+    *KNOWN_PERIODIC,
+    *SPUN_UP,
+)
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
     **{f"Ida rtol {rtol:g}": bd.Ida(rtol) for rtol in RTOLS},

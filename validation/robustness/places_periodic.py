@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import beamdae as bd
 from robustness.world import Base, World, itself
 
@@ -52,7 +54,7 @@ PERIODIC: dict[str, Base] = {
             "parameter": "frequency",
             "between": (100.0, 101.0),
             "period": lambda frequency: 1.0 / frequency,
-            "integrator": w.integrator,
+            "integrator": replace(w.integrator, time_limit=1.0),
             "step": 0.5,
             "longest_step": 1.0,
             "settle": 1,
@@ -61,6 +63,13 @@ PERIODIC: dict[str, Base] = {
             "begin": 0.0,
         },
         lambda w, response: response.table(),
+    ),
+    "FrequencyResponse.plot": Base(
+        lambda w: {"column": "bob.x [m]"},
+        itself,
+        lambda w, column: bd.frequency_response(
+            _family(w), "frequency", (100.0, 101.0), step=0.5, settle=1
+        ).plot(column),
     ),
     "FrequencyResponse.peaks": Base(
         lambda w: {"column": "bob.x [m]"},
