@@ -13,7 +13,6 @@ from properties.states import built, frames
 
 import beamdae as bd
 
-
 # What is said of what does not come to rest, or where joints leave that open.
 NOWHERE = ("no equilibrium was found", "holds velocities alone")
 
