@@ -217,6 +217,8 @@ def _crossing(corrector: Corrector, norm: Norm, at: Point, index: int, own: Way)
     Both lie in the plane of the mode that is lost and of where the load leads besides; what is at
     right angles to `own` there is near enough for Newton's method.
     """
+    if not len(at.stability.values):
+        raise StepError("paths that cross are not told apart where loads have no potential")
     mode = np.zeros_like(at.x)
     mode[: len(norm.scale)] = at.stability.mode(index)
     lost = Way(mode, 0.0)

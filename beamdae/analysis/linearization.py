@@ -34,6 +34,8 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 REFERENCE = "reference"
+# What Newton's method leaves of a load factor of one.
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,8 @@ def _on_the_path(model: Any, path: Equilibrium) -> Linearization:
     whole = path.starting().starting(as_equations(model, AS_DRAWN))
     loading = loading_of(model, whole, [list(stage) for stage in path.loads] or None, path.t)
     factors = path.factors[-1].tolist() or [1.0]
-    stage = next((k for k, x in enumerate(factors) if x != 1.0), len(factors) - 1)
+    parts = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _WHOLE)
+    stage = next(parts, len(factors) - 1)
     system = loading.systems[stage]
     own, time = replace(system.equations, q0=whole.q0, v0=whole.v0), system.under.time
     found = at_rest(own, time, lambda state: system.tangent_of_motion(state, factors[stage]))

@@ -132,7 +132,9 @@ class LoadedEquations:
         if not self.is_scaled:
             return under, np.zeros_like(under)
         without = self.without.residual(x[:n], x[n:])
-        return (1.0 - mu) * without + mu * under, under - without
+        # Where a load is small to a large factor what it does not change is left as it is.
+        change = under - without
+        return without + mu * change, change
 
     def tangent(self, x: Array, mu: float) -> Array:
         """Non-zeros of the derivative of the residual by x on `pattern`."""
@@ -141,8 +143,9 @@ class LoadedEquations:
         found = np.zeros(both.nnz)
         found[at_under] = self.under.tangent(x[:n], x[n:])
         if self.is_scaled:
-            found *= mu
-            found[at_without] += (1.0 - mu) * self.without.tangent(x[:n], x[n:])
+            without = np.zeros(both.nnz)
+            without[at_without] = self.without.tangent(x[:n], x[n:])
+            found = without + mu * (found - without)
         return found
 
     def tangent_of_motion(self, state: State, mu: float) -> Tangent:

@@ -14,8 +14,9 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Steps that keep Newton's iteration near the joints, in the natural sizes of coordinates.
-_APPROACH = 0.2
+# Steps that keep Newton's iteration near the joints, in the natural sizes of coordinates; of what
+# went further than its size, in that way, for so many sizes.
+_APPROACH, _FURTHER = 0.2, 1e4
 # Pseudo-time squared [s^2] of the way to equilibrium: where it begins, ends, and its growth.
 _FIRST, _LAST, _GROWTH = 1e-4, 1e8, 4.0
 _STEADY, _MOST_STEPS = 1e-10, 400
@@ -53,6 +54,7 @@ def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
     """
     e, time = static.equations, static.time
     starter, n, scale = Starter(e), e.n, e.position_scales
+    turns = np.array([coordinate.unit == "rad" for coordinate in e.coordinates])
     begin = starter.state(time, q, np.zeros(n))
     q, lam, square = begin.q, begin.lam, _FIRST
     for _ in range(_MOST_STEPS):
@@ -63,7 +65,8 @@ def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
             change = -splu(matrix).solve(static.residual(q, lam))
         except RuntimeError:
             change = np.full(n + e.m, np.nan)
-        far = float(np.max(np.abs(change[:n]) / scale))
+        way = np.where(turns, 0.0, np.minimum(np.abs(q - begin.q), _FURTHER * scale))
+        far = float(np.max(np.abs(change[:n]) / (scale + way)))
         if not far <= _APPROACH:
             square /= _GROWTH
             if square < 1e-30:

@@ -13,7 +13,7 @@ from sksundae.ida import IDA
 
 from beamdae.equations.formulations import FirstOrder
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.ida_loop import NO_ADVANCE, Newton, preconditioned, setup
+from beamdae.integrators.ida_loop import NO_ADVANCE, Newton, preconditioned, setup, stop_after
 from beamdae.integrators.looping import Matrix
 from beamdae.integrators.silence import silent
 from beamdae.native.codes import DONE
@@ -144,6 +144,7 @@ class WrappedIda:
         """Begin anew, for steps from the start to the end of a span, the first one of a length."""
         self._called.restart(branch)
         self._t, self._end = span
+        self._stop = self._end
         self._solver = _solver(self._called, self._form.size, first_step=first, **self._options)
         self._solver.init_step(self._t, y, yp)
         self.code = DONE
@@ -152,13 +153,14 @@ class WrappedIda:
         """One row, or none."""
         with silent:
             # SUNDIALS prints its errors; the status says them.
-            result = self._solver.step(self._end, "onestep", self._end)
+            result = self._solver.step(self._end, "onestep", self._stop)
         self._y, self._yp = result.y, result.yp
         self.code = DONE if result.t > self._t else NO_ADVANCE
         if not result.success:
             self.code = int(result.status)
         if self.code != DONE:
             return np.zeros((0, 0))
+        self._stop = stop_after(self._t, result.t, self._end)
         self._t = result.t
         self._called.accepted += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]

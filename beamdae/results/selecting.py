@@ -29,7 +29,7 @@ def selected(headers: Iterable[str], name: Any, of: str = "Solution") -> list[st
     every = list(headers)
     bare = [header.rpartition(" [")[0] for header in every]
     whole = [Header.of(header).name for header in every]
-    for names in (every, bare, whole):
+    for names in (every, bare, whole) if isinstance(name, str) else ():
         found = [header for header, own in zip(every, names, strict=True) if own == name]
         if found:
             return found

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.systems import knife_edge
 from equations.test_own_rows import GRAVITY, MASS, body_with
 from governor import governor
 from numpy.testing import assert_allclose
@@ -118,3 +119,13 @@ def test_regression_errors_of_what_turns_do_not_go_to_what_hardly_moves(formulat
     counts = bd.simulate(mech, bd.Ida(1e-3, formulation=formulation), 0.6).statistics
     assert counts.rejected_steps < 0.05 * counts.steps
     assert counts.jacobian_calls < 0.1 * counts.steps
+
+
+def test_regression_a_run_does_not_end_with_a_sliver_of_a_step():
+    """A last step of 1e-4 of the one before left the reaction off by a fifth of its size."""
+    model = knife_edge()
+    for rtol in np.geomspace(1e-5, 1e-3, 9):
+        solution = bd.simulate(model, bd.Ida(rtol, formulation="index2"), 4.0)
+        steps = np.diff(solution.trajectory.intervals[-1].t)
+        # One that the controller shortened comes before one that is as long as it is let.
+        assert steps[-1] > 0.25 * steps[-2]

@@ -20,14 +20,12 @@ _NODES = {1: 4.0 / 5.0, 2: -1.0 / 5.0, 3: 4.0 / 105.0, 4: -1.0 / 280.0}
 
 
 class State(Numeric):
-    """A mechanism in its consistent start, or beside the drawing by `aside` of its size."""
+    """A mechanism in its consistent start."""
 
-    def __init__(self, mechanism: bd.Mechanism, aside: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, mechanism: bd.Mechanism) -> None:
         super().__init__(mechanism, time=(0.0, 1e-3))
         e = self.equations
-        way = aside * np.random.default_rng(seed).standard_normal(e.n) * e.position_scales
-        found = Starter(e).state(self.time, e.q0 + way, e.v0)
-        self.q, self.v, self.a, self.lam = found
+        self.q, self.v, self.a, self.lam = Starter(e).state(self.time, e.q0, e.v0)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -14,8 +14,8 @@ from properties.states import built
 import beamdae as bd
 
 T_END, RTOL = 0.5, 1e-4
-# What takes longer is not for tests: it is left out.
-LIMITS = {"max_steps": 4000, "time_limit": 10.0}
+# What takes more is not for tests: it is left out.
+LIMITS = {"max_steps": 4000}
 METHODS = (
     bd.Ida(RTOL, **LIMITS),
     bd.Radau(RTOL, **LIMITS),
@@ -78,12 +78,18 @@ class Motion:
         return apart(other, self.run) / RTOL if other.status.success else np.inf
 
 
+def ended(run: bd.Solution) -> bd.Solution:
+    """A run that reached its end; what is too long for a test is left out."""
+    assume(run.status.kind != "limited")
+    assert run.status.success, f"{run.integrator['integrator']}: {run.status.sentence}"
+    return run
+
+
 def integrators_agree_and_keep_the_books(drawing: Drawing, rng: Random) -> None:
     motion = Motion(drawing)
     assert motion.run.quality.energy_imbalance <= RTOL
     for method in METHODS:
-        run = bd.simulate(motion.mech, method, T_END)
-        assert run.status.success, f"{method.method}: {run.status.sentence}"
+        run = ended(bd.simulate(motion.mech, method, T_END))
         off = apart(run, motion.run) / RTOL
         assert off <= 100.0, f"{method.method}: off by {off:.0f} rtol"
         imbalance = run.quality.energy_imbalance / RTOL
@@ -91,26 +97,23 @@ def integrators_agree_and_keep_the_books(drawing: Drawing, rng: Random) -> None:
 
 
 def free_systems_keep_their_momentum(drawing: Drawing, rng: Random) -> None:
-    """Implicit methods keep linear momentum to rounding, that of a turn to their tolerance."""
+    """To a tenth of what is promised of positions, relative to all that moves."""
     motion = Motion(drawing)
     state = State(motion.mech)
     for method in METHODS:
-        run = bd.simulate(motion.mech, method, T_END)
-        assert run.status.success, f"{method.method}: {run.status.sentence}"
+        run = ended(bd.simulate(motion.mech, method, T_END))
         rows = range(0, len(run.t), 50)
         momentum = np.array([state.momentum(run.q[k], run.v[k]) for k in rows])
         size = max(np.sum(np.abs(state.mass(q=run.q[k]) @ run.v[k])) for k in rows)
-        off = np.max(np.abs(momentum - momentum[0])) / size / RTOL
-        assert off <= 10.0, f"{method.method}: off by {off:.2g} rtol"
+        off = np.max(np.abs(momentum - momentum[0]))
+        assert off <= 10.0 * RTOL * size, f"{method.method}: off by {off:.2g} of {size:.2g}"
 
 
 def going_on_is_going_straight_on(drawing: Drawing, rng: Random) -> None:
     motion = Motion(drawing)
     method, row = rng.choice(METHODS), 1e-3 * T_END
-    first = bd.simulate(motion.mech, method, rng.choice(range(200, 800)) * row, row)
-    later = bd.simulate(motion.mech, method, T_END, row, start=first)
-    for run in (first, later):
-        assert run.status.success, f"{method.method}: {run.status.sentence}"
+    first = ended(bd.simulate(motion.mech, method, rng.choice(range(200, 800)) * row, row))
+    later = ended(bd.simulate(motion.mech, method, T_END, row, start=first))
     assert later.t[0] == first.trajectory.end
     whole = first.followed_by(later)
     off = apart(whole, motion.run) / RTOL

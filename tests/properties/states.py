@@ -7,14 +7,13 @@ from random import Random
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.forces import FORCES
 from properties.frames import Frame
 from properties.mechanics import State, observe_pulls
 
 import beamdae as bd
 
-# What acts between bodies alone.
-INSIDE = tuple(kind for kind in FORCES if kind not in ("force", "moment", "load by length"))
+# What may be said of a drawing that contradicts itself.
+REFUSALS = ("depend on each other", "Painleve", "are drawn at one place", "cannot be closed")
 
 
 def built(drawing: Drawing, mechanism: bd.Mechanism | None = None) -> State:
@@ -22,7 +21,7 @@ def built(drawing: Drawing, mechanism: bd.Mechanism | None = None) -> State:
     try:
         state = State(mechanism or drawing.mechanism())
     except bd.BeamdaeError as refused:
-        assume(str(refused) == "")
+        assume(not any(words in str(refused) for words in REFUSALS))
         raise
     assume(state.is_well_posed)
     return state

@@ -71,3 +71,24 @@ def test_regression_the_drive_of_what_moves_by_law_alone_is_found(integrator):
     # Of the largest moment: the promise, 100 rtol.
     assert_allclose(solution.columns["motor.M [N m]"], known, rtol=0.0, atol=6.6e-3)
     assert solution.quality.energy_imbalance < 1e-3
+
+
+@pytest.mark.parametrize("meter", [1.0, 1e3], ids=["m", "mm"])
+def test_regression_a_particle_on_a_spring_is_found_at_rest_in_any_unit(meter):
+    """It has no size but one unit of length: in mm it was given up on the way to where it rests."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81 * meter))
+    particle = mech.add(bd.PointMass("particle", 0.5, at=(0.2 * meter, -0.4 * meter)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), particle.point, 20.0))
+    x, y = bd.equilibrium(bd.equations_of_motion(mech)).q[-1]
+    hangs = np.hypot(0.2, 0.4) + 0.5 * 9.81 / 20.0
+    assert_allclose((x / meter, y / meter), (0.0, -hangs), rtol=0.0, atol=1e-9)
+
+
+def test_regression_what_sags_by_many_times_its_size_is_found_at_rest():
+    """Steps on the way were a fifth of the size of the disk, and 400 of them."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    disk = mech.add(bd.RigidBody.disk("disk", (0.0, -0.5), 0.001, mass=1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), disk.at(0.0, -0.5), 5.0))
+    mech.add(bd.TorsionSpring("hold", mech.ground.at(0.0, 0.0), disk.at(0.0, -0.5), 0.1))
+    found = bd.equilibrium(bd.equations_of_motion(mech))
+    assert_allclose(found.q[-1, 1], -0.5 - 9.81 / 5.0, rtol=1e-9)

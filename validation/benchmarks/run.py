@@ -40,6 +40,7 @@ FURTHER = (
     *SPUN_UP,
     *KNOWN_SECTION_FORCES,
     *KNOWN_PERIODIC,
+    *SPUN_UP,
 )
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {

@@ -121,6 +121,8 @@ COMMANDS: tuple[str, ...] = (
     "static FILE --load nothing",
     "static FILE --control sideways",
     "static FILE --switch 1 --control load",
+    "static FILE --switch x",
+    "static FILE --switch 1 --switch 0",
     "static FILE --most-points 0",
     "new",
     "new FILE",

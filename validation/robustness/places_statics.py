@@ -37,4 +37,20 @@ STATICS: dict[str, Base] = {
     "Equilibrium.at": Base(
         lambda w: {"row": 0}, itself, lambda w, row: bd.equilibrium(w.mech).at(row)
     ),
+    "equilibrium switched": Base(
+        lambda w: {"to": {"knee.x": 0.1}, "switch": [1, -1], "most_points": 20},
+        lambda w, found: found.table(),
+        lambda w, **given: bd.equilibrium(_leaning(w), **given),
+    ),
+    "Equilibrium.__getitem__": Base(
+        lambda w: {"name": "knee.x"}, itself, lambda w, name: bd.equilibrium(w.mech)[name]
+    ),
+    "Equilibrium.plot": Base(
+        lambda w: {"name": "knee"}, itself, lambda w, name: bd.equilibrium(w.mech).plot(name)
+    ),
+    "modes about a path": Base(
+        lambda w: {"about": bd.equilibrium(w.mech)},
+        itself,
+        lambda w, about: bd.modes(w.mech, about=about),
+    ),
 }

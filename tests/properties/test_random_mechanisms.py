@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, note, settings
+from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
 from properties.drawings import BUILDERS
 from properties.random_drawings import draw
@@ -29,6 +29,7 @@ def tried(name, data):
     law(drawing, rng)
 
 
+# The first example is always one bar.
 @pytest.mark.parametrize("name", STATE_LAWS)
 @settings(max_examples=2, **DRAWN)
 @given(data=st.data())
@@ -37,8 +38,9 @@ def test_law_of_states(name, data):
 
 
 @pytest.mark.slow(reason="many examples")
+# The first example is always one bar.
 @pytest.mark.parametrize("name", STATE_LAWS)
-@settings(max_examples=40, **DRAWN)
+@settings(max_examples=25, **DRAWN)
 @given(data=st.data())
 def test_law_of_many_states(name, data):
     tried(name, data)
@@ -46,7 +48,7 @@ def test_law_of_many_states(name, data):
 
 @pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
 @pytest.mark.parametrize("name", REST_LAWS | RUN_LAWS)
-@settings(max_examples=8, **DRAWN)
+@settings(max_examples=5, phases=[Phase.generate], **DRAWN)
 @given(data=st.data())
 def test_law_of_many_runs(name, data):
     tried(name, data)
@@ -57,11 +59,14 @@ def test_every_part_is_drawn():
     known = {getattr(bd, name) for name in dir(bd)}
     parts = {one for one in known if isinstance(one, type) and issubclass(one, bd.Part)}
     kinds, drawn = set(), {bd.Part, bd.Spring, bd.Damper, bd.TorsionDamper}
+    expected = {*BUILDERS, "bar", "disk", "beam", "particle"}
     for seed in range(400):
         drawing = draw(Random(seed))
         own = {piece.kind for piece in (*drawing.bodies, *drawing.pieces)}
         if not own <= kinds:
             kinds |= own
             drawn |= {type(part) for part in drawing.mechanism().parts.values()}
+        if kinds == expected:
+            break
+    assert kinds == expected
     assert drawn >= parts
-    assert {*BUILDERS, "bar", "disk", "beam", "particle"} <= kinds
