@@ -134,25 +134,23 @@ def equations_of(model: Any, start: Any = None) -> EquationsOfMotion:
     return equations
 
 
-def settled(flow: Flow, periods: int) -> tuple[Array, Array, Array | None]:
-    """The state after some periods, and how far things moved in the last."""
+def settled(flow: Flow, periods: int) -> tuple[Array, Array]:
+    """The state (q, v) after some periods."""
     e = flow.equations
     q, v = flow.consistent(e.q0, e.v0)
     if not periods:
-        return q, v, None
+        return q, v
     solution = flow.run(q, v, periods=periods)
     last = solution.trajectory.intervals[-1].state
     q = last.q[-1].copy()
     angles = np.array([c.unit == "rad" for c in e.coordinates])
     turns = np.where(angles, 2.0 * np.pi * np.round((q - e.q0) / (2.0 * np.pi)), 0.0)
-    return *flow.consistent(q - turns, last.v[-1]), None
+    return flow.consistent(q - turns, last.v[-1])
 
 
-def converged(
-    flow: Flow, q: Array, v: Array, scales: Array | None, tolerance: float
-) -> tuple[Shot, int]:
+def converged(flow: Flow, q: Array, v: Array, tolerance: float) -> tuple[Shot, int]:
     """The last shot of Newton's method, and how many there were before it."""
-    shot = Shot.of(flow, q, v, scales)
+    shot = Shot.of(flow, q, v)
     flow.require_repeating(shot.solution)
     best, last = shot, 0
     for iteration in range(1, _MOST_ITERATIONS + 1):
@@ -174,7 +172,7 @@ def converged(
 def _moved(flow: Flow, shot: Shot, change: Array, halvings: int = _HALVINGS) -> Shot:
     """The period from a changed start on; from one changed by less where no run gets through."""
     try:
-        return Shot.of(flow, *flow.consistent(*shot.moved(change)), None)
+        return Shot.of(flow, *flow.consistent(*shot.moved(change)))
     except UnfinishedError:
         if not halvings:
             raise

@@ -131,7 +131,7 @@ class Curve:
             for iteration in range(_MOST_ITERATIONS + 1):
                 flow = self._flow(value)
                 n = flow.equations.n
-                shot = Shot.of(flow, *flow.consistent(state[:n], state[n:]), None)
+                shot = Shot.of(flow, *flow.consistent(state[:n], state[n:]))
                 before = point.direction, point.orientation
                 now = Traced(shot, value, flow.period, *before, iteration)
                 if shot.off <= self.tolerance:

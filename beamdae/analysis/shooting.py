@@ -175,15 +175,15 @@ class Shot(NamedTuple):
     off: float
 
     @classmethod
-    def of(cls, flow: Flow, q: Array, v: Array, scales: Array | None, finer: int = 0) -> Shot:
+    def of(cls, flow: Flow, q: Array, v: Array) -> Shot:
         """Run a period from a state on; see `Flow.run`."""
-        solution = flow.run(q, v, scales)
-        sizes = flow.state_scales(flow.scales(solution) if scales is None else scales)
+        solution = flow.run(q, v)
+        sizes = flow.state_scales(flow.scales(solution))
         linear = Linearized(flow.equations)
         free = linear.free_motions(solution.trajectory, sizes)
         into = (free / sizes[:, None] ** 2).T
         missed = flow.missed(solution)
-        carried = into @ linear.carried(solution.trajectory, free, finer)
+        carried = into @ linear.carried(solution.trajectory, free)
         return cls(
             solution, free, sizes, carried, into @ missed, float(np.max(np.abs(missed / sizes)))
         )
