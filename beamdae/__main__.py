@@ -16,6 +16,8 @@ def main() -> None:
         code = 0
         from beamdae.cli.commands import main as run
     except KeyboardInterrupt:
+        if not code:
+            interrupts.deaf()
         sys.exit(code or interrupts.code())
     run()
 

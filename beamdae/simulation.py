@@ -98,11 +98,12 @@ def simulate(
     require_integrator("simulate", method)
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
+    told: list[str] = []
     try:
         if begun is None:
-            equations, changed = as_equations(model, start), ""
+            equations = as_equations(model, start)
         else:
-            equations, changed = _going_on(name, begun, model, information, accept_changes)
+            equations, told = _going_on(name, begun, model, information, accept_changes)
         _require_room(equations, len(times))
         solution = method.integrate(equations, times, progress=progress)
     except (MemoryError, RuntimeError) as problem:
@@ -115,10 +116,9 @@ def simulate(
         raise BeamdaeError(
             f"simulate: {method.method}.integrate must return a Solution, got {shown(solution)}."
         )
-    solution = replace(solution, model={**information, "t_end": float(times[-1])})
+    information["t_end"] = float(times[-1])
+    solution = replace(solution, model=information, begun=tuple(told))
     solution, sentences = _looked_through(name, solution)
-    if changed:
-        sentences = (f"{name}: it goes on from a run with {changed}.", *sentences)
     for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return solution
@@ -126,17 +126,22 @@ def simulate(
 
 def _going_on(
     name: str, begun: Checkpoint, model: Any, information: dict[str, Any], accept: bool
-) -> tuple[EquationsOfMotion, str]:
-    """The equations to go on with, and what is other than before, if that is accepted."""
+) -> tuple[EquationsOfMotion, list[str]]:
+    """The equations to go on with, and what there is to warn of."""
     drawn = as_equations(model, AS_DRAWN)
     equations = begun.starting(drawn)
+    told: list[str] = []
     changed = begun.difference(drawn, information.get("parameters", {}))
     if changed and not one_of("simulate", "accept_changes", accept, (True, False)):
         raise BeamdaeError(
             f"{name}: start is the end of a run with {changed}; go on with the same, or say "
             "accept_changes=True (--accept-changes)."
         )
-    return equations, changed
+    if begun.doubt:
+        told.append(f"{name}: it begins in doubt, the run before was {begun.doubt}.")
+    if changed:
+        told.append(f"{name}: it goes on from a run with {changed}.")
+    return equations, told
 
 
 def _end_of_another(start: Any) -> Checkpoint | None:

@@ -89,10 +89,10 @@ app.command("new", cls=_Command)(new_command)
 
 def main() -> None:
     """Run the command line, to its exit code whatever becomes of its signals and streams."""
-    streams.secure()
-    _quiet()
     code = 0
     try:
+        streams.secure()
+        _quiet()
         app(prog_name="beamdae")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)

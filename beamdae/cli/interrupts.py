@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from time import monotonic
+from typing import Any, NoReturn
 
 # Signals belong to the process, and so does what is known of them.
 _heard: list[int] = []
@@ -13,6 +14,9 @@ _heard: list[int] = []
 _through: list[int] = []
 # So many mean it, whatever is under way.
 _INSISTENT = 4
+# Those that follow one that came through so fast [s] are heard with it: it is on its way out.
+_AT_ONCE = 0.5
+_came_through: list[float] = []
 
 
 class Interrupted(KeyboardInterrupt):
@@ -38,8 +42,17 @@ def deaf() -> None:
 
 def _hear(number: int, _: Any) -> None:
     _heard.append(number)
-    if not _through or len(_heard) <= min(_through) or len(_heard) >= _INSISTENT:
-        raise Interrupted
+    if len(_heard) < _INSISTENT:
+        if _through and len(_heard) > min(_through):
+            return
+        if _came_through and monotonic() - _came_through[-1] < _AT_ONCE:
+            return
+    _come_through()
+
+
+def _come_through() -> NoReturn:
+    _came_through.append(monotonic())
+    raise Interrupted
 
 
 def heard() -> bool:
@@ -70,4 +83,4 @@ def held(through: int = 0) -> Iterator[None]:
     finally:
         _through.pop()
     if len(_heard) > before and not _through:
-        raise Interrupted
+        _come_through()

@@ -132,7 +132,7 @@ def run_command(
         with interrupts.held():
             columns, written = parts.write(solution)
             told.written += written
-            if checkpoint is not None or not solution.status.success:
+            if checkpoint is not None or _goes_on(solution.status):
                 told.end = solution.checkpoint(checkpoint or files.end)
                 told.written.append(told.end)
         told.cut_short = interrupts.heard()
@@ -144,7 +144,7 @@ def run_command(
         if not interrupts.terminated():
             _draw(columns, solution.status, f"{model.name}, {method.label}", files, told)
     say_written(console(), told.written)
-    if told.end is not None and not solution.status.success:
+    if told.end is not None and _goes_on(solution.status):
         console().print(f"to go on: --continue {told.end}", style="dim", soft_wrap=True)
     if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
         reason = "interrupted after the run"
@@ -192,6 +192,13 @@ class _Told:
     beyond: str = ""
     complete: bool = False
     cut_short: bool = False
+
+
+def _goes_on(status: Status) -> bool:
+    """Whether there is more of the run to come; where it had not begun yet, it begins again."""
+    from beamdae.results.outcome import OF_SCOUT
+
+    return not status.success and OF_SCOUT not in status.sentence
 
 
 def _parts(table: Path, go_on: Path | None) -> Parts:

@@ -22,7 +22,7 @@ from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import Method, StepError
 from beamdae.integrators.route import Route, branch_of, plan
 from beamdae.integrators.rows import NoRoomError, Rows
-from beamdae.integrators.scouting import OF_SCOUT, scouted
+from beamdae.integrators.scouting import WHOSE, scouted
 from beamdae.integrators.spared import spared, with_all
 from beamdae.integrators.steps import taken
 from beamdae.integrators.switching import Methods, first_configuration, switched
@@ -246,7 +246,7 @@ def _driven(
 
     def scouting(route: Route, limits: Limits) -> _Run:
         assert scout_on is not None
-        return _Run(equations, route, scout_on, limits, OF_SCOUT)
+        return _Run(equations, route, scout_on, limits, WHOSE)
 
     status, setup = REACHED_END, 0.0
     try:

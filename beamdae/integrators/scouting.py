@@ -11,13 +11,13 @@ import numpy as np
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.route import Route
-from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.outcome import OF_SCOUT, REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
 
 # The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
 # is, and what is much less motion than it was tolerant of.
 SCOUTING_RTOL = 1e-2
-OF_SCOUT = f" of the scout, which goes before the run with rtol = {SCOUTING_RTOL:g}"
+WHOSE = f"{OF_SCOUT} with rtol = {SCOUTING_RTOL:g}"
 _MOST_SCOUTS = 4
 _MOST_SCOUTING_STEPS = 20_000
 _SCOUTING_TIME = 0.25

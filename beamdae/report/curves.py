@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,7 +128,8 @@ def _labels(runs: Sequence[Tabulated], labels: Any) -> list[str]:
         several = len(set(own)) < len(own)
         return [f"{label} ({k + 1})" if several else label for k, label in enumerate(own)]
     told = entries("plot", "labels", labels, "a text for each run")
-    if len(told) != len(runs) or len(set(map(str, told))) < len(told):
+    are_short = all(isinstance(label, (str, Real)) for label in told)
+    if not are_short or len(told) != len(runs) or len(set(map(str, told))) < len(told):
         raise BeamdaeError(
             f"plot: labels must be {len(runs)} different texts, one for each run, got "
             f"{shown(labels)}."

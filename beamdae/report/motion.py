@@ -70,10 +70,10 @@ def animate(
     speed = positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     least, most = _FEWEST, _MOST
-    number = int(np.clip(round(_FRAMES_PER_SECOND * lasts), least, most))
+    number = round(np.clip(_FRAMES_PER_SECOND * lasts, least, most))
     if frames is not None:
         number = count("animate", "frames", frames, least, most)
-    rate = int(np.clip(round((number - 1) / lasts), 1, _FASTEST)) if lasts > 0.0 else 1
+    rate = round(np.clip((number - 1) / lasts, 1, _FASTEST)) if lasts > 0.0 else 1
     captions = [f"t = {time:.3g} s" for time in frame_times(solution, number)]
     return moving_pictures("animate", _bodies(solution, number), captions, rate, path)
 

@@ -16,6 +16,7 @@ from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.as_found import Held
 from beamdae.parts.events import DIRECTIONS
 from beamdae.results.files import file_path, write_text
+from beamdae.results.outcome import OF_SCOUT
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -26,6 +27,14 @@ _FORMAT, _VERSION = "beamdae checkpoint", 2
 def state_hash(t: float, q: Any, v: Any) -> str:
     """Hash of time, positions and velocities: that of no other run."""
     return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
+
+
+def _doubt(solution: Solution) -> str:
+    """Why the end of a run is not to be trusted, or nothing."""
+    status, due = solution.status, any(not one.done for one in solution.occurred)
+    # What an event could not do says nothing of the state.
+    failed = status.kind == "failed" and not due
+    return status.sentence if failed or OF_SCOUT in status.sentence else ""
 
 
 def _listed(names: Any) -> list[str]:
@@ -54,6 +63,8 @@ class Checkpoint:
         What joints hold that were switched on as they were, by name.
     model, parameters
         What ran: the name of the model, and its parameters as texts.
+    doubt
+        Why the state is not to be trusted, a sentence on how the run ended, or nothing.
     sides
         On which sides of their values the quantities of events were, see `Solution.sides`.
     identity
@@ -72,6 +83,7 @@ class Checkpoint:
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
     sides: dict[str, int] = field(default_factory=dict)
+    doubt: str = ""
 
     @classmethod
     def of(cls, solution: Solution) -> Checkpoint:
@@ -93,6 +105,7 @@ class Checkpoint:
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             identity_of(solution.equations),
             dict(solution.sides),
+            _doubt(solution),
         )
 
     @property
@@ -134,12 +147,12 @@ class Checkpoint:
                 for k, x in told["found"].items()
             }
             sides = {str(k): int(x) for k, x in told["sides"].items()}
-            model, identity = str(told["model"]), str(told["identity"])
+            model, identity, doubt = (str(told[x]) for x in ("model", "identity", "doubt"))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity, sides)
+        known = (events, due, inactive, found, model, parameters, identity, sides, doubt)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:

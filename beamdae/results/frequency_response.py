@@ -15,6 +15,8 @@ from beamdae.results.solution import Solution
 if TYPE_CHECKING:
     import pandas as pd
 
+    from beamdae.report.curves import Plot
+
 Array = np.ndarray
 
 # A multiplier beyond one by this much makes a motion unstable.
@@ -93,6 +95,12 @@ class FrequencyResponse:
             "fold": fold,
         }
 
+    def plot(self, column: str) -> Plot:
+        """Draw half the range of an observed column over the parameter: dashed where unstable."""
+        from beamdae.report.response_curve import picture_of_response
+
+        return picture_of_response(self, column)
+
     @property
     def folds(self) -> list[float]:
         """Values of the parameter at which the curve turns around.
@@ -110,10 +118,7 @@ class FrequencyResponse:
         """
         if not self.points:
             return []
-        names = list(self.points[0].solution.columns)
-        one_of("peaks", "column", column, names)
-        sizes = np.array([half_range(x.solution.columns[column]) for x in self.points])
-        values = np.array([point.parameter for point in self.points])
+        values, sizes = self.curve(column)
         (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
         found = []
         for k in (inner + 1).tolist():
@@ -122,6 +127,13 @@ class FrequencyResponse:
                 (_lagrange(at, k, self._along, values), _lagrange(at, k, self._along, sizes))
             )
         return found
+
+    def curve(self, column: str) -> tuple[Array, Array]:
+        """Values of the parameter, and half the range of an observed column, of each motion."""
+        if self.points:
+            one_of("frequency_response", "column", column, list(self.points[0].solution.columns))
+        values = np.array([point.parameter for point in self.points])
+        return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
 
     @property
     def _along(self) -> Array:

@@ -22,6 +22,8 @@ class Status:
         return self.kind == "ok"
 
 
+# In the sentence on a run that was ended before it had begun, of what went ahead.
+OF_SCOUT = " of the scout, which goes before the run"
 REACHED_END = Status("ok", "reached the end")
 
 

@@ -53,6 +53,8 @@ def packed(solution: Solution) -> Packed:
         "per step": [x.per_step for x in intervals],
         "active": [_active(x.configuration) for x in intervals],
         "events": [_event(x) for x in solution.occurred],
+        "sides": solution.sides,
+        "begun": list(solution.begun),
         "start": None,
     }
     if e.start is not None:
@@ -107,6 +109,8 @@ def unpacked(equations: EquationsOfMotion, kept: Packed, made_by: Any = None) ->
         model=plain["model"],
         made_by=made_by,
         occurred=occurred,
+        sides=plain["sides"],
+        begun=tuple(plain["begun"]),
     )
 
 

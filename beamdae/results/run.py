@@ -45,6 +45,7 @@ class Run:
     made_by: Any = field(default=None, repr=False)
     occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
     sides: dict[str, int] = field(default_factory=dict, repr=False)
+    begun: tuple[str, ...] = field(default=(), repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -129,6 +130,7 @@ class Run:
         doubtful = doubts(self.equations, self._books, *self._looked_at())
         moved = self.start.warning
         return (
+            *self.begun,
             *filter(None, (moved, *beams)),
             *branch_warnings(self.singular_positions),
             *doubtful,

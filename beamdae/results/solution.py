@@ -60,6 +60,8 @@ class Solution(Run, Tabulated):
     sides
         On which side of its value the quantity of each event was left at the end: 1, -1, or 0 where
         that is not known.
+    begun
+        Sentences on what is not to be trusted of the run it goes on from.
     """
 
     @property

@@ -117,6 +117,7 @@ def test_what_is_not_found_is_a_result_with_a_reason():
         )
     assert (response.points, response.folds, response.peaks("mass.x [m]")) == ((), [], [])
     assert response.table().empty
+    assert not response.plot("mass.x [m]").figure.axes[0].lines
 
 
 @bd.model(t_end=1.0)
@@ -189,6 +190,9 @@ def test_response_of_duffing_s_oscillator_past_both_folds():
         # A period may miss 1e-6 of its motion.
         np.testing.assert_allclose(x, known, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
+    lines = response.plot("mass.x [m]").figure.axes[0].lines
+    # Up, back between the folds, on; and the peak.
+    assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
     known = [fold(response.points[k].parameter, sampled(response.points[k]) - 1.0) for k in turns]
     # Of parabolas through three points each, as far apart as a fifth of the range.
     np.testing.assert_allclose(response.folds, known, rtol=1e-3)

@@ -124,22 +124,24 @@ def striking(self, *arguments, **settings):
 Figure.savefig = striking
 """
 ALL = {"arm.csv", "arm.json", "arm.png"}
+# One that had begun can go on.
+BEGUN = ALL | {"arm_end.json"}
 # What strikes, the files there are, and words of the sentence.
 MOMENTS = {
     "importing": ("strike()", set(), "interrupted"),
     "scouting": (AT_STEP.format(at="{5}"), ALL, "of the scout"),
-    "integrating": (AT_STEP.format(at="{400}"), ALL, "interrupted at t = 0"),
-    "integrating, twice": (AT_STEP.format(at="{400, 401}"), ALL, "interrupted at t = 0"),
+    "integrating": (AT_STEP.format(at="{400}"), BEGUN, "interrupted at t = 0"),
+    "integrating, twice": (AT_STEP.format(at="{400, 401}"), BEGUN, "interrupted at t = 0"),
     "integrating, then writing": (
         AT_STEP.format(at="{400}") + WHILE_WRITING.replace("striking", "writing"),
-        ALL,
+        BEGUN,
         "interrupted at t = 0",
     ),
     "writing": (WHILE_WRITING, ALL, "interrupted after the run"),
     "drawing": (WHILE_DRAWING, ALL - {"arm.png"}, "interrupted after the run"),
     "integrating, then drawing": (
         AT_STEP.format(at="{400}") + WHILE_DRAWING.replace("striking", "drawing"),
-        ALL - {"arm.png"},
+        BEGUN - {"arm.png"},
         "interrupted at t = 0",
     ),
 }
@@ -243,9 +245,23 @@ def test_interrupts_are_held_while_something_is_finished(monkeypatch):
         struck(3, interrupts.held(), done)
     assert len(done) == 2
     monkeypatch.setattr(interrupts, "_heard", [])
+    monkeypatch.setattr(interrupts, "_came_through", [])
     with pytest.raises(KeyboardInterrupt):
         struck(1, interrupts.held(through=1), done)
     assert len(done) == 2
+
+
+def test_an_interrupt_right_after_another_one_does_not_come_between_it_and_the_end(monkeypatch):
+    """A second Ctrl-C ended the command with a traceback on its way out."""
+    monkeypatch.setattr(interrupts, "_heard", [])
+    monkeypatch.setattr(interrupts, "_came_through", [])
+    with pytest.raises(KeyboardInterrupt):
+        interrupts._hear(signal.SIGINT, None)
+    interrupts._hear(signal.SIGINT, None)
+    # Whatever took the first one for its own does not take one that comes later.
+    monkeypatch.setattr(interrupts, "_came_through", [time.monotonic() - 1.0])
+    with pytest.raises(KeyboardInterrupt):
+        interrupts._hear(signal.SIGINT, None)
 
 
 # Models that end the process.

@@ -179,6 +179,34 @@ def test_files_that_cannot_be_had_are_told(tmp_path):
         solution.checkpoint(3)
 
 
+def test_where_a_run_failed_or_was_a_scout_is_not_trusted(tmp_path):
+    def halted(t):
+        raise KeyboardInterrupt
+
+    # Its steps are too long for Newton's iteration where the mass falls into the center.
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(-1.0, 0.0)))
+    ends = (mass.point, mech.ground.at(0.0, 0.0))
+
+    def pull(a, b, t):
+        return [-3.0 * a.position / (a.position @ a.position) ** 1.5, 0.0 * a.position]
+
+    mech.add(bd.ForceLaw("pull", ends, pull))
+    failed = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2.0)
+    assert failed.status.kind == "failed"
+    scouted = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted)
+    for first, model in ((failed, mech), (scouted, pendulum())):
+        path = first.checkpoint(tmp_path / "end.json")
+        for start in (first, path):
+            end = first.trajectory.end + 1e-3
+            with pytest.warns(bd.BeamdaeWarning, match="it begins in doubt, the run before was"):
+                later = bd.simulate(model, bd.Radau(), end, start=start)
+            assert "begins in doubt" in later.warnings[0]
+    with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
+        limited = bd.simulate(pendulum(), bd.Radau(max_steps=30), 2.0)
+    assert bd.simulate(pendulum(), bd.Radau(), 2.0, start=limited).warnings == ()
+
+
 def test_runs_that_do_not_meet_are_not_joined():
     first = bd.simulate(slider(), bd.Radau(), 0.1)
     with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
@@ -204,6 +232,7 @@ def test_other_parameters_are_refused_or_told(tmp_path):
     with pytest.warns(bd.BeamdaeWarning, match=other):
         later = bd.simulate(thrown_on_the_moon, bd.Radau(), start=path, accept_changes=True)
     assert_allclose(later.a[-1, 1], -1.62, rtol=1e-9)
+    assert "run with other parameters" in later.beside()["warnings"][0]
 
 
 def driven(law, mass=1.0):

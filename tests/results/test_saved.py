@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields
 from multiprocessing import get_context
 
 import numpy as np
@@ -50,6 +51,9 @@ def assert_whole(found, run):
     assert_array_equal(found.at_times(times).q, run.at_times(times).q)
     assert found.events.equals(run.events)
     assert found.beside() == run.beside()
+    plain = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
+    for name in {*plain} - {"t", "occurred"}:
+        assert getattr(found, name) == getattr(run, name), name
 
 
 def test_a_file_has_the_tables_of_a_run(run, tmp_path):

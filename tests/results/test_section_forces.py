@@ -102,6 +102,33 @@ def test_weight_is_a_load_as_numbers_and_as_laws(kind):
 
 
 @every_formulation
+def test_a_taper_under_its_weight(kind):
+    def section(s):
+        return bd.Section.rectangle(STEEL, width=0.02, height=0.1 * (1.0 - 0.5 * s))
+
+    mech, beam = held(elements=2, section=section, gravity=(0.0, -9.81), **FORMULATIONS[kind])
+    forces = at_rest(mech, beam, S)
+    weight = section(0.0).rhoA * 9.81
+    Q = -weight * (0.75 - S + 0.25 * S**2)
+    M = weight * (1.0 / 3.0 - 0.75 * S + 0.5 * S**2 - S**3 / 12.0)
+    assert_are(forces, 0.0, Q, M, weight, off=4e-5)
+    # On the surface, M / W of each section.
+    W = np.array([section(s).second_moment / (0.5 * section(s).height) for s in S])
+    sigma = forces.stress("top")["sigma [Pa]"]
+    np.testing.assert_allclose(sigma, M / W, rtol=0.0, atol=1e-4 * np.max(np.abs(M / W)))
+
+
+@every_formulation
+def test_what_is_drawn_bent_bears_a_moment(kind):
+    settings = {"free_curve": bd.Arc(radius=50.0, length=1.0), **FORMULATIONS[kind]}
+    mech, beam = held(elements=2, **settings)
+    mech.add(bd.Weld("other clamp", mech.ground.at(1.0, 0.0), beam.end))
+    forces = at_rest(mech, beam, S)
+    for M in (forces.M, forces.strained[2]):
+        np.testing.assert_allclose(M[0], BAR.EI / 50.0, rtol=1e-9)
+
+
+@every_formulation
 def test_an_arc_under_an_end_force(kind):
     # Quarter of a circle about the origin from (R, 0) to (0, R), force P outward at its end.
     R = 0.5

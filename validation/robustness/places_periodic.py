@@ -64,6 +64,13 @@ PERIODIC: dict[str, Base] = {
         },
         lambda w, response: response.table(),
     ),
+    "FrequencyResponse.plot": Base(
+        lambda w: {"column": "bob.x [m]"},
+        itself,
+        lambda w, column: bd.frequency_response(
+            _family(w), "frequency", (100.0, 101.0), step=0.5, settle=1
+        ).plot(column),
+    ),
     "FrequencyResponse.peaks": Base(
         lambda w: {"column": "bob.x [m]"},
         itself,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,11 @@ from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS
 from robustness.places_modes import MODES
 from robustness.places_periodic import PERIODIC
+from robustness.places_solutions import SOLUTIONS, deep
 from robustness.places_statics import STATICS
 from robustness.places_stresses import STRESSES
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
-    KNEE,
     OUTPUT_STEP,
     T_END,
     TIME_LIMIT,
@@ -152,7 +150,7 @@ MODELS: dict[str, Base] = {
     "Equilibrium.to_csv": Base(
         lambda w: {"path": Path("path.csv")},
         itself,
-        lambda w, path: _written(w, path, bd.equilibrium(w.mech)),
+        lambda w, path: deep(w, bd.equilibrium(w.mech).to_csv, path),
     ),
 }
 
@@ -227,65 +225,11 @@ RESULTS: dict[str, Base] = {
         lambda w, rows: bd.compare([w.case(**row) for row in rows]),
         lambda w, **lists: bd.grid(**lists),
     ),
-    "error_estimate": Base(lambda w: {"solution": w.solution}, itself),
-    "verify": Base(lambda w: {"solution": w.solution, "by": bd.Radau(1e-4)}, itself),
-    "load": Base(
-        lambda w: {"path": "run.beamdae", "model": w.mech},
-        itself,
-        lambda w, **given: _kept(w, **given),
-    ),
-    "Solution.save": Base(
-        lambda w: {"path": "run.beamdae"}, itself, lambda w, path: _deep(w, w.solution.save, path)
-    ),
-    "Solution.difference": Base(
-        lambda w: {"other": w.solution}, itself, lambda w, other: w.solution.difference(other)
-    ),
-    "draw": Base(lambda w: {"mechanism": w.mech}, itself),
-    "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
-    "animate": Base(
-        lambda w: {
-            "solution": w.solution,
-            "path": w.folder / "run.gif",
-            "speed": 1.0,
-            "frames": 3,
-        },
-        itself,
-    ),
-    "Solution.observe": Base(
-        lambda w: {"name": "middle", "what": w.bar.at(*KNEE)},
-        itself,
-        lambda w, **given: w.solution.observe(**given),
-    ),
-    "Solution.__getitem__": Base(
-        lambda w: {"name": "bar.angle"}, itself, lambda w, name: w.solution[name]
-    ),
-    "Solution.to_csv": Base(
-        lambda w: {"path": Path("run.csv")}, itself, lambda w, path: _written(w, path)
-    ),
 }
 
 
-def _kept(world: World, path: Any, model: Any) -> Any:
-    file = world.solution.save("run.beamdae")
-    try:
-        return bd.load(path, model)
-    finally:
-        file.unlink()
-
-
-def _written(world: World, path: Any, result: Any = None) -> None:
-    _deep(world, (world.solution if result is None else result).to_csv, path)
-
-
-def _deep(world: World, write: Callable[[Any], object], path: Any) -> None:
-    # Relative paths may lead up.
-    (world.folder / "deep").mkdir(parents=True)
-    with chdir(world.folder / "deep"):
-        write(path)
-
-
 BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
-BASES |= MODELS | INTEGRATING | RESULTS | STATICS | STRESSES | PERIODIC | MODES
+BASES |= MODELS | INTEGRATING | RESULTS | SOLUTIONS | STATICS | STRESSES | PERIODIC | MODES
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {

@@ -1,7 +1,7 @@
 """Try bad inputs, random mechanisms and faults, and tell what was not right.
 
-python validation/robustness/run.py                 everything (half an hour on two cores)
-python validation/robustness/run.py --thinned       some of every kind (four minutes)
+python validation/robustness/run.py                 everything (about an hour)
+python validation/robustness/run.py --thinned       some of every kind (six minutes)
 python validation/robustness/run.py --only faults   inputs, mechanisms or faults alone
 
 Tables of everything go to results/; the exit code is 1 if something was not right.
