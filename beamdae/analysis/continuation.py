@@ -80,6 +80,7 @@ def follow(
             if len(path.points) >= stepping.most:
                 path.status = Status("limited", f"ended after {len(path.points)} points")
                 return
+            before = len(path.branches)
             try:
                 way, reached = _stepped(corrector, path, stepping, target, way)
             except StepError as problem:
@@ -87,18 +88,16 @@ def follow(
                 return
             if stepping.leave_at and len(path.branches) - left >= stepping.leave_at:
                 return
-            if _comes_back(path, stepping):
+            if len(path.branches) > before and _comes_back(path, stepping):
                 path.status = Status("failed", _CLOSED)
                 return
 
 
 def _comes_back(path: Path, stepping: Stepping) -> bool:
     """Whether the last branch point of a path is one that it went through before."""
-    if len(path.branches) > 1:
-        *others, last = (path.points[one.place] for one in path.branches)
-        off = [stepping.norm.largest(one.x - last.x, one.mu - last.mu) for one in others]
-        return min(off) < _SAME * stepping.step
-    return False
+    *others, last = (path.points[one.place] for one in path.branches)
+    off = [stepping.norm.largest(one.x - last.x, one.mu - last.mu) for one in others]
+    return min(off, default=np.inf) < _SAME * stepping.step
 
 
 def _stepped(

@@ -16,7 +16,8 @@ from beamdae.cli.commands import app
 SENTENCES = {
     # Its torque begins at zero.
     "hub_beam": "hub.angle: it is free to move without stiffness",
-    "sliding_mass": "slide.s: no equilibrium was found, this coordinate moves without end",
+    # It slides off, bead and place on the rail alike.
+    "sliding_mass": ": no equilibrium was found, this coordinate moves without end",
     # Nothing but rubbing and its speed hold the weight that drives it.
     "governor": "rotor.angle: no equilibrium was found, this coordinate moves without end",
     "quick_return": "friction follows the speed of sliding and holds nothing at rest",
