@@ -139,7 +139,10 @@ def test_an_interrupted_serial_run_ends_the_study_and_is_done_again(tmp_path, mo
         patch.setattr(work._Watchman, "__call__", interrupt)
         results = done(study, tmp_path)
     assert results.interrupted
-    (outcome,) = results.outcomes.values()
+    # A reference may take so few steps that no progress is told.
+    *before, outcome = results.outcomes.values()
+    assert all(one.status.success for one in before)
+    assert len(before) < 2
     assert outcome.status.sentence.startswith("interrupted at t = ")
     assert set(results.table["status"]) == {"interrupted"}
     assert set(done(study, tmp_path).table["status"]) == {"ok"}

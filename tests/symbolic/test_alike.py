@@ -92,6 +92,7 @@ NUMBERS = {
     "sliding_mass": {"mass": 0.1, "height": 0.004},
     "ring_mount": {"motor_mass": 2.0, "frequency": 15.0},
     "governor": {"torque": 0.5, "coefficient": 0.2, "preload": 0.03},
+    "shallow_arch": {"load": 30.0, "damping": 1e-4},
 }
 CURVES = {
     "hub_beam": {"subtended": 61.0, "length": 5.0},
