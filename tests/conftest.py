@@ -2,6 +2,8 @@
 
 import os
 import signal
+from collections import Counter
+from zlib import crc32
 
 import pytest
 from hypothesis import settings
@@ -23,9 +25,22 @@ settings.register_profile("beamdae", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
 
+# Of laws that hold for so many variants and more, every fourth is tried by default.
+_MANY, _EVERY = 4, 4
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """What needs a browser runs with the slow tests: it takes longer to start than most to run."""
+    """What needs a browser, and most variants of laws with many, run with the slow tests."""
+    laws = Counter(_law(item) for item in items)
     for item in items:
         if "browser" in item.fixturenames:
+            # It takes longer to start than most tests to run.
             item.add_marker(pytest.mark.slow(reason="starts a browser"))
+        # By a hash, so that each value of each parameter is there in some law or other.
+        elif laws[_law(item)] >= _MANY and crc32(item.nodeid.encode()) % _EVERY:
+            item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
+
+
+def _law(item):
+    return item.nodeid.partition("[")[0]

@@ -140,6 +140,7 @@ def branches(path):
     return [one.factor for one in path.critical if one.kind == "branch point"]
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("settings", [{}, {"control": "arc length", "step": 0.3}])
 def test_a_tall_truss_gives_way_sideways_four_times(settings):
     path = bd.equilibrium(truss(rise=TALL), to={"crown.y": -3.5}, **settings)
@@ -149,6 +150,7 @@ def test_a_tall_truss_gives_way_sideways_four_times(settings):
     assert len(path.critical) == 6
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_path_that_branches_off_is_closed_and_left_by_another_switch():
     tall = {"model": truss(rise=TALL), "to": {"crown.y": -3.5}, "step": 0.3}
     low = SIDEWAYS[0]

@@ -57,6 +57,7 @@ def mathieu(a, q, damping=0.0):
     return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("q", [0.2, 5.0])
 def test_mathieu_s_equation_where_stability_changes(q):
     # At its characteristic values both multipliers are 1 or -1, a double root.
@@ -99,6 +100,7 @@ def test_what_is_wrong_is_said():
         bd.frequency_response(duffing, "omega", (1.0, 1.0))
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_what_is_not_found_is_a_result_with_a_reason():
     # Undamped at resonance it swings ever further.
     hopeless = oscillator(bd.sine(1.0, 3.0 / (2.0 * np.pi)), damping=0.0)

@@ -34,6 +34,7 @@ def test_a_thin_strip_is_not_free(words, elements, height):
     assert path.columns["tip.y [m]"][-1] == pytest.approx(known, rel=1e-3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @WORDS
 def test_what_hangs_free_comes_down(words):
     # Of more coordinates than matrices are taken as a whole for; a frame turns without stiffness.

@@ -124,6 +124,7 @@ def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 @integrators(rtol=1e-5, step=5e-4, slow=("alpha stabilized",))
 def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
     """Across all boundaries of elements, there and back."""
@@ -135,6 +136,7 @@ def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
     assert solution.quality.max_position_drift < 1e-7
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_boundaries_of_elements_cost_no_steps():
     """Eight elements have four times the boundaries of two, on the same motion."""
     few, many = (
@@ -146,6 +148,7 @@ def test_boundaries_of_elements_cost_no_steps():
     assert_allclose(few.observed["s [m]"], many.observed["s [m]"], atol=1e-3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_turning_and_moving_the_drawing_changes_nothing():
     here, there = (
         bd.simulate(hanging(2, *how), bd.Radau(rtol=1e-7), t_end=0.3)

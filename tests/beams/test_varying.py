@@ -196,6 +196,7 @@ def test_a_wire_drawn_longer_than_it_is_pulls():
     assert_allclose(Numeric(mech).observed("forces"), (STRIP.EA * 1e-3, 0.0, 0.0), rtol=1e-9)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
 def test_released_it_swings_about_its_free_shape(name):
     arc = bd.Arc(radius=5.0, length=1.0)

@@ -298,6 +298,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     assert "failed" in result.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.usefixtures("serial")
 def test_compare_of_a_model_whose_reference_fails(command):
     result = command("compare", more(ROOT))
@@ -481,6 +482,7 @@ def test_examples_are_listed_by_name_with_what_they_are(tmp_path, monkeypatch):
     assert "Curved-beam pendulum with a tip mass" in done.output
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = invoked("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")

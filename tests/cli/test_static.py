@@ -71,6 +71,7 @@ def test_a_path_that_ends_early_is_written_and_why(static):
     assert Path("results/truss_static.png").exists()
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_branches_are_gone_to_one_after_the_other(static):
     arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
     once = static(*arguments, "--switch", "1")

@@ -117,6 +117,7 @@ def rows(method, case):
     return np.hstack([columns, solution.q, solution.v, solution.lam])
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
 def test_no_number_of_one_model_is_left_in_another(method, forgetful):
     first = rows(method, 0)

@@ -316,6 +316,7 @@ def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatc
     assert solution.status.success
 
 
+@pytest.mark.slow(reason="half a second and more")
 @compiled
 def test_a_jacobian_that_never_has_pivots_is_a_status(monkeypatch):
     def singular(pattern, nonzeros):

@@ -27,6 +27,7 @@ def spinning(**bar):
     return mech, bar
 
 
+@pytest.mark.slow(reason="half a second and more")
 @RUNS
 def test_a_bob_that_is_released_flies_on(integrator):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -50,6 +51,7 @@ def test_a_bob_that_is_released_flies_on(integrator):
     assert cut.energy_lost == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @RUNS
 def test_a_bar_that_is_locked_stands_still(integrator):
     mech, bar = spinning()

@@ -58,6 +58,7 @@ def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damp
         assert ("overdamped" if order == 5 else "lightly damped (") in told["auto"]
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two():
     """Order 5 ended at -0.48 where -0.236 is right, after 314 781 steps, and said "reached"."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -211,6 +211,7 @@ MECHANISMS = {
 }
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_iteration_matrices_keep_their_pivots_over_steps(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())

@@ -155,6 +155,7 @@ def expressions(draw):
     return ca.Function("drawn", [s, x], [ca.densify(ca.vertcat(*terms[-8:]))])
 
 
+@pytest.mark.slow(reason="half a second and more")
 @settings(max_examples=40)
 @given(expressions(), st.integers(0, 2**32 - 1))
 def test_operations_on_each_other_have_the_same_bits(function, seed):

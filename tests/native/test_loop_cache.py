@@ -104,6 +104,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_what_a_loop_consists_of_makes_another_object(tmp_path, builds):
     assert run(tmp_path) == TOTAL
     for old, new, total in CHANGES:
@@ -121,6 +122,7 @@ def test_a_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
     loops._versions.cache_clear()
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("damage", ["cut", "a text", "another loop"])
 def test_a_damaged_loop_is_compiled_again(tmp_path, cache, builds, damage):
     run(tmp_path)
@@ -180,6 +182,7 @@ def test_what_was_compiled_is_loaded_without_numba(tmp_path):
     assert errors == ""
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     ("missing", "raising"),
     [

@@ -25,6 +25,7 @@ def given(work, number):
     return other(work) + int(number)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_functions_others_compile_are_whole():
     kind = ("Work", (("numbers", 0, ("float64", 1)),))
     text = numba_compiler.ir({"loop": (loop, "@")}, (loop,), kind)

@@ -116,6 +116,7 @@ def test_picture_of_a_run_without_observables_shows_energies(tmp_path):
     assert drawn(pictures.picture_of_run(tmp_path / "run.png", frame, "title")) > 1e-3
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_picture_of_comparison_has_a_curve_in_each_color(tmp_path):
     errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
     runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, None)}

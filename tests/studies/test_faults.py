@@ -171,6 +171,7 @@ class Interrupting(SerialPool):
             yield found
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("after", [0, 2, 4])
 def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     """Before the first run ended, during references, during the cases."""
@@ -184,6 +185,7 @@ def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     assert seen[0].kept == after
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("where", ["_kept", "_measured", "_write"])
 def test_an_interrupt_while_files_are_read_or_written_waits(tmp_path, monkeypatch, where):
     study = made(bd.Case(swing, {}, ALPHA))

@@ -127,6 +127,7 @@ def test_regression_a_study_follows_modules_on_paths_of_a_helper(tmp_path):
     assert keys[0] != keys[1]
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     ("head", "mass"),
     [("import sizes.arm", "sizes.arm.MASS"), ("from sizes import arm", "arm.MASS")],

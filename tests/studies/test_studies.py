@@ -221,6 +221,7 @@ def test_crossover_is_where_another_series_becomes_the_fastest():
     assert_allclose(found.loc["order in step", "value"].astype(float), [1.0, 3.0], atol=1e-6)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_study_of_meshes_has_errors_in_space_alone(tmp_path):
     from hub_beam import hub_beam
 
