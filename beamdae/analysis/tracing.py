@@ -32,6 +32,8 @@ _LEAST_REACH = 1e-12
 _NEAR = 0.05
 # What is left of the softest motion before a limit load.
 _SOFT = 0.2
+# Coordinates whose motions differ by less move alike.
+_ALIKE = 1e-6
 
 
 class Traced(NamedTuple):
@@ -228,7 +230,9 @@ def _free(e: EquationsOfMotion, at: Point) -> str:
 
 
 def _most(e: EquationsOfMotion, mode: Array) -> str:
-    return e.q_names[int(np.argmax(np.abs(mode / e.position_scales)))]
+    moved = np.abs(mode / e.position_scales)
+    # Of those that move alike but for rounding the last, the angle of a body.
+    return e.q_names[int(np.flatnonzero(moved >= (1.0 - _ALIKE) * np.max(moved))[-1])]
 
 
 def _moves(e: EquationsOfMotion, at: Point, index: int) -> str:

@@ -167,7 +167,7 @@ def _told(parts: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
             result[name] = sum(one[name] for one in results)
     events = [one for _, told in parts[:-1] for one in told["events"] if one.get("done", True)]
     works = {name: sum(told["end"][name] for _, told in parts) for name in ADDED_UP}
-    own = {k: x for k, x in latest.items() if k not in ("versions", "errors")}
+    own = {k: x for k, x in latest.items() if k not in ("versions", "written", "errors")}
     return own | {
         "result": result,
         "start": parts[0][1]["start"],

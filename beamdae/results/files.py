@@ -12,6 +12,7 @@ import re
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,7 +85,8 @@ def write_beside(path: Path, beside: Mapping[str, Any]) -> None:
 
 
 def _json(beside: Mapping[str, Any]) -> str:
-    return json.dumps({**beside, "versions": versions()}, indent=2) + "\n"
+    told = {"versions": versions(), "written": datetime.now(UTC).isoformat(timespec="seconds")}
+    return json.dumps({**beside, **told}, indent=2) + "\n"
 
 
 def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:

@@ -21,6 +21,7 @@ from beamdae.results.doubts import doubts
 from beamdae.results.energy_ledger import EnergyLedger, Quality
 from beamdae.results.occurrences import Occurrence
 from beamdae.results.outcome import Statistics, Status
+from beamdae.results.provenance import provenance
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.results.trajectory import Trajectory
 from beamdae.results.validity import BeamRange, beam_ranges
@@ -169,5 +170,6 @@ class Run:
             "events": [one.plain for one in self.occurred],
             "warnings": list(self.warnings),
             "end": self._end,
+            "equations": provenance(self.equations),
             **further,
         }

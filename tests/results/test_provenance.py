@@ -1,0 +1,80 @@
+"""What is told of that which ran."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from conformance import JOINTS, LOADS, NONHOLONOMIC
+from support import ARC, SOFT
+
+import beamdae as bd
+from beamdae.results.provenance import provenance
+
+EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
+
+
+def mechanism(stiffness=3.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
+    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT, 0.1), elements=2))
+    mech.add(bd.Spring("spring", disk.at(0.5, 0.4), beam.end, stiffness))
+    return mech, disk, beam
+
+
+@pytest.mark.parametrize("make", EVERYTHING.values(), ids=EVERYTHING)
+def test_every_part_is_told_in_json(make):
+    mech, disk, beam = mechanism()
+    part = mech.add(make(mech, disk, beam))
+    told = provenance(bd.equations_of_motion(mech))["parts"]
+    assert json.loads(json.dumps(told)) == told
+    assert list(told) == list(mech.parts)
+    assert told[part.name]["kind"] == type(part).__name__
+    assert len(told[part.name]) > 1
+
+
+def test_numbers_of_parts_are_told_once():
+    told = provenance(bd.equations_of_motion(mechanism()[0]))
+    assert told["gravity"] == [0.0, -9.81]
+    beam = told["parts"]["beam"]
+    assert beam["curve"] == {
+        "kind": "Arc",
+        "radius": 1.6,
+        "length": 2.0,
+        "start": [0.3, -0.2],
+        "angle": 0.4,
+    }
+    assert beam["section"]["material"]["E"] == SOFT.E
+    assert beam["mesh"]["elements"] == 2
+    assert "curve" not in beam["mesh"]
+    spring = told["parts"]["spring"]
+    assert spring["stiffness"] == 3.0
+    assert spring["a"] == {"body": "disk", "at": [0.5, 0.4]}
+
+
+def test_other_numbers_have_another_hash():
+    one, same, other = (
+        provenance(bd.equations_of_motion(mechanism(k)[0]))["identity"] for k in (3.0, 3.0, 3.1)
+    )
+    assert one == same != other
+
+
+def test_the_json_beside_a_table_tells_when_and_of_what(tmp_path):
+    before = datetime.now(UTC).replace(microsecond=0)
+    run = bd.simulate(mechanism()[0], bd.Radau(1e-3), t_end=0.01)
+    told = json.loads(run.to_csv(tmp_path / "a.csv").with_suffix(".json").read_text())
+    assert before <= datetime.fromisoformat(told["written"]) <= datetime.now(UTC)
+    assert told["equations"]["parts"]["disk"]["mass"] == 1.3
+    assert len(told["equations"]["identity"]) == 64
+
+
+def test_laws_and_long_lists_are_told_in_a_word():
+    mech = bd.Mechanism()
+    points = [(np.cos(x), np.sin(x)) for x in np.linspace(0.0, 6.0, 40)]
+    plate = mech.add(bd.RigidBody.polygon("plate", points, density=7800.0, thickness=0.01))
+    mech.add(bd.Force("push", plate.at(0.0, 0.0), (lambda t: t, 2.0)))
+    parts = provenance(bd.equations_of_motion(mech))["parts"]
+    assert parts["plate"]["shape"] == "40 entries"
+    assert parts["push"]["law"] == ["function", 2.0]
