@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
 
@@ -13,18 +14,25 @@ from hub_beam import hub_beam
 import beamdae as bd
 
 
-def exact_hub_beam(bodies: int, elements: int, damping: float) -> bd.Mechanism:
+def exact_hub_beam(
+    bodies: int, elements: int, damping: float, formulation: str = "floating frame"
+) -> bd.Mechanism:
     """The hub beam in frames and strains whose limit, with many bodies, is the exact beam."""
+    if formulation == "exact":
+        return hub_beam(elements=elements, bodies=bodies, damping=damping, formulation=formulation)
     return hub_beam(
         elements=elements, bodies=bodies, frame="chord", strain="green", damping=damping
     )
 
 
-def exact_pendulum(bodies: int, elements: int, damping: float) -> bd.Mechanism:
+def exact_pendulum(
+    bodies: int, elements: int, damping: float, formulation: str = "floating frame"
+) -> bd.Mechanism:
     """The pendulum, likewise."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
-    beams = bd.welded_beams(mech, "beam", arc, strip(damping), bodies, elements=elements)
+    kind: dict[str, Any] = {"elements": elements, "formulation": formulation}
+    beams = bd.welded_beams(mech, "beam", arc, strip(damping), bodies, **kind)
     mech.add(bd.PointMass("tip mass", 0.060, on=beams[-1].end))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beams[0].start))
     mech.observe("tip", beams[-1].end)

@@ -3,6 +3,7 @@
     python validation/performance/work_precision.py --peer PYTHON    ten minutes
     python validation/performance/work_precision.py --quick          fewer settings, two minutes
     python validation/performance/work_precision.py --references     the references anew, first
+    python validation/performance/work_precision.py --exact          beams without floating frames
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it beamdae stands alone. The
 error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run: the
@@ -18,7 +19,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -34,7 +35,7 @@ import beamdae as bd
 
 Array = np.ndarray
 
-LEVELS = (1.0, 0.3, 0.1, 0.03)
+LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
 # Settings of each tool that take turns at each level.
 FINALISTS = 3
 
@@ -46,6 +47,7 @@ class Case:
     system: str
     damping: float
     end: float
+    formulation: str = "floating frame"
 
     @property
     def name(self) -> str:
@@ -60,7 +62,7 @@ class Case:
     def mechanism(self, mesh: tuple[int, int]) -> bd.Mechanism:
         """The model of beamdae with (bodies, elements of each)."""
         model = exact_hub_beam if self.system == "hub beam" else exact_pendulum
-        return model(*mesh, self.damping)
+        return model(*mesh, self.damping, self.formulation)
 
 
 CASES = (
@@ -71,6 +73,7 @@ CASES = (
 )
 # (bodies, elements of each)
 MESHES = ((1, 2), (1, 3), (1, 4), (1, 6), (2, 2), (4, 1))
+EXACT_MESHES = ((1, 2), (1, 3), (1, 4), (1, 6), (1, 8), (1, 12))
 STEPS = (1e-2, 5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 INTEGRATORS = (
     *(bd.GeneralizedAlpha(step) for step in STEPS),
@@ -139,7 +142,7 @@ def settings_of(case: Case, peer: Worker | None, quick: bool) -> list[Setting]:
             integrator.label,
             lambda mesh=mesh, integrator=integrator: own_run(case, mesh, integrator),
         )
-        for mesh in MESHES[every]
+        for mesh in (EXACT_MESHES if case.formulation == "exact" else MESHES)[every]
         for integrator in INTEGRATORS[every]
     ]
     for elements, nodes in PEER_MESHES[every] if peer is not None else ():
@@ -271,6 +274,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--quick", action="store_true", help="fewer settings and turns")
+    parser.add_argument("--exact", action="store_true", help="beams without floating frames")
     parser.add_argument("--references", action="store_true", help="the references anew")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
     options = parser.parse_args()
@@ -282,14 +286,17 @@ def main() -> None:
     tables = []
     with peer or nullcontext():
         for case in CASES[1:3] if options.quick else CASES:
+            if options.exact:
+                case = replace(case, formulation="exact")
             settings = settings_of(case, peer, options.quick)
             lines = tried(case, settings, reference(case))
             tables.append(timed(lines, settings, 3 if options.quick else 5))
     lines = pd.concat(tables)
     options.out.mkdir(parents=True, exist_ok=True)
-    lines.to_csv(options.out / "work_precision.csv", index=False, float_format="%.4g")
-    write(options.out, "work_precision_best", best(lines))
-    draw(lines, options.out / "work_precision.png")
+    name = "work_precision_exact" if options.exact else "work_precision"
+    lines.to_csv(options.out / f"{name}.csv", index=False, float_format="%.4g")
+    write(options.out, f"{name}_best", best(lines))
+    draw(lines, options.out / f"{name}.png")
 
 
 if __name__ == "__main__":
