@@ -23,7 +23,7 @@ Array = np.ndarray
 _MORE = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Campbell:
     """Modes over the speed of rotation.
 
@@ -40,6 +40,11 @@ class Campbell:
     speeds: Array
     eigenvalues: Array
     modes: tuple[Modes, ...] = field(repr=False)
+
+    def __repr__(self) -> str:
+        followed, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
+        first, last = float(np.min(self.speeds)), float(np.max(self.speeds))
+        return f"<Campbell: {followed} modes at {speeds}, {first:g} to {last:g} rad/s>"
 
     @property
     def frequencies(self) -> Array:

@@ -29,7 +29,7 @@ _MOST = 2000
 _NONE = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearModel:
     """x' = A x + B u, y = C x + D u, of small deviations from a state.
 
@@ -63,6 +63,13 @@ class LinearModel:
     output_values: Array = field(repr=False)
     about: str
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
+        return (
+            f"<LinearModel about {self.about}: {len(self.states)} states; "
+            f"inputs: {inputs or 'none'}; outputs: {outputs or 'none'}>"
+        )
 
     def __iter__(self) -> Any:
         return iter((self.A, self.B, self.C, self.D))

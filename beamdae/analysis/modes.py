@@ -30,7 +30,11 @@ _NONE = 1e-9
 _TOLD, _NO_SHARE = 0.005, 1e-20
 
 
-@dataclass(frozen=True)
+# Frequencies of its short text.
+_TOLD = 5
+
+
+@dataclass(frozen=True, repr=False)
 class Modes:
     """Natural modes of a mechanism about a state, lowest first.
 
@@ -67,6 +71,11 @@ class Modes:
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{x:.4g}" for x in self.frequencies[:_TOLD])
+        more = ", ..." if len(self) > _TOLD else ""
+        return f"<Modes about {self.about}: {len(self)}, {told}{more} Hz>"
 
     @property
     def frequencies(self) -> Array:

@@ -51,7 +51,7 @@ class ResponsePoint:
         return largest(self.multipliers) <= 1.0 + _UNSTABLE
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
     """Periodic motions along a curve over a parameter.
 
@@ -68,6 +68,12 @@ class FrequencyResponse:
     parameter: str
     points: tuple[ResponsePoint, ...]
     status: Status
+
+    def __repr__(self) -> str:
+        values = [point.parameter for point in self.points]
+        reach = f", {self.parameter} {min(values):g} to {max(values):g}" if values else ""
+        ended = f"{self.status.kind}, {self.status.sentence}"
+        return f"<FrequencyResponse: {len(values)} motions{reach}; {ended}>"
 
     def table(self) -> pd.DataFrame:
         """One row a motion: parameter, period, mean and half the range of each observed column.

@@ -20,7 +20,7 @@ Array = np.ndarray
 _UNSTABLE = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PeriodicMotion:
     """A motion that repeats after a period, and its stability (Floquet).
 
@@ -51,6 +51,9 @@ class PeriodicMotion:
     off: float = np.inf
     iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after its period"))
+
+    def __repr__(self) -> str:
+        return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"
 
     @property
     def stable(self) -> bool:

@@ -46,7 +46,7 @@ class Safety:
     where: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SectionForces:
     """Section forces of a beam at sections and times: N along the section's direction, Q, and M.
 
@@ -76,6 +76,13 @@ class SectionForces:
     Q: Array
     M: Array
     strained: Array
+
+    def __repr__(self) -> str:
+        times, sections = self.N.shape
+        return (
+            f"<SectionForces of {self.beam.name}: {sections} sections at {times} times, "
+            f"{self.t[0]:g} to {self.t[-1]:g} s>"
+        )
 
     @cached_property
     def error(self) -> Array:

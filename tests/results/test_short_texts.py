@@ -1,0 +1,49 @@
+"""What results say of themselves where they are printed: one short line."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import beamdae as bd
+
+STRIP = bd.Section.rectangle(bd.Material(E=2e9, nu=0.3, rho=1200.0), 0.02, 0.004, damping=1e-3)
+
+
+def clamped(weight=9.81):
+    mech = bd.Mechanism(gravity=(0.0, -weight))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), STRIP, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (0.0, bd.sine(0.01, 2.0)), axes="body"))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+RESULTS = {
+    "solution": (lambda: bd.simulate(clamped(), bd.Radau(1e-3), 0.01), r"Solution by Radau.*tip"),
+    "equilibrium": (lambda: bd.equilibrium(clamped()), r"Equilibrium: ok.*load factor 1"),
+    "modes": (lambda: bd.modes(clamped(), n=2), r"Modes about reference: 2, [\d.]+, [\d.]+ Hz"),
+    "many modes": (lambda: bd.modes(clamped(), n=6), r"Modes about reference: 6, .*, \.\.\. Hz"),
+    "campbell": (
+        lambda: bd.campbell(clamped(weight=0.0), [0.0, 5.0], 2),
+        r"Campbell: 2 modes at 2 speeds, 0 to 5 rad/s",
+    ),
+    "linear model": (
+        lambda: bd.linearize(clamped(), inputs=["push"], outputs=["tip"]),
+        r"LinearModel about .*inputs: push\.Fx, push\.Fy; outputs: tip\.x, tip\.y, ",
+    ),
+    "periodic": (lambda: bd.periodic(clamped(), 0.5), r"PeriodicMotion: period 0\.5 s, ok, stable"),
+    "section forces": (
+        lambda: bd.simulate(clamped(), bd.Radau(1e-3), 0.01).section_forces("strip"),
+        r"SectionForces of strip: \d+ sections at 1001 times, 0 to 0\.01 s",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "told"), RESULTS.values(), ids=RESULTS)
+def test_a_result_is_one_short_line(make, told):
+    text = repr(make())
+    assert len(text) < 250
+    assert text.isprintable()
+    assert re.match(rf"<{told}.*>$", text)
