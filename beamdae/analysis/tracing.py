@@ -231,8 +231,9 @@ def _free(e: EquationsOfMotion, at: Point) -> str:
 
 def _most(e: EquationsOfMotion, mode: Array) -> str:
     moved = np.abs(mode / e.position_scales)
-    # Of those that move alike but for rounding the last, the angle of a body.
-    return e.q_names[int(np.flatnonzero(moved >= (1.0 - _ALIKE) * np.max(moved))[-1])]
+    alike = np.flatnonzero(moved >= (1.0 - _ALIKE) * np.max(moved)).tolist()
+    # Of those that move alike but for rounding an angle tells more than what it carries along.
+    return e.q_names[min(alike, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
 def _moves(e: EquationsOfMotion, at: Point, index: int) -> str:

@@ -91,6 +91,8 @@ def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, var
     """G^T lam is what forces and moments of the size reported do, in either axes."""
     _, mech = jointed(make, variant)
     joint = mech.part("j")
+    if not hasattr(joint, "reaction_on"):
+        pytest.skip("a joint of one's own need not tell reactions on either body")
     known = {x: getattr(joint, x, None) for x in ("a", "b", "carrier", "on")}
     places = {name: place for name, place in known.items() if place is not None}
     both = [(place, axes) for place in places for axes in ("inertial", "body")]
