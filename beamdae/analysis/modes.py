@@ -31,7 +31,7 @@ _TOLD, _NO_SHARE = 0.005, 1e-20
 
 
 # Frequencies of its short text.
-_TOLD = 5
+_IN_SHORT = 5
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,8 +73,8 @@ class Modes:
         return len(self.eigenvalues)
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{x:.4g}" for x in self.frequencies[:_TOLD])
-        more = ", ..." if len(self) > _TOLD else ""
+        told = ", ".join(f"{x:.4g}" for x in self.frequencies[:_IN_SHORT])
+        more = ", ..." if len(self) > _IN_SHORT else ""
         return f"<Modes about {self.about}: {len(self)}, {told}{more} Hz>"
 
     @property
