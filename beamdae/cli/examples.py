@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from keyword import iskeyword
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,8 @@ from beamdae.cli.saying import console, say_written
 from beamdae.errors import BeamdaeError, nearest, shown
 
 PREFIX = "example:"
+# Names the starter has for what it imports.
+_IMPORTED = ("bd", "np")
 
 _STARTER = '''"""A curved strip that swings on a hinge, pushed at its tip."""
 
@@ -98,9 +101,11 @@ def new_command(
     ] = None,
 ) -> None:
     """Write a model to start from: a short one, or a copy of an example."""
-    if path.suffix != ".py" or not path.stem.isidentifier():
+    usable = path.stem.isidentifier() and not iskeyword(path.stem) and path.stem not in _IMPORTED
+    if path.suffix != ".py" or not usable:
         raise BeamdaeError(
-            f"{path}: the file of a model must be called as a function can be, with .py."
+            f"{path}: the file of a model must be called as a function can be, with .py, and not "
+            f"{' or '.join(_IMPORTED)}."
         )
     if path.exists():
         raise BeamdaeError(f"{path}: it is there already, give another name.")

@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.observing import observing
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, entries, finite, shown
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.starts import AS_DRAWN
 from beamdae.results.checkpoint import Checkpoint
@@ -202,8 +202,22 @@ class Solution(Run, Tabulated):
         return save(self, path)
 
     def at_times(self, times: Array) -> Solution:
-        """The same run with other output times [s], ascending and within it."""
-        return replace(self, t=np.asarray(times, float))
+        """The same run with other output times [s], ascending and within it.
+
+        Raises
+        ------
+        BeamdaeError
+            If they are not.
+        """
+        given = entries("at_times", "times", times, "a list of times [s]")
+        t = np.array([finite("at_times", "times", one) for one in given])
+        first, end = float(self.trajectory.intervals[0].t[0]), self.trajectory.end
+        if not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < first or t[-1] > end:
+            raise BeamdaeError(
+                f"at_times: times must ascend within the run, {first:g} to {end:g} s, "
+                f"got {shown(times)}."
+            )
+        return replace(self, t=t)
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""

@@ -502,5 +502,7 @@ def test_a_new_model_runs_and_is_not_written_over(tmp_path, monkeypatch):
     assert "def four_bar(" in Path("mine.py").read_text()
     assert_mistake(invoked("new", "a b.py"), "a b.py: the file of a model must be called")
     assert_mistake(invoked("new", "arm.txt"), "arm.txt: the file of a model must be called")
+    for name in ("class.py", "np.py", "bd.py"):
+        assert_mistake(invoked("new", name), f"{name}: the file of a model must be called")
     assert_mistake(invoked("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
     assert not Path("b.py").exists()

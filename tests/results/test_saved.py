@@ -175,6 +175,20 @@ def test_runs_are_subtracted_as_far_as_both_go(tmp_path):
     assert_array_equal(short.difference(kept), 0.0)
 
 
+@pytest.mark.parametrize("times", [[0.0, 0.5], [-0.1, 0.1], [0.2, 0.1], [], [np.nan], 3, "now"])
+def test_times_outside_a_run_are_refused(run, tmp_path, times):
+    with pytest.raises(bd.BeamdaeError, match="at_times: times must"):
+        run.at_times(times)
+
+
+def test_a_saved_run_has_no_rows_beyond_its_own(run, tmp_path):
+    kept = bd.load(run.save(tmp_path / "a.run"))
+    for times in ([0.1, 0.5], [0.0, 0.005], [-1.0]):
+        with pytest.raises(bd.BeamdaeError, match=r"a\.run has no rows at some of the times"):
+            kept.at_times(np.array(times))
+    assert list(kept.at_times(kept.times[3:7])["ball.y"].index) == list(kept.times[3:7])
+
+
 def test_what_cannot_be_subtracted_is_told(run):
     fall = falling(0.3, bd.Radau(1e-3))
     with pytest.raises(bd.BeamdaeError, match="other must be a solution, got 'a'"):
