@@ -7,16 +7,17 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.part import Part
 from beamdae.report import pictures
 from beamdae.report.curves import Plot
 from beamdae.report.letters import shortened
 from beamdae.report.pen import Pen
 from beamdae.report.symbols import symbol
+from beamdae.results.shapes import drawn_through, outlines
 
 Array = np.ndarray
+# Name, kind and points (k, 2) of a part.
+Outline = tuple[str, str, Array]
 
 _POINTS = 41
 _WIDTH, _HEIGHT = 8.0, (2.5, 8.0)
@@ -58,9 +59,9 @@ def draw(mechanism: Mechanism) -> Plot:
     figure, axis = _canvas(high - low)
     size = float(np.max(high - low))
     pen = Pen(axis, _SYMBOL * size)
-    for part, kind, points in bodies:
-        _body(part, kind, points, pen)
-    drawn = {part.name for part, _, _ in bodies}
+    for body in bodies:
+        _body(*body, pen)
+    drawn = {name for name, _, _ in bodies}
     for part in mechanism.parts.values():
         if part.name not in drawn:
             symbol(part, pen)
@@ -72,24 +73,17 @@ def draw(mechanism: Mechanism) -> Plot:
     return Plot(figure)
 
 
-def _bodies(mechanism: Mechanism) -> list[tuple[Part, str, Array]]:
+def _bodies(mechanism: Mechanism) -> list[Outline]:
     """What has a shape, its kind and the points it is drawn through."""
-    parts, found = list(mechanism.parts.values()), []
-    for part in parts:
-        attached: list[Attachment] = [
-            a for other in parts for a in other.attachments if a.body is part
-        ]
-        own = list({a.point: a for a in attached}.values())
-        drawing = part.draw(own, _POINTS)
-        if drawing is not None and drawing.places:
+    found = []
+    for name, drawing in outlines(mechanism, _POINTS):
+        if drawing.kind != "ground":
             points = np.array([place.point for place in drawing.places])
-            if drawing.kind == "rigid" and len(points) > 2:
-                points = np.concatenate([points, points[:1]])
-            found.append((part, drawing.kind, points))
+            found.append((name, drawing.kind, points[drawn_through(drawing.kind, len(points))]))
     return found
 
 
-def _corners(mechanism: Mechanism, bodies: list[tuple[Part, str, Array]]) -> tuple[Array, Array]:
+def _corners(mechanism: Mechanism, bodies: list[Outline]) -> tuple[Array, Array]:
     points = [points for _, _, points in bodies]
     points += [
         np.reshape(a.point, (1, 2)) for part in mechanism.parts.values() for a in part.attachments
@@ -122,14 +116,14 @@ def _canvas(extent: Array) -> tuple[Any, Any]:
     return figure, axis
 
 
-def _body(part: Part, kind: str, points: Array, pen: Pen) -> None:
+def _body(name: str, kind: str, points: Array, pen: Pen) -> None:
     if kind == "point":
         pen.dot(points[0], "o", ms=8, mfc=pictures.COLORS[3], color=pictures.COLORS[3])
-        pen.name(points[0], part.name)
+        pen.name(points[0], name)
         return
     color = pictures.COLORS[0] if kind == "beam" else pictures.COLORS[1]
     pen.line(points, color=color, lw=2.2 if kind == "beam" else 3.0, zorder=2)
-    pen.name(points[len(points) // 2] if kind == "beam" else points.mean(axis=0), part.name)
+    pen.name(points[len(points) // 2] if kind == "beam" else points.mean(axis=0), name)
 
 
 def _gravity(gravity: Array, low: Array, high: Array, pen: Pen) -> None:

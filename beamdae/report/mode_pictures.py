@@ -17,7 +17,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.report.curves import Plot
 from beamdae.report.motion import Animation, frame_of, look, moving_pictures
 from beamdae.report.pictures import COLORS, as_written, dressed, wrapped
-from beamdae.results.shapes import outlines
+from beamdae.results.shapes import drawn_through, outlines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,10 +57,7 @@ class _Shapes(NamedTuple):
     def _bodies(self, places: Array) -> list[Body]:
         found = []
         for kind, (first, last) in zip(self.kinds, pairwise(self.starts), strict=True):
-            points = np.arange(first, last)
-            if kind == "rigid" and len(points) > 2:
-                # Outlines are closed.
-                points = np.append(points, first)
+            points = first + np.array(drawn_through(kind, last - first))
             found.append({"kind": kind, "x": places[:, points, 0], "y": places[:, points, 1]})
         return found
 

@@ -14,7 +14,7 @@ from beamdae.errors import BeamdaeError, count, positive, shown
 from beamdae.report.curves import picture_path
 from beamdae.report.pictures import COLORS
 from beamdae.results.files import replacing
-from beamdae.results.shapes import frame_times, shapes
+from beamdae.results.shapes import drawn_through, frame_times, shapes
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -164,9 +164,8 @@ def _bodies(solution: Solution, frames: int) -> list[Body]:
         raise BeamdaeError("animate: the run is not one of a mechanism, there is nothing to draw.")
     found = shapes(mechanism, solution, frames)
     for body in found:
-        if body["kind"] == "rigid":
-            # Outlines are closed.
-            body |= {axis: [[*row, *row[: len(row) > 2]] for row in body[axis]] for axis in "xy"}
+        order = drawn_through(body["kind"], len(body["x"][0]))
+        body |= {axis: [[row[k] for k in order] for row in body[axis]] for axis in "xy"}
     return found
 
 

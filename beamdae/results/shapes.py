@@ -78,6 +78,11 @@ def outlines(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
     return [(name, drawing) for name, drawing in drawn if drawing is not None and drawing.places]
 
 
+def drawn_through(kind: str, count: int) -> list[int]:
+    """Which of the points of a part its line goes through: outlines of rigid bodies are closed."""
+    return [*range(count), *([0] if kind == "rigid" and count > 2 else [])]
+
+
 def _attached(parts: list[Part], body: Part) -> list[Attachment]:
     """Points of the body that parts refer to, each once."""
     found = [a for part in parts for a in part.attachments if a.body is body]
