@@ -19,9 +19,11 @@ os.environ.pop("COLUMNS", None)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A first example builds and compiles kernels, which takes as long as the machine is slow. Each run
-# draws examples of its own, and CI runs the tests several times.
-settings.register_profile("beamdae", deadline=None, max_examples=25)
+# A first example builds and compiles kernels, which takes as long as the machine is slow. The same
+# examples on every machine: a change is judged by what it changes. New ones are looked for by
+# `pytest --hypothesis-profile=explore`.
+settings.register_profile("beamdae", deadline=None, max_examples=25, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
 

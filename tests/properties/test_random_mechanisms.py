@@ -11,7 +11,7 @@ from properties.drawings import BUILDERS
 from properties.random_drawings import draw
 from properties.rests import REST_LAWS
 from properties.runs import RUN_LAWS
-from properties.states import STATE_LAWS
+from properties.states import STATE_LAWS, unrefused
 
 import beamdae as bd
 
@@ -26,6 +26,7 @@ def tried(name, data):
     rng = data.draw(st.randoms(use_true_random=False))
     drawing = draw(rng, **options)
     note(repr(drawing))
+    unrefused(drawing.mechanism)
     law(drawing, rng)
 
 
