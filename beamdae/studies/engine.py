@@ -17,7 +17,7 @@ from beamdae.results.headers import observed_columns
 from beamdae.results.outcome import Status
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import require_columns
+from beamdae.studies.deviations import named_columns
 from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.plan import Plan
 from beamdae.studies.pool import Executor
@@ -239,7 +239,7 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
     """
     study = plan.study
     if study.columns and outcome.table is not None and task.case.model is study.cases[0].model:
-        require_columns(study.name, study.columns, observed_columns(outcome.table))
+        named_columns(study.name, study.columns, observed_columns(outcome.table))
 
 
 def _write(results: Results) -> None:

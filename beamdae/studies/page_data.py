@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.files import versions
-from beamdae.results.headers import observed_columns
+from beamdae.results.headers import Header, observed_columns
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
@@ -21,6 +21,8 @@ from beamdae.studies.work import Outcome
 _ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
+# Before the names of columns that may be called as others are.
+_TOLD = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -43,12 +45,20 @@ _ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
 _ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
-def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`."""
+def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+    """The page of a study; see `beamdae.report.page.write_page`.
+
+    `told` has a row a case as well: what stands in the place of the parameters.
+    """
     table = results.table
-    parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
+    if told is None:
+        parameters = list(table)[1 : list(table).index("group")]
+        further = [(str(p), str(p), "", "text") for p in parameters]
+    else:
+        further = [_told(told, str(name)) for name in told]
+        table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
+    columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
     return {
         "title": results.study.name,
@@ -67,6 +77,13 @@ def page(results: Results) -> dict[str, Any]:
             )
         ],
     }
+
+
+def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
+    """Key, label, unit and kind of a column on the page."""
+    unit = Header.of(name).unit if name.endswith("]") else ""
+    is_number = pd.api.types.is_numeric_dtype(table[name])
+    return _TOLD + name, name.removesuffix(f" [{unit}]"), unit, "number" if is_number else "text"
 
 
 def _notes(results: Results) -> list[str]:
