@@ -8,7 +8,8 @@ from beamdae.studies.case import Case, default_integrators, grid
 from beamdae.studies.comparison import compare
 from beamdae.studies.definition import Study, study
 from beamdae.studies.sweep_results import SweepResults
-from beamdae.studies.sweeps import Sweep, sweep
+from beamdae.studies.sweeping import sweep
+from beamdae.studies.sweeps import Sweep
 
 __all__ = [
     "Case",

@@ -34,8 +34,9 @@ def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> li
         try:
             found |= dict.fromkeys(selected(present, name))
         except BeamdaeError:
+            known = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
-                f"{part}: no observed column {shown(name)}{nearest(name, present)}, "
+                f"{part}: no observed column {shown(name)}{nearest(name, known)}, "
                 f"the columns are {', '.join(present) or 'none'}."
             ) from None
     return list(found)

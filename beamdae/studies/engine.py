@@ -80,6 +80,12 @@ class Results:
         return self.keys.get(id(case)) or self.study.task(case)
 
     @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """By the names of their files; what is not measured has no summary."""
+        of_all = {"summary.csv": self.summary} if self.study.measured else {}
+        return {"cases.csv": self.table, **of_all}
+
+    @property
     def failed(self) -> bool:
         """Whether no case succeeded, or a group has no reference to be measured against."""
         nothing = not (self.table["status"] == "ok").any()
@@ -243,6 +249,6 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
 
 
 def _write(results: Results) -> None:
-    for name, table in (("cases", results.table), ("summary", results.summary)):
+    for name, table in results.tables.items():
         text = guarded(table).to_csv(index=False, lineterminator="\n")
-        write_text(results.folder / f"{name}.csv", text)
+        write_text(results.folder / name, text)

@@ -30,7 +30,7 @@ Array = np.ndarray
 _MOST_CURVES, _MOST_TICKS, _NAME = 24, 12, 18
 # Of two parameters fewer of all pairs are drawn as dots.
 _FULL = 0.5
-_MISSED = {"marker": "x", "color": "0.2", "ms": 6, "ls": "none", "mew": 1.5}
+_MISSED: dict[str, Any] = {"marker": "x", "color": "0.2", "ms": 6, "ls": "none", "mew": 1.5}
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,9 @@ def plots(swept: SweepResults, folder: Path) -> dict[str, Callable[[], list[Path
     panels = swept.panels()
     if not swept.sweep.varied or not panels:
         return {}
-    found = {"response": partial(_files, partial(curves, swept, panels), folder / "response")}
+    found: dict[str, Callable[[], list[Path]]] = {
+        "response": partial(_files, partial(curves, swept, panels), folder / "response")
+    }
     if len(swept.sweep.varied) == 2:
         found["map"] = partial(_files, partial(maps, swept, panels), folder / "map")
     return found
@@ -204,12 +206,12 @@ def _axis(swept: SweepResults, asked: Any) -> str:
     if not varied:
         raise BeamdaeError(f"{name}: no parameter varies, there is nothing to draw over.")
     if asked is not None:
-        if asked not in varied:
+        if not isinstance(asked, str) or asked not in varied:
             raise BeamdaeError(
                 f"{name}: no parameter {shown(asked)}{nearest(asked, varied)} varies, but "
                 f"{', '.join(varied)}."
             )
-        return str(asked)
+        return asked
     scales = [Scale.of(swept, one) for one in varied]
     return max(scales, key=lambda scale: (not scale.labels, len(scale.places))).name
 
@@ -247,7 +249,7 @@ def _curve(
     """One curve in the order of the parameter; what is no number is not joined."""
     rows = rows[np.argsort(scale.at[rows], kind="stable")]
     heights = pd.to_numeric(table[column].iloc[rows], "coerce").to_numpy(float)
-    look = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
+    look: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
     if scale.labels:
         look |= {"ls": "none", "ms": 6}
     axis.plot(scale.at[rows], pictures.drawable({"y": heights})["y"], **look)
@@ -264,7 +266,7 @@ def _map(axis: Axes, x: Scale, y: Scale, heights: Array) -> None:
     cells = np.full((len(y.places), len(x.places)), np.nan)
     cells[np.searchsorted(y.places, y.at), np.searchsorted(x.places, x.at)] = heights
     missed = np.isnan(heights)
-    look = {"cmap": "viridis"}
+    look: dict[str, Any] = {"cmap": "viridis"}
     if len(heights) < _FULL * cells.size:
         drawn: Any = axis.scatter(x.at[~missed], y.at[~missed], c=heights[~missed], s=30, **look)
     else:

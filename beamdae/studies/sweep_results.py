@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -15,11 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, BeamdaeWarning, count, nearest, shown, unboxed
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    may_be_path,
+    nearest,
+    number,
+    shown,
+    told,
+    unboxed,
+)
 from beamdae.results.files import file_path, guarded, write_text
 from beamdae.studies import engine
 from beamdae.studies.case import text_of
-from beamdae.studies.pool import DaskPool, Executor, LocalPool, SerialPool
+from beamdae.studies.pool import SerialPool, pool_of
 from beamdae.studies.standing import Standing
 from beamdae.studies.sweep_tables import (
     REASON,
@@ -39,8 +47,6 @@ if TYPE_CHECKING:
     from beamdae.report.curves import Plot
 
 TABLE = "sweep.csv"
-# Processes a core that are still of use, where some of them wait.
-MOST_JOBS = 16
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,11 +78,11 @@ class SweepResults:
     def runs(self) -> list[SweptRun]:
         """The runs that have rows, in the order of the table, such as for `bd.plot`."""
         found = []
-        for case, told in zip(self.sweep.cases, self.sweep.settings, strict=True):
+        for case, said in zip(self.sweep.cases, self.sweep.settings, strict=True):
             outcome = self.results.outcome(case)
             if outcome.table is not None:
                 tag = self.sweep.tag(case)
-                found.append(SweptRun(tag, told, outcome.status, outcome.table))
+                found.append(SweptRun(tag, said, outcome.status, outcome.table))
         return found
 
     def run(self, **parameters: Any) -> SweptRun:
@@ -96,15 +102,15 @@ class SweepResults:
                 )
         asked = ", ".join(f"{name}={shown(value)}" for name, value in parameters.items())
         settings = self.sweep.settings
-        rows = [k for k, told in enumerate(settings) if _fits(told, parameters)]
+        rows = [k for k, said in enumerate(settings) if _fits(said, parameters)]
         if not rows:
             raise BeamdaeError(
                 f"{self.sweep.name}: no case has {asked}, `table` has all there are."
             )
         if len(rows) > 1:
             raise BeamdaeError(
-                f"{self.sweep.name}: {len(rows)} cases have {asked or 'any values'}, give values of "
-                f"{', '.join(self.sweep.varied)}."
+                f"{self.sweep.name}: {len(rows)} cases have {asked or 'any values'}, give "
+                f"values of {', '.join(self.sweep.varied)}."
             )
         case = self.sweep.cases[rows[0]]
         outcome = self.results.outcome(case)
@@ -120,6 +126,16 @@ class SweepResults:
         headers = observed(self.results, self.sweep)
         chosen = names or characteristic(self.results, self.sweep)
         return [panel for name in chosen for panel in panels_of(self.sweep, headers, name)]
+
+    @property
+    def parameters(self) -> list[str]:
+        """Columns of the parameters."""
+        return [parameter_column(self.sweep, name) for name in self.sweep.parameters]
+
+    @property
+    def told(self) -> list[str]:
+        """Columns of what tells most of the runs."""
+        return [column for panel in self.panels() for column in panel.lines.values()]
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Draw what is told of the runs over a parameter, a curve for each choice of the others.
@@ -175,9 +191,8 @@ class SweepResults:
         from beamdae.report.page.page import write_page
         from beamdae.studies.page_data import page
 
-        told = [parameter_column(self.sweep, name) for name in self.sweep.parameters]
-        told += [column for panel in self.panels() for column in panel.lines.values()]
-        return write_page(file_path("page", path), page(self.results, self.table[told]))
+        table = self.table[[*self.parameters, *self.told]]
+        return write_page(file_path("page", path), page(self.results, table))
 
     def __repr__(self) -> str:
         return f"<SweepResults of {self._summary}>"
@@ -196,14 +211,31 @@ class SweepResults:
         return f"{self.sweep.name} over {over}: {len(self.table)} cases, {done} reached their end"
 
 
-def _fits(told: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
-    return all(_same(told[name], unboxed(value)) for name, value in parameters.items())
+def _fits(said: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
+    return all(_same(said[name], unboxed(value)) for name, value in parameters.items())
 
 
-def _same(told: Any, value: Any) -> bool:
-    if isinstance(told, (int, float)) and isinstance(value, (int, float)):
-        return bool(told == value or np.isclose(told, value, rtol=1e-9, atol=0.0))
-    return bool(told == (value if isinstance(value, (bool, str)) else text_of(value)))
+def _same(said: Any, value: Any) -> bool:
+    size, wanted = number(said), number(value)
+    if size is not None and wanted is not None:
+        return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
+    return bool(said == (value if isinstance(value, (bool, str)) else text_of(value)))
+
+
+def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:
+    """The function of a user's own, whose mistakes are told as such."""
+    if progress is None:
+        return None
+    if not callable(progress):
+        raise BeamdaeError(f"{part}: progress must be a function, got {shown(progress)}.")
+
+    def hear(standing: Standing) -> None:
+        try:
+            progress(standing)
+        except Exception as problem:
+            raise BeamdaeError(f"{part}: progress failed, {told(problem)}.") from problem
+
+    return hear
 
 
 def run_sweep(
@@ -214,15 +246,15 @@ def run_sweep(
     progress: Callable[[Standing], None] | None,
 ) -> SweepResults:
     """Run a sweep from Python, see `bd.sweep`."""
-    executor = _executor(sweep.name, jobs, scheduler)
-    if progress is not None and not callable(progress):
-        raise BeamdaeError(f"{sweep.name}: progress must be a function, got {shown(progress)}.")
+    alone = scheduler is None and number(jobs) == 1.0
+    executor = SerialPool() if alone else pool_of(sweep.name, "jobs", jobs, scheduler)
+    hear = _heard(sweep.name, progress)
     if folder is None:
         # Kept in memory alone, once it has run.
         with TemporaryDirectory(prefix="beamdae-") as scratch:
-            found = engine.run(sweep, Path(scratch), executor, progress)
+            found = engine.run(sweep, Path(scratch), executor, hear)
     else:
-        found = engine.run(sweep, file_path(sweep.name, folder), executor, progress)
+        found = engine.run(sweep, _folder(sweep.name, folder), executor, hear)
     swept = results_of(found)
     if folder is None:
         swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
@@ -232,6 +264,14 @@ def run_sweep(
     if sentence:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
     return swept
+
+
+def _folder(part: str, given: Any) -> Path:
+    if not isinstance(given, (str, Path)) or not may_be_path(str(given)) or not str(given).strip():
+        raise BeamdaeError(
+            f"{part}: folder must be the path of a folder of results, got {shown(given)}."
+        )
+    return Path(given)
 
 
 def results_of(found: engine.Results) -> SweepResults:
@@ -251,15 +291,3 @@ def _failures(swept: SweepResults) -> str:
         f"{swept.sweep.name}: {len(wrong)} of {len(swept.table)} runs did not reach their end, "
         f"the first of them {first}; the table has all reasons."
     )
-
-
-def _executor(part: str, jobs: Any, scheduler: Any) -> Executor:
-    if scheduler is not None:
-        if not isinstance(scheduler, str):
-            raise BeamdaeError(
-                f"{part}: scheduler must be the address of a Dask scheduler, got {shown(scheduler)}."
-            )
-        return DaskPool(scheduler)
-    if jobs is not None:
-        jobs = count(part, "jobs", jobs, most=MOST_JOBS * (os.cpu_count() or 1))
-    return SerialPool() if jobs == 1 else LocalPool(jobs)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
-from beamdae.errors import BeamdaeError, iterated, keep, positive, shown
+from beamdae.errors import BeamdaeError, keep, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.model_functions import Model, model
+from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
-from beamdae.studies.case import Case, Known, grid, once, text_of
+from beamdae.studies.case import Case, Known, once
 from beamdae.studies.contents import FingerprintError
-from beamdae.studies.definition import Study, listed_by
+from beamdae.studies.definition import Study
 from beamdae.studies.deviations import column_names
 from beamdae.studies.fingerprints import digest
+from beamdae.studies.sweep_values import combinations_of
 from beamdae.studies.work import Limits, Task
 
 if TYPE_CHECKING:
@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from beamdae.studies.sweep_results import SweepResults
 
 Output = Callable[[Solution], Any]
-# Values by parameter, or combinations of them.
-Over = Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]
 
-_MOST_VALUES = 1_000_000
 # Columns of the table that are there whatever is swept.
 TAKEN = ("status", "reason", "wall time [s]", "trajectory")
 
@@ -117,176 +114,31 @@ def short(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-@overload
-def sweep(
-    model: Model | Callable[..., Any],
-    over: None = None,
-    *,
-    of: str | Iterable[str] = (),
-    outputs: Mapping[str, Output] | None = None,
-    integrator: Integrator | None = None,
+def sweep_of(
+    model: Model,
+    over: Any,
+    name: str,
+    of: Any = (),
+    integrator: Any = None,
+    outputs: Any = None,
+    time_limit: float | None = None,
     t_end: float | None = None,
     output_step: float | None = None,
-    time_limit: float | None = None,
-) -> Callable[[Callable[[], Over]], Sweep]: ...
-
-
-@overload
-def sweep(
-    model: Model | Callable[..., Any],
-    over: Over,
-    *,
-    of: str | Iterable[str] = (),
-    outputs: Mapping[str, Output] | None = None,
-    integrator: Integrator | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
-    time_limit: float | None = None,
-    folder: str | Path | None = None,
-    jobs: int | None = 1,
-    scheduler: str | None = None,
-    progress: Callable[[Standing], None] | None = None,
-) -> SweepResults: ...
-
-
-def sweep(
-    model: Model | Callable[..., Any],
-    over: Over | None = None,
-    *,
-    of: str | Iterable[str] = (),
-    outputs: Mapping[str, Output] | None = None,
-    integrator: Integrator | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
-    time_limit: float | None = None,
-    **running: Any,
-) -> Any:
-    """Run a model over values of its parameters; without `over`, a decorator.
-
-    Of each run the table tells the last, largest and smallest value and the root mean square over
-    time of observed columns, and what functions of the solution return; a run that fails is a row
-    with its reason. With `over` it runs here and now. Without, it decorates a function without
-    arguments that returns the values, for `beamdae sweep FILE.py`, or to be called.
-
-    Parameters
-    ----------
-    model
-        A model function, see `bd.model`, or any function with keyword defaults that builds a
-        mechanism (then give `t_end`).
-    over
-        Values by parameter, all combinations of which are run: `{"elements": [4, 8]}`. Values that
-        are no numbers have names as a dict, `{"section": {"thin": thin, "thick": thick}}`. Or a
-        list of combinations, each a dict of parameters, see `bd.grid`.
-    of
-        Observed columns that are told of, by header, with or without unit ("tip.y"), or by
-        observable ("tip"); default all.
-    outputs
-        Functions of a `Solution` that return a number, a truth value, a text or None, by the name
-        of their column, such as `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.
-    integrator
-        Of all runs; default `Auto()`.
-    t_end, output_step
-        End time and time between rows [s]; default the model's, and a 400th of it. Largest values
-        and root mean squares are those of the rows.
-    time_limit
-        Wall time a run may take [s]; default no limit.
-    folder
-        Where the table and all runs are kept; those that are there already are not done again, so
-        that an interrupted sweep goes on. Default nowhere.
-    jobs
-        Processes; 1: one run after the other in this process, None: one a core.
-    scheduler
-        Address of a Dask scheduler, whose workers do the runs.
-    progress
-        Called with a `Standing` (`done`, `total`, `failed`, ...) after each run.
-
-    Returns
-    -------
-    SweepResults or a decorator, which gives a Sweep
-
-    Raises
-    ------
-    BeamdaeError
-        If a parameter is unknown, has no values or such of a wrong type, or there is no such
-        column. Values the model itself refuses are failed rows.
-
-    Warns
-    -----
-    BeamdaeWarning
-        Of runs that did not reach their end.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> def swing(length=1.0, mass=2.0):
-    ...     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ...     bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    ...     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
-    ...     mech.observe("bob", bob.point)
-    ...     return mech
-    >>> found = bd.sweep(swing, {"length": [0.5, 1.0, 2.0]}, of="bob.y", t_end=1.0)
-    >>> print(found.table[["length", "bob.y min [m]"]].round(3).to_string(index=False))
-     length  bob.y min [m]
-        0.5         -0.500
-        1.0         -1.000
-        2.0         -1.982
-    >>> path = found.plot("bob.y").save("bob.png")
-    """
-    chosen = _model(model, t_end)
-    if time_limit is not None:
-        positive("sweep", "time_limit", time_limit)
+) -> Sweep:
+    """A sweep that is not run yet; see `sweep`."""
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
-
-    def stated(name: str, values: Any) -> Sweep:
-        combinations = _combinations(name, chosen, values)
-        return Sweep(
-            name,
-            tuple(
-                Case(chosen, {k: x.value for k, x in one.items()}, method) for one in combinations
-            ),
-            columns=column_names("sweep", (of,) if isinstance(of, str) else of),
-            t_end=t_end,
-            output_step=output_step,
-            limits=Limits(time=time_limit),
-            outputs={} if outputs is None else outputs,
-            settings=tuple({k: x.told for k, x in one.items()} for one in combinations),
-        )
-
-    if over is not None:
-        return stated(f"{chosen.name}_sweep", over).run(**running)
-    if running:
-        raise BeamdaeError(
-            f"sweep: {next(iter(running))} says how to run and is an argument of the sweep that "
-            "this decorates, or of sweep(model, over=...)."
-        )
-
-    def decorate(function: Callable[[], Over]) -> Sweep:
-        if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(f"sweep: it must decorate a function, got {shown(function)}.")
-        return stated(function.__name__, listed_by(function, "values"))
-
-    return decorate
-
-
-@dataclass(frozen=True)
-class _Value:
-    """A value of a parameter, and what is told of it."""
-
-    value: Any
-    told: Any
-
-
-def _model(given: Any, t_end: float | None) -> Model:
-    if isinstance(given, Model):
-        return given
-    if not inspect.isfunction(given):
-        raise BeamdaeError(
-            "sweep: model must be a function with parameters that builds a mechanism, see "
-            f"bd.model, got {shown(given)}."
-        )
-    if t_end is None:
-        raise BeamdaeError(f"sweep: {given.__name__} has no end time of its own, give t_end=.")
-    return model(t_end=t_end)(given)
+    found = combinations_of(name, model, over)
+    values = [{key: one.value for key, one in each.items()} for each in found]
+    return Sweep(
+        name,
+        tuple(Case(model, one, method) for one in values),
+        columns=column_names(name, (of,) if isinstance(of, str) else of),
+        limits=Limits(time=time_limit),
+        outputs={} if outputs is None else outputs,
+        settings=tuple({key: one.told for key, one in each.items()} for each in found),
+        t_end=t_end,
+        output_step=output_step,
+    )
 
 
 def _outputs(part: str, given: Any, parameters: Iterable[str]) -> dict[str, Output]:
@@ -302,44 +154,3 @@ def _outputs(part: str, given: Any, parameters: Iterable[str]) -> dict[str, Outp
         if not callable(function):
             raise BeamdaeError(f"{part}: outputs must be {wanted}, got {shown(function)}.")
     return dict(given)
-
-
-def _combinations(part: str, model: Model, over: Any) -> list[dict[str, _Value]]:
-    """The parameters of each case."""
-    if isinstance(over, Mapping):
-        lists = {name: _values(part, model, name, values) for name, values in over.items()}
-        return grid(**lists)
-    wanted = "a dict of values by parameter, or a list of combinations of them"
-    unordered = isinstance(over, (str, bytes, set, frozenset))
-    listed = iterated(part, "over", None if unordered else over, wanted, _MOST_VALUES)
-    if not listed or not all(isinstance(one, Mapping) for one in listed):
-        raise BeamdaeError(f"{part}: over must be {wanted}, got {shown(over)}.")
-    names = list(dict.fromkeys(name for one in listed for name in one))
-    # What one of them leaves open is as the model has it.
-    whole = [{x: one.get(x, model.parameters.get(x)) for x in names} for one in listed]
-    return [{x: _value(model, x, value) for x, value in one.items()} for one in whole]
-
-
-def _values(part: str, model: Model, name: Any, values: Any) -> list[_Value]:
-    if name not in model.parameters:
-        model.complete({name: None})
-    wanted = "a list of values, or a dict of them by name"
-    if isinstance(values, Mapping):
-        return [_value(model, name, value, str(told)) for told, value in values.items()] or _none(
-            part, name
-        )
-    unordered = isinstance(values, (str, bytes, set, frozenset))
-    listed = iterated(part, name, None if unordered else values, wanted, _MOST_VALUES)
-    return [_value(model, name, value) for value in listed] or _none(part, name)
-
-
-def _none(part: str, name: str) -> list[_Value]:
-    raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
-
-
-def _value(model: Model, name: str, value: Any, told: str | None = None) -> _Value:
-    checked = model.complete({name: value})[name]
-    if told is not None:
-        return _Value(checked, told)
-    plain = isinstance(checked, (bool, int, float, str))
-    return _Value(checked, checked if plain else text_of(checked))
