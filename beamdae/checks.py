@@ -144,6 +144,15 @@ class Check:
     prediction: Prediction | None
     problem: str
 
+    def __repr__(self) -> str:
+        size = f"{self.coordinates} coordinates, {self.constraints} constraints"
+        return f"<Check of {self.name}: {size}; {self.problem or 'it can be run'}>"
+
+    def _repr_html_(self) -> str:
+        from beamdae.report.card import table
+
+        return table(facts_of(self))
+
     def __str__(self) -> str:
         """All of it as text."""
         told = facts_of(self)

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from beamdae.errors import BeamdaeError
 from beamdae.report.letters import plain
+from beamdae.report.page.stored import stored_curves, stored_frames
 from beamdae.results.files import write_text
 
-# Curves are stored in 16 bits a value: a 65534th of their range, far less than a line is wide.
-_LEVELS = 65534
-_MISSING = 65535
-# What is larger could overflow when its range is taken.
-_HUGE = 1e300
-# Curves that span decades: of their size it is the logarithm that is stored and drawn.
-_LOGARITHMIC: dict[str, tuple[str, ...]] = {
-    "observed": (),
-    "error": ("error",),
-    "energy": ("imbalance",),
-    "drift": ("position drift", "velocity drift"),
-}
+# Each once in the page, one after the other: what they define is known to all of them.
+_STYLES = ("page", "charts", "table", "mechanism", "screens")
+_SCRIPTS = (
+    "data",
+    "elements",
+    "numbers",
+    "marks",
+    "axes",
+    "cases",
+    "precision",
+    "curves",
+    "mechanism",
+    "player",
+    "table",
+    "selection",
+    # It begins.
+    "page",
+)
 
 _GROUP: dict[str, Any] = {"label": "", "reference": None, "frames": None}
 _CASE: dict[str, Any] = {
@@ -97,13 +102,17 @@ def _rendered(page: Mapping[str, Any]) -> str:
     data = json.dumps(page, allow_nan=False, separators=(",", ":"))
     parts = {
         "title": html.escape(plain(page["title"])),
-        "style": folder.joinpath("page.css").read_text(encoding="utf-8"),
-        "script": folder.joinpath("page.js").read_text(encoding="utf-8"),
+        "style": _joined(folder / "style", _STYLES, ".css"),
+        "script": _joined(folder / "script", _SCRIPTS, ".js"),
         # No tag can begin within the data.
         "data": data.replace("<", "\\u003c"),
     }
     template = folder.joinpath("page.html").read_text(encoding="utf-8")
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _joined(folder: Traversable, names: Sequence[str], suffix: str) -> str:
+    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
 
 
 def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,8 +125,8 @@ def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
     for case in cases:
         if case.get("group") not in group_ids:
             raise BeamdaeError(f"page: the case {case['id']!r} belongs to no group.")
-    page["groups"] = [group | {"frames": _frames(group["frames"])} for group in groups]
-    page["cases"] = [case | {"curves": _curves(case["curves"])} for case in cases]
+    page["groups"] = [group | {"frames": stored_frames(group["frames"])} for group in groups]
+    page["cases"] = [case | {"curves": stored_curves(case["curves"])} for case in cases]
     return _finite(page)
 
 
@@ -129,52 +138,6 @@ def _unique(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
             raise BeamdaeError(f"page: the id {entry['id']!r} of a {kind} is taken.")
         known.add(entry["id"])
     return known
-
-
-def _frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if not frames or not frames["t"]:
-        return None
-    return {"t": _packed(frames["t"]), "bodies": [_body(body) for body in frames["bodies"]]}
-
-
-def _body(body: Mapping[str, Any]) -> dict[str, Any]:
-    """A body with the points of all frames one after the other."""
-    places = {axis: _packed(np.ravel(body[axis]).tolist()) for axis in ("x", "y")}
-    return {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0]), **places}
-
-
-def _curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Times, and by panel and name what is drawn over them."""
-    if not curves:
-        return None
-    drift = ("position drift", "velocity drift")
-    panels = {
-        "observed": curves.get("observed") or {},
-        "error": {"error": curves.get("error")},
-        "energy": curves.get("energy") or {},
-        "drift": {name: curves.get(name) for name in drift},
-    }
-    packed = {
-        panel: {name: _packed(x, name in _LOGARITHMIC[panel]) for name, x in named.items() if x}
-        for panel, named in panels.items()
-    }
-    return {"t": _packed(curves["t"]), **packed}
-
-
-def _packed(values: Sequence[float | None], log: bool = False) -> dict[str, Any]:
-    """Values, or the logarithms of their sizes, as 16-bit numbers of equal steps.
-
-    What is missing, not finite or has no logarithm is `_MISSING`.
-    """
-    x = np.array([math.nan if value is None else value for value in values], float)
-    if log:
-        x = np.log10(np.abs(x), out=np.full(len(x), math.nan), where=x != 0.0)
-    finite = np.abs(x) < _HUGE
-    low, high = (float(f(x[finite])) if finite.any() else 0.0 for f in (np.min, np.max))
-    step = (high - low) / _LEVELS or 1.0
-    codes = np.full(len(x), _MISSING, "<u2")
-    codes[finite] = np.round((x[finite] - low) / step)
-    return {"u16": base64.b64encode(codes.tobytes()).decode(), "low": low, "step": step, "log": log}
 
 
 def _finite(value: Any) -> Any:

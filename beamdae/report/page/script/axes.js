@@ -1,0 +1,91 @@
+// Scales and axes.
+
+function scale([low, high], [from, to], logarithmic) {
+  const forth = logarithmic ? Math.log10 : (value) => value;
+  const [begin, end] = [forth(low), forth(high)];
+  const at = (value) => from + ((to - from) * (forth(value) - begin)) / (end - begin);
+  const back = (place) => begin + ((end - begin) * (place - from)) / (to - from);
+  return { at, back, ticks: logarithmic ? powerTicks(low, high) : evenTicks(low, high) };
+}
+
+function powerTicks(low, high) {
+  const span = Math.log10(high / low);
+  const factors = span < 1.5 ? [1, 2, 3, 5] : span < 2.5 ? [1, 2, 5] : [1];
+  const every = Math.max(Math.ceil(span / 8), 1);
+  const values = [];
+  for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k += 1) {
+    if (k % every === 0) values.push(...factors.map((factor) => factor * 10 ** k));
+  }
+  const ticks = values.filter((value) => value >= low && value <= high);
+  const plain = ticks.every((value) => value > 0.9e-2 && value < 1e4);
+  return ticks.map((value) => ({
+    value,
+    text: plain ? String(Number(value.toPrecision(1))) : powerText(value),
+  }));
+}
+
+function niceBelow(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find((factor) => factor * power <= value * (1 + 1e-9));
+}
+
+function evenTicks(low, high) {
+  const step = niceBelow((high - low) / 3.5);
+  const first = Math.ceil(low / step - 1e-9);
+  const last = Math.floor(high / step + 1e-9);
+  const digits = Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / step)) + 1, 1);
+  return Array.from({ length: last - first + 1 }, (_, i) => {
+    const value = (first + i) * step;
+    return { value, text: shown(Number(value.toPrecision(Math.min(digits, 15))), Math.max(digits + 1, 2)) };
+  });
+}
+
+function padded([low, high], logarithmic) {
+  if (logarithmic) {
+    const more = Math.max(10 ** (0.08 * (1 + Math.log10(high / low))), Math.sqrt((10 * low) / high));
+    return [low / more, high * more];
+  }
+  const more = 0.05 * (high - low) || 0.1 * Math.abs(high) || 1;
+  return [low - more, high + more];
+}
+
+function plotBox(width, height) {
+  return { width, height, left: 62, right: width - 14, top: 24, bottom: height - 34 };
+}
+
+function canvas(box, label, ...children) {
+  return svg(
+    "svg",
+    { viewBox: `0 0 ${box.width} ${box.height}`, role: "group", "aria-label": label },
+    ...children,
+  );
+}
+
+function axes(box, x, y, titles) {
+  const vertical = x.ticks.flatMap(({ value, text }) => [
+    svg("line", { class: "grid", x1: x.at(value), x2: x.at(value), y1: box.top, y2: box.bottom }),
+    svg("text", { x: x.at(value), y: box.bottom + 15, "text-anchor": "middle" }, text),
+  ]);
+  const horizontal = y.ticks.flatMap(({ value, text }) => [
+    svg("line", { class: "grid", x1: box.left, x2: box.right, y1: y.at(value), y2: y.at(value) }),
+    svg("text", { x: box.left - 7, y: y.at(value) + 4, "text-anchor": "end" }, text),
+  ]);
+  const frame = {
+    class: "axis",
+    x: box.left,
+    y: box.top,
+    width: box.right - box.left,
+    height: box.bottom - box.top,
+  };
+  return [
+    ...vertical,
+    ...horizontal,
+    svg("rect", frame),
+    svg(
+      "text",
+      { class: "title", x: (box.left + box.right) / 2, y: box.height - 3, "text-anchor": "middle" },
+      titles.x,
+    ),
+    svg("text", { class: "title", x: box.left, y: 14 }, titles.y),
+  ];
+}

@@ -1,0 +1,54 @@
+// The mechanism in motion.
+
+const SPEEDS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
+const motion = { frames: null, draw: null, time: 0, playing: false, last: 0 };
+
+function drawMotion() {
+  pause();
+  motion.frames = state.group.frames;
+  const single = !motion.frames || motion.frames.t.length < 2;
+  byId("player").hidden = single;
+  if (!motion.frames) return byId("stage").replaceChildren(empty("No animation of this model."));
+  byId("stage").replaceChildren(
+    stage(motion.frames.bodies),
+    html("div", { class: "legend" }, ...bodyLegend(motion.frames.bodies)),
+  );
+  byId("frame").max = motion.frames.t.length - 1;
+  const duration = motion.frames.t.at(-1) - motion.frames.t[0];
+  const away = (speed) => Math.abs(Math.log(duration / speed / 6));
+  if (!single) byId("speed").selectedIndex = SPEEDS.indexOf([...SPEEDS].sort((a, b) => away(a) - away(b))[0]);
+  return showTime(motion.frames.t[0]);
+}
+
+function showTime(time) {
+  const { t } = motion.frames;
+  const after = t.findIndex((x) => x > time);
+  const frame = after < 0 ? t.length - 1 : Math.max(after - 1, 0);
+  motion.time = time;
+  motion.draw(frame);
+  byId("frame").value = frame;
+  byId("frame").setAttribute("aria-valuetext", `${shown(t[frame])} s`);
+  byId("time").value = `t = ${shown(t[frame], 3)} s`;
+}
+
+function advance(now) {
+  if (!motion.playing) return;
+  const { t } = motion.frames;
+  const elapsed = Math.min(now - motion.last, 100) / 1000;
+  motion.last = now;
+  const time = motion.time + elapsed * SPEEDS[byId("speed").selectedIndex];
+  showTime(time > t.at(-1) ? t[0] : time);
+  requestAnimationFrame(advance);
+}
+
+function play() {
+  motion.playing = true;
+  motion.last = performance.now();
+  byId("play").textContent = "Pause";
+  requestAnimationFrame(advance);
+}
+
+function pause() {
+  motion.playing = false;
+  byId("play").textContent = "Play";
+}
