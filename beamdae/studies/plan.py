@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from beamdae.studies.case import Known
 from beamdae.studies.definition import Study
+from beamdae.studies.naming import file_names
 from beamdae.studies.references import groups, reference_tasks
 from beamdae.studies.work import Task
 
@@ -51,7 +52,7 @@ class Plan:
 
 
 def _unique(tasks: list[Task]) -> list[Task]:
-    """Each run once, with all that any of those who want it ask for."""
+    """Each run once, with all that any of those who want it ask for, and a name of its own."""
     found: dict[str, Task] = {}
     for task in tasks:
         earlier = found.setdefault(task.key, task)
@@ -60,4 +61,5 @@ def _unique(tasks: list[Task]) -> list[Task]:
             repetitions=max(earlier.repetitions, task.repetitions),
             animated=earlier.animated or task.animated,
         )
-    return list(found.values())
+    names = file_names((task.case.group, task.case.label) for task in found.values())
+    return [replace(x, name=name) for x, name in zip(found.values(), names, strict=True)]
