@@ -145,9 +145,8 @@ class Check:
     problem: str
 
     def __repr__(self) -> str:
-        return (
-            f"<Check of {self.name}: mobility {self.mobility}; {self.problem or 'it can be run'}>"
-        )
+        told = self.problem or "it can be run"
+        return f"<Check of {self.name}: mobility {self.mobility}; {told}>"
 
     def _repr_html_(self) -> str:
         from beamdae.report.card import table
@@ -179,8 +178,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     t_end
-        End time [s] of the run to predict; default the model's own. Mechanisms that no model built
-        have none: without it nothing is predicted for them.
+        End time [s] of the run to predict; default the model's own, without one none is.
     predict
         Whether a trial run of at most a second is made.
 
