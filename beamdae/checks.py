@@ -193,7 +193,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         name, t_end = model.name, model.t_end if t_end is None else t_end
         model = model()
     end = None if t_end is None else positive("check", "t_end", t_end)
-    equations = as_equations(model)
+    equations = as_equations("check", model)
     starter, state, problem = _start(equations, end or 1.0)
     time = _first(equations, end or 1.0)
     q = equations.q0 if state is None else state.q
