@@ -48,7 +48,7 @@ class Sweep(Study):
         The parameters of each case as they are told: numbers, texts, or names of other values.
     """
 
-    references: tuple[Integrator, ...] = ()
+    references: tuple[Integrator, ...] | None = ()
     outputs: Mapping[str, Output] = field(default_factory=dict)
     settings: tuple[Mapping[str, Any], ...] = ()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ COUNTS = {
     "solves": "solves",
     "Newton failures": "newton_failures",
 }
+# Of cases that ran several times, beside the median of their wall times.
+SPREAD = ("wall time min [s]", "wall time max [s]")
 MEASURES = {
     "setup time [s]": "setup_time",
     "wall time [s]": "wall_time",
@@ -76,6 +78,16 @@ def output_values(
 def output_column(name: str) -> str:
     """Column of the case table for an output of a sweep."""
     return f"output {name}"
+
+
+def timings(times: Sequence[float]) -> dict[str, float]:
+    """The median of the wall times of equal runs, and their ends, by column of the case table."""
+    found = {"wall time [s]": float(np.median(times))}
+    return (
+        found
+        if len(times) < 2
+        else found | dict(zip(SPREAD, (min(times), max(times)), strict=True))
+    )
 
 
 def by_time(solution: Solution) -> pd.DataFrame:
