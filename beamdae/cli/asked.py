@@ -21,7 +21,7 @@ def configured(path: Path, name: str | None, settings: list[str] | None) -> Mode
     return replace(model, parameters=model.complete(assignments(settings)))
 
 
-def integrator_of(name: str, options: dict[str, Any]) -> Any:
+def integrator_of(command: str, name: str, options: dict[str, Any]) -> Any:
     """The integrator of a name, with those of the options that are given."""
     from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
 
@@ -31,14 +31,15 @@ def integrator_of(name: str, options: dict[str, Any]) -> Any:
         "radau": Radau,
         "generalized-alpha": GeneralizedAlpha,
     }
-    kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
+    kind = kinds[one_of(command, "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:
         if option not in _settings(kind):
             flag = option.replace("_", "-")
             have = [other for other, kind in kinds.items() if option in _settings(kind)]
             raise BeamdaeError(
-                f"run: --{flag} is no option of --integrator {name}, but of {' and '.join(have)}."
+                f"{command}: --{flag} is no option of --integrator {name}, but of "
+                f"{' and '.join(have)}."
             )
     return kind(**given)
 

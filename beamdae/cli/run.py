@@ -96,6 +96,7 @@ def run_command(
     """
     model = configured(path, model_name, settings)
     method = integrator_of(
+        "run",
         integrator,
         {
             "rtol": rtol,

@@ -20,7 +20,7 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.saying import console
 from beamdae.cli.study_work import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
-from beamdae.errors import BeamdaeError, nearest
+from beamdae.errors import BeamdaeError, count, nearest
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
@@ -77,7 +77,9 @@ def sweep_command(
     """
     if over:
         options = {"rtol": rtol, "step": step}
-        sweep = _stated(path, model_name, over, settings, of, integrator_of(integrator, options))
+        sweep = _stated(
+            path, model_name, over, settings, of, integrator_of("sweep", integrator, options)
+        )
     else:
         _refuse(settings, integrator, rtol, step)
         sweep = _of_file(path, model_name)
@@ -147,15 +149,15 @@ def _between(model: Model, name: str, text: str) -> list[Any]:
     start, stop, number, *rest = [*text.split(":"), ""]
     geometric = rest == ["log", ""]
     try:
-        ends, count = (float(start), float(stop)), int(number)
-        right = geometric or rest == [""]
+        ends, asked = (float(start), float(stop)), float(number)
     except ValueError:
-        right = False
-    if not (right and np.isfinite(ends).all() and 1 <= count <= _MOST_VALUES):
+        ends, asked = (np.nan, np.nan), np.nan
+    if not np.isfinite([*ends, asked]).all() or not (geometric or rest == [""]):
         raise BeamdaeError(f"--over {name}={text}: values must have the form {_FORMS}.")
     if geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    spaced = np.geomspace(*ends, count) if geometric else np.linspace(*ends, count)
+    points = count(f"--over {name}={text}", "COUNT", asked, most=_MOST_VALUES)
+    spaced = np.geomspace(*ends, points) if geometric else np.linspace(*ends, points)
     found = [float(f"{x:.{_DIGITS}g}") for x in spaced]
     return [model.complete({name: x})[name] for x in found]
 

@@ -133,7 +133,7 @@ def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -
     several = len(families) > 1
     if several:
         panels = [one for panel in panels for one in panel.apart()]
-    panels = panels[: pictures.PANELS]
+    panels = _with_numbers(swept.table, panels)
     labels = list(families) if several else _measures(panels)
     styles = _styles(labels, several and _graded(swept, scale.name, len(families)))
     figure, axes = pictures.panels(len(panels), "")
@@ -149,6 +149,18 @@ def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -
     _legend(figure, styles if len(labels) > 1 else {}, bool((swept.table[STATUS] != "ok").any()))
     pictures.as_written(figure)
     return Plot(figure)
+
+
+def _numbers_of(column: pd.Series) -> Array:
+    """What of a column an axis has a place for."""
+    values = pd.to_numeric(column, "coerce").to_numpy(float)
+    return pictures.drawable({"": values})[""]
+
+
+def _with_numbers(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
+    """Those with something to draw, as many as there is room for."""
+    known = {c: not np.isnan(_numbers_of(table[c])).all() for x in panels for c in x.lines.values()}
+    return [x for x in panels if any(known[c] for c in x.lines.values())][: pictures.PANELS]
 
 
 def _graded(swept: SweepResults, x: str, families: int) -> bool:
@@ -187,12 +199,12 @@ def maps(
     if y is not None and _axis(swept, y) != other:
         raise BeamdaeError(f"{swept.sweep.name}: x and y must be the two parameters that vary.")
     up = Scale.of(swept, other)
-    chosen = [one for panel in panels for one in panel.apart()][: pictures.PANELS]
+    chosen = _with_numbers(swept.table, [one for panel in panels for one in panel.apart()])
     figure, axes = pictures.panels(len(chosen), "")
     for axis, panel in zip(axes, chosen, strict=True):
         (column,) = panel.lines.values()
         pictures.dressed(axis, shortened(panel.title, pictures.AXIS), "")
-        _map(axis, across, up, pd.to_numeric(swept.table[column], "coerce").to_numpy(float))
+        _map(axis, across, up, _numbers_of(swept.table[column]))
         axis.figure.axes[-1].set_ylabel(_unit(panel))
         across.dress(axis, "x")
         up.dress(axis, "y")
@@ -248,11 +260,11 @@ def _curve(
 ) -> None:
     """One curve in the order of the parameter; what is no number is not joined."""
     rows = rows[np.argsort(scale.at[rows], kind="stable")]
-    heights = pd.to_numeric(table[column].iloc[rows], "coerce").to_numpy(float)
+    heights = _numbers_of(table[column])[rows]
     look: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
     if scale.labels:
         look |= {"ls": "none", "ms": 6}
-    axis.plot(scale.at[rows], pictures.drawable({"y": heights})["y"], **look)
+    axis.plot(scale.at[rows], heights, **look)
 
 
 def _missed(axis: Axes, swept: SweepResults, scale: Scale) -> None:

@@ -75,51 +75,53 @@ class SweepResults:
         return self.results.interrupted
 
     @cached_property
-    def runs(self) -> list[SweptRun]:
-        """The runs that have rows, in the order of the table, such as for `bd.plot`."""
-        found = []
-        for case, said in zip(self.sweep.cases, self.sweep.settings, strict=True):
+    def _by_row(self) -> dict[int, SweptRun]:
+        found = {}
+        for k, (case, said) in enumerate(zip(self.sweep.cases, self.sweep.settings, strict=True)):
             outcome = self.results.outcome(case)
             if outcome.table is not None:
-                tag = self.sweep.tag(case)
-                found.append(SweptRun(tag, said, outcome.status, outcome.table))
+                found[k] = SweptRun(self.sweep.tag(case), said, outcome.status, outcome.table)
         return found
 
+    @property
+    def runs(self) -> list[SweptRun]:
+        """The runs that have rows, in the order of the table, such as for `bd.plot`."""
+        return list(self._by_row.values())
+
     def run(self, **parameters: Any) -> SweptRun:
-        """The run of such parameters; those that do not vary may be left out.
+        """The run of such parameters; those that tell it from no other may be left out.
 
         Raises
         ------
         BeamdaeError
             If there is none with these values, or several, or it has no rows.
         """
-        known = self.sweep.parameters
-        for name in parameters:
-            if name not in known:
+        row = self._row(parameters)
+        if row not in self._by_row:
+            reason = str(self.table[REASON].iloc[row]).removesuffix(".")
+            tag = self.sweep.tag(self.sweep.cases[row])
+            raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows, {reason}.")
+        return self._by_row[row]
+
+    def _row(self, parameters: Mapping[str, Any]) -> int:
+        name, known, settings = self.sweep.name, self.sweep.parameters, self.sweep.settings
+        for one in parameters:
+            if one not in known:
                 raise BeamdaeError(
-                    f"{self.sweep.name}: no parameter {shown(name)}{nearest(name, known)} is "
-                    f"swept, but {', '.join(known)}."
+                    f"{name}: no parameter {shown(one)}{nearest(one, known)} is swept, but "
+                    f"{', '.join(known)}."
                 )
-        asked = ", ".join(f"{name}={shown(value)}" for name, value in parameters.items())
-        settings = self.sweep.settings
+        asked = ", ".join(f"{one}={shown(value)}" for one, value in parameters.items())
         rows = [k for k, said in enumerate(settings) if _fits(said, parameters)]
         if not rows:
+            raise BeamdaeError(f"{name}: no case has {asked}, `table` has all there are.")
+        left = [x for x in known if any(settings[k][x] != settings[rows[0]][x] for k in rows)]
+        if left:
             raise BeamdaeError(
-                f"{self.sweep.name}: no case has {asked}, `table` has all there are."
+                f"{name}: {len(rows)} cases have {asked or 'any values'}, give "
+                f"{' and '.join(left)} as well."
             )
-        if len(rows) > 1:
-            raise BeamdaeError(
-                f"{self.sweep.name}: {len(rows)} cases have {asked or 'any values'}, give "
-                f"values of {', '.join(self.sweep.varied)}."
-            )
-        case = self.sweep.cases[rows[0]]
-        outcome = self.results.outcome(case)
-        if outcome.table is None:
-            raise BeamdaeError(
-                f"{self.sweep.name}: the case with {asked} has no rows, "
-                f"{outcome.status.sentence.removesuffix('.')}."
-            )
-        return SweptRun(self.sweep.tag(case), settings[rows[0]], outcome.status, outcome.table)
+        return rows[0]
 
     def panels(self, *names: str) -> list[Panel]:
         """What pictures show of names; default what tells most."""

@@ -33,8 +33,7 @@ def combinations_of(part: str, model: Model, over: Any) -> list[dict[str, Value]
         lists = {name: _values(part, model, name, values) for name, values in over.items()}
         return grid(**lists)
     wanted = "a dict of values by parameter, or a list of combinations of them"
-    unordered = isinstance(over, (str, bytes, set, frozenset, Mapping))
-    listed = iterated(part, "over", None if unordered else over, wanted, _MOST_VALUES)
+    listed = _listed(part, "over", None if isinstance(over, Mapping) else over, wanted)
     if not listed or not all(isinstance(one, Mapping) for one in listed):
         raise BeamdaeError(f"{part}: over must be {wanted}, got {shown(over)}.")
     names = list(dict.fromkeys(name for one in listed for name in one))
@@ -46,18 +45,23 @@ def combinations_of(part: str, model: Model, over: Any) -> list[dict[str, Value]
 def _values(part: str, model: Model, name: Any, values: Any) -> list[Value]:
     if name not in model.parameters:
         model.complete({name: None})
-    wanted = "a list of values, or a dict of them by name"
     if isinstance(values, Mapping):
-        return [_value(model, name, value, str(told)) for told, value in values.items()] or _none(
-            part, name
-        )
+        found = [_value(model, name, value, str(told)) for told, value in values.items()]
+    else:
+        wanted = "a list of values, or a dict of them by name"
+        found = [_value(model, name, x) for x in _listed(part, name, values, wanted)]
+    if not found:
+        raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
+    return found
+
+
+def _listed(part: str, name: str, values: Any, wanted: str) -> list[Any]:
+    """The entries of whatever has an order, if they are not too many."""
     unordered = isinstance(values, (str, bytes, set, frozenset))
-    listed = iterated(part, name, None if unordered else values, wanted, _MOST_VALUES)
-    return [_value(model, name, value) for value in listed] or _none(part, name)
-
-
-def _none(part: str, name: str) -> list[Value]:
-    raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
+    found = iterated(part, name, None if unordered else values, wanted, _MOST_VALUES + 1)
+    if len(found) > _MOST_VALUES:
+        raise BeamdaeError(f"{part}: {name} must have at most {_MOST_VALUES} values, got more.")
+    return found
 
 
 def _value(model: Model, name: str, value: Any, told: str | None = None) -> Value:

@@ -128,6 +128,8 @@ def test_values_of_any_kind_are_swept_and_told_by_names():
     assert found.run(section="thick", turns=2).label == "section=thick, turns=2"
     unnamed = swept({"section": [THIN, THICK]})
     assert all(x.startswith("Section #") for x in unnamed.table["section"])
+    twice = swept({"speed": [1.0, 1.0]})
+    assert twice.run().label == twice.runs[1].label == "speed=1"
     assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
 
 
@@ -191,7 +193,7 @@ def test_runs_are_found_by_their_parameters(found):
     assert len(found.runs) == 6
     other = found.run(speed=2.0, radius=2.0)
     assert_allclose(run.difference(other, "tip.x").iloc[0], -1.5)
-    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0, give values of speed, rad"):
+    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0, give radius as well."):
         found.run(speed=2.0)
     with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
         found.run(speed=9.0)
@@ -199,7 +201,9 @@ def test_runs_are_found_by_their_parameters(found):
         bd.BeamdaeError, match=r"no parameter 'sped' .did you mean 'speed'.. is swe"
     ):
         found.run(sped=9.0)
-    with pytest.raises(bd.BeamdaeError, match=r"has no rows, turning: radius must .*, got 0.0.$"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"radius=0 has no rows, turning: radius must .*, got 0.0.$"
+    ):
         found.run(speed=2.0, radius=0.0)
 
 
