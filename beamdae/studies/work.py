@@ -233,7 +233,7 @@ def _built(task: Task) -> _Built:
 @lru_cache(maxsize=1)
 def _equations(recipe: _Recipe) -> _Built:
     with reading() as reads:
-        equations = as_equations(recipe.case.model(**recipe.case.parameters))
+        equations = as_equations("study", recipe.case.model(**recipe.case.parameters))
     return _Built(equations, reads)
 
 
