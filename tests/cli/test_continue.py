@@ -38,10 +38,7 @@ ROWS = ("--output-step", "0.01", "--no-estimate")
 def go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than these runs.
-    monkeypatch.setattr(
-        "beamdae.cli.run._draw",
-        lambda columns, status, title, files, told: setattr(told, "complete", True),
-    )
+    monkeypatch.setattr("beamdae.cli.run_work.draw", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
     return lambda *options: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *options])
 
