@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
-from beamdae.report.scene import loads  # noqa: F401 (registers its symbols)
+from beamdae.report.scene import elastic, loads  # noqa: F401 (they register symbols)
 from beamdae.report.scene.poses import Poses
 from beamdae.report.scene.scene import Scene, corners
 from beamdae.report.scene.sketch import Measure, Sketch, circle

@@ -30,7 +30,7 @@ QUANTITIES = {
     "M": ("bending moment M", "N m", True),
 }
 # From nothing to the most, and from the least below nothing to the most above it.
-SIZES = ("#0d2b6b", "#5b3f9e", "#a8438f", "#e0576a", "#f9893f", "#fbc02d")
+SIZES = ("#3a6fc4", "#7660c4", "#b452a3", "#e0566e", "#f58538", "#f5c31d")
 SIGNS = ("#0072B2", "#b8b8b8", "#D55E00")
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 # Numbers of sections times rows that are evaluated at once.

@@ -1,4 +1,4 @@
-"""The symbols joints, springs and surfaces have; those of loads are in `loads`."""
+"""The symbols joints have; those of springs and contacts are in `elastic`, of loads in `loads`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground, RigidBody
-from beamdae.parts.bushing import Bushing
-from beamdae.parts.contact import Contact
 from beamdae.parts.distance import Distance
 from beamdae.parts.drivers import Driver, TranslationalDriver
 from beamdae.parts.gears import Gear, RackAndPinion
@@ -21,8 +19,6 @@ from beamdae.parts.joints import Joint, Revolute, Weld
 from beamdae.parts.part import Part
 from beamdae.parts.rolling import RollingOnCircle, RollingOnLine
 from beamdae.parts.skate import Skate
-from beamdae.parts.springs import Damper, SpringDamper, TorsionSpring
-from beamdae.parts.surfaces import CircleSurface
 from beamdae.report.scene.sketch import (
     Sketch,
     box,
@@ -38,7 +34,6 @@ Array = np.ndarray
 
 # Of the size of a symbol: radius of a pin, half of a slot, how far a guide goes on.
 _PIN, _SLOT, _BEYOND = 0.26, 0.36, 3.0
-_COILS, _WINDINGS, _TICKS = 6, 2.25, 36
 # Sections of a beam the nearest one to a slider is looked for among.
 _NEAREST = 201
 
@@ -53,7 +48,8 @@ def symbol(part: Part, sketch: Sketch) -> None:
         sketch.name(rows[0])
 
 
-def _grounded(part: Any, sketch: Sketch) -> None:
+def grounded(part: Any, sketch: Sketch) -> None:
+    """The ground under its points, as far as they are of the ground."""
     for attachment in part.attachments:
         sketch.support(attachment)
 
@@ -64,7 +60,7 @@ def _pin(sketch: Sketch, row: int) -> None:
 
 @symbol.register
 def _joint(part: Joint, sketch: Sketch) -> None:
-    _grounded(part, sketch)
+    grounded(part, sketch)
     row = sketch.at(part.b)
     sketch.carried("joint", row, circle(0.3 * sketch.size, 4))
     sketch.name(row)
@@ -72,7 +68,7 @@ def _joint(part: Joint, sketch: Sketch) -> None:
 
 @symbol.register
 def _revolute(part: Revolute, sketch: Sketch) -> None:
-    _grounded(part, sketch)
+    grounded(part, sketch)
     row = sketch.at(part.b)
     _pin(sketch, row)
     sketch.name(row)
@@ -124,7 +120,7 @@ def _prismatic(part: Prismatic, sketch: Sketch) -> None:
 
 def _slot(part: Any, sketch: Sketch, offset: float) -> None:
     """Two walls as long as the way that is gone between them; hatched on the ground."""
-    low, high = _travel(part.a, part.b, part.direction, sketch)
+    low, high = travel(part.a, part.b, part.direction, sketch)
     half = _SLOT * sketch.size
     walls = [np.array([(low, offset + half), (high, offset + half)])]
     if isinstance(part.a.body, Ground):
@@ -134,7 +130,7 @@ def _slot(part: Any, sketch: Sketch, offset: float) -> None:
     sketch.carried("guide", sketch.at(part.a), turned(broken(*walls), part.direction))
 
 
-def _travel(
+def travel(
     a: Attachment, b: Attachment, direction: Any, sketch: Sketch, more: float = 0.0
 ) -> tuple[float, float]:
     """From where to where one point goes along a direction of the other's body, and beyond."""
@@ -163,21 +159,22 @@ def tip(size: float) -> Array:
 
 @symbol.register
 def _distance(part: Distance, sketch: Sketch) -> None:
-    _grounded(part, sketch)
+    grounded(part, sketch)
     a, b = sketch.at(part.a), sketch.at(part.b)
     sketch.link("link", a, b)
     _pin(sketch, a)
     _pin(sketch, b)
-    sketch.name(_middle(a, b, sketch))
+    sketch.name(middle(a, b, sketch))
 
 
-def _middle(a: int, b: int, sketch: Sketch) -> int:
+def middle(a: int, b: int, sketch: Sketch) -> int:
+    """The pose halfway between two."""
     return sketch.follow(0.5 * (sketch.pose(a) + sketch.pose(b)))
 
 
 @symbol.register
 def _driver(part: Driver, sketch: Sketch) -> None:
-    _grounded(part, sketch)
+    grounded(part, sketch)
     row = sketch.at(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
     arc = 1.2 * sketch.size * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -199,7 +196,7 @@ def _gear(part: Gear, sketch: Sketch) -> None:
         for row, place, radius in zip((a, b), (part.a, part.b), radii, strict=True):
             if not getattr(place.body, "shape", ()):
                 sketch.carried("gear", row, wheel(radius))
-    sketch.name(_middle(a, b, sketch))
+    sketch.name(middle(a, b, sketch))
 
 
 def _centered(place: Attachment) -> bool:
@@ -216,7 +213,7 @@ def _rack(part: RackAndPinion, sketch: Sketch) -> None:
     e = unit(part.direction)
     # The rack passes the pinion on its left.
     touch = np.subtract(part.a.point, part.b.point) - part.radius * _left(e)
-    low, high = _travel(part.b, part.a, part.direction, sketch, abs(part.radius))
+    low, high = travel(part.b, part.a, part.direction, sketch, abs(part.radius))
     line = turned([(low, 0.0), (high, 0.0)], e) + (touch - (touch @ e) * e)
     sketch.carried("guide", b, line)
     sketch.name(a)
@@ -224,7 +221,7 @@ def _rack(part: RackAndPinion, sketch: Sketch) -> None:
 
 @symbol.register
 def _rolling(part: RollingOnLine, sketch: Sketch) -> None:
-    low, high = _travel(part.a, part.b, part.direction, sketch, part.radius)
+    low, high = travel(part.a, part.b, part.direction, sketch, part.radius)
     side = np.subtract(part.b.point, part.a.point) @ _left(unit(part.direction))
     line = hatched(low, high, sketch.size) * (1.0, 1.0 if side > 0.0 else -1.0)
     sketch.carried("surface", sketch.at(part.a), turned(line, part.direction))
@@ -266,110 +263,3 @@ def _sliding(part: SlidingOnBeam, sketch: Sketch) -> None:
     sleeve = sketch.follow(np.column_stack([place, angle]))
     sketch.carried("sleeve", sleeve, box(1.6 * sketch.size, 1.0 * sketch.size))
     sketch.name(row)
-
-
-@symbol.register
-def _between(part: SpringDamper, sketch: Sketch) -> None:
-    """A coil, a dashpot, or both side by side; where the points always meet, a spiral."""
-    _grounded(part, sketch)
-    a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
-    lengths = np.hypot(*sketch.way(a, b).T)
-    longest = float(np.max(lengths))
-    shortest = max(float(np.min(lengths)), 0.2 * longest)
-    damps = isinstance(part, Damper) or part.damping > 0.0
-    if longest < 0.1 * size:
-        sketch.between("spring", a, b, _spiral(size))
-    elif damps and part.stiffness > 0.0:
-        end, apart = 0.12 * shortest, 0.55 * size
-        sketch.stretched("spring", a, b, _coil(end, 0.2 * shortest, apart, size))
-        sketch.stretched("damper", a, b, _dashpot(end, shortest, longest, -apart, size))
-        bars = [[(k, x, -apart), (k, x, apart)] for k, x in ((0, end), (1, -end))]
-        stubs = [[(k, 0.0, 0.0), (k, x, 0.0)] for k, x in ((0, end), (1, -end))]
-        sketch.stretched("spring", a, b, broken(*map(np.array, (*bars, *stubs))))
-    elif damps:
-        sketch.stretched("damper", a, b, _dashpot(0.0, shortest, longest, 0.0, size))
-    else:
-        sketch.stretched("spring", a, b, _coil(0.0, 0.2 * shortest, 0.0, size))
-    sketch.name(_middle(a, b, sketch))
-
-
-def _coil(end: float, stub: float, side: float, size: float) -> Array:
-    """A zigzag between two stubs, of `Symbol.points`, beside the line between the points."""
-    share = np.linspace(0.0, 1.0, 4 * _COILS + 1)[1::2]
-    inner = [(u, stub * (1.0 - 2.0 * u)) for u in (0.0, *share, 1.0)]
-    across = [0.0, *(0.45 * size * (-1.0) ** np.arange(len(share))), 0.0]
-    zigzag = [(*x, side + y) for x, y in zip(inner, across, strict=True)]
-    return np.array([(0.0, end, side), *zigzag, (1.0, -end, side)])
-
-
-def _dashpot(end: float, shortest: float, longest: float, side: float, size: float) -> Array:
-    """A cup of the first point and a piston of the other that stays inside, as above."""
-    half, bottom, rod = 0.42 * size, 0.3 * shortest, 0.5 * shortest
-    mouth = longest - rod + 0.15 * shortest
-    cup = [(mouth, half), (bottom, half), (bottom, -half), (mouth, -half)]
-    lines = [
-        [(0.0, end, side), (0.0, bottom, side)],
-        [(0.0, x, side + y) for x, y in cup],
-        [(1.0, -rod, side - 0.75 * half), (1.0, -rod, side + 0.75 * half)],
-        [(1.0, -rod, side), (1.0, -end, side)],
-    ]
-    return broken(*map(np.array, lines))
-
-
-def _spiral(size: float) -> Array:
-    """From the axes of one body to those of another: it winds as they turn."""
-    share = np.linspace(0.0, 1.0, 90)
-    angle = 2.0 * math.pi * _WINDINGS * (1.0 - share)
-    radius = (1.3 - 1.05 * share) * size
-    return np.column_stack([share, radius * np.cos(angle), radius * np.sin(angle)])
-
-
-@symbol.register
-def _torsion(part: TorsionSpring, sketch: Sketch) -> None:
-    _grounded(part, sketch)
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    # Any points of the bodies do: it is drawn at one of them.
-    inner = np.column_stack([sketch.pose(a)[:, :2], sketch.pose(b)[:, 2]])
-    sketch.between("spring", a, sketch.follow(inner), _spiral(sketch.size))
-    if np.max(np.hypot(*sketch.way(a, b).T)) > sketch.size:
-        sketch.link("link", a, b)
-    sketch.name(a)
-
-
-@symbol.register
-def _bushing(part: Bushing, sketch: Sketch) -> None:
-    """A ring of the one body around a pin of the other."""
-    _grounded(part, sketch)
-    a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
-    drawn = np.subtract(part.b.point, part.a.point)
-    sketch.carried("spring", a, circle(0.85 * size, 40) + drawn)
-    for angle in np.arange(4) * math.pi / 2.0 + math.pi / 4.0:
-        way = np.array([math.cos(angle), math.sin(angle)])
-        outer, inner = drawn + 0.85 * size * way, 0.3 * size * way
-        sketch.between("spring", a, b, np.array([(0.0, *outer), (1.0, *inner)]))
-    sketch.carried("weld", b, circle(0.3 * size))
-    sketch.name(b)
-
-
-@symbol.register
-def _contact(part: Contact, sketch: Sketch) -> None:
-    surface, touching = part.surface, sketch.at(part.point)
-    on = sketch.at(surface.on)
-    if isinstance(surface, CircleSurface):
-        sketch.carried("surface", on, _hatched_circle(surface, sketch.size))
-    else:
-        low, high = _travel(surface.on, part.point, surface.direction, sketch)
-        wall = hatched(low, high, sketch.size)
-        sketch.carried("surface", on, turned(wall, surface.direction))
-    sketch.carried("contact", touching, circle(0.2 * sketch.size))
-    sketch.name(touching)
-
-
-def _hatched_circle(surface: CircleSurface, size: float) -> Array:
-    """A circle with hatches on the side where nothing can be."""
-    angle = np.linspace(0.0, 2.0 * math.pi, _TICKS + 1)[1:]
-    feet = surface.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    away = feet / surface.radius * (-1.0 if surface.side == "outside" else 1.0)
-    length = 0.4 * min(size, surface.radius)
-    ends = feet + length * (away + np.column_stack([-away[:, 1], away[:, 0]]))
-    return broken(circle(surface.radius, 90), *np.stack([feet, ends], axis=1))
