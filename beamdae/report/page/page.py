@@ -73,8 +73,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
         - "title", "subtitle"; "made", versions by name; "notes", sentences.
         - "groups", cases that share a reference: "id", "label", "reference" with "methods",
-          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" with
-          times "t" and "bodies" as `beamdae.results.shapes.shapes` gives them.
+          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" as
+          `beamdae.report.scene.frames.frames_of` gives them.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
           and "status". The label of a case (key "label") and its status come first, named or not.
         - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
