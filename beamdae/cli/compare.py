@@ -23,7 +23,7 @@ from beamdae.cli.options import (
     require_writable,
 )
 from beamdae.cli.progress import study_progress
-from beamdae.cli.saying import complain, console, say_written
+from beamdae.cli.saying import complain, console, record, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, count, positive
 
@@ -55,7 +55,7 @@ def compare_command(
     ] = None,
     parquet: Annotated[
         bool,
-        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
+        typer.Option("--parquet", help="Write trajectories as Parquet as well."),
     ] = False,
     out: Out = Path("results"),
 ) -> None:
@@ -177,6 +177,7 @@ def _say(results: Results) -> None:
     from beamdae.report import terminal
     from beamdae.report.letters import plain
 
+    record(lambda: _found(results))
     screen = console()
     screen.print(results.study.name, style="bold")
     if not results.study.measured:
@@ -200,3 +201,15 @@ def _say(results: Results) -> None:
         complain(f"failed: {reason}")
     if len(reasons) > _MOST_ROWS:
         complain(f"failed: {len(reasons) - _MOST_ROWS} more, see cases.csv")
+
+
+def _found(results: Results) -> dict[str, Any]:
+    """What --json tells of a study."""
+    return {
+        "study": results.study.name,
+        "folder": results.folder,
+        "interrupted": results.interrupted,
+        "references": {group: one.sentence for group, one in results.references.items()},
+        "cases": results.table.to_dict("records"),
+        "summary": results.summary.to_dict("records"),
+    }
