@@ -179,9 +179,10 @@ def _say(results: Results) -> None:
 
     screen = console()
     screen.print(results.study.name, style="bold")
-    if not results.study.measured:
-        ended = int((results.table["status"] == "ok").sum())
-        screen.print(f"{len(results.table)} cases, {ended} of them reached their end", style="dim")
+    alone = results.table[~results.table["group"].isin(list(results.references))]
+    if len(alone):
+        ended = int((alone["status"] == "ok").sum())
+        screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in results.references.items():
         screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)

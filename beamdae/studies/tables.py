@@ -91,6 +91,9 @@ def case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     plain = {c: c.removeprefix(_PARAMETER) for c in parameters}
     names = {c: f"parameter {name}" if name in others else name for c, name in plain.items()}
     table = table.rename(columns=names)
+    if "below resolution" in table:
+        # Where no error is asked for, there is none a reference would have to resolve.
+        table["below resolution"] = table["below resolution"].eq(True)
     return table.astype({c: "Int64" for c in map(str, table) if c in COUNTS or is_count(c)})
 
 
@@ -125,7 +128,7 @@ def _best(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     lines = []
     # Of an error the reference cannot resolve it is known that it is at most that.
     unresolved = RESOLUTION * rows["reference uncertainty [-]"]
-    measured = rows[ERROR].where(~rows["below resolution"].astype(bool), unresolved)
+    measured = rows[ERROR].where(~rows["below resolution"], unresolved)
     for level in LEVELS:
         enough = rows[measured <= level]
         if len(enough):

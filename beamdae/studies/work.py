@@ -64,6 +64,8 @@ class Task:
         `Case.fingerprint`.
     mechanism
         `Case.mechanism`, if that is known.
+    name
+        For files, of this task alone in its study.
     """
 
     key: str
@@ -74,6 +76,7 @@ class Task:
     repetitions: int = 1
     animated: bool = False
     mechanism: str = ""
+    name: str = ""
 
     def packed(self, known: Packed) -> bytes:
         """The task for another process, the source of its model included; models once."""
