@@ -25,7 +25,8 @@ from beamdae.studies.references import NOT_RUN as NO_REFERENCE
 from beamdae.studies.references import Reference, agreed
 from beamdae.studies.standing import Count, Standing
 from beamdae.studies.store import Store
-from beamdae.studies.tables import case_table, mesh_summary, row, summary
+from beamdae.studies.summaries import mesh_summary, summary
+from beamdae.studies.tables import case_table, row
 from beamdae.studies.work import NOT_RUN, Outcome, Task
 
 # More sentences of one kind are counted.

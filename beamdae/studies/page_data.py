@@ -17,6 +17,7 @@ from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import COST, ERROR
+from beamdae.studies.told import SPREAD
 from beamdae.studies.work import Outcome
 
 _ROWS = 200
@@ -30,6 +31,8 @@ _COLUMNS = (
     (ERROR, "error", "-", "number"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (COST, "wall time", "s", "number"),
+    (SPREAD[0], "wall time, least", "s", "number"),
+    (SPREAD[1], "wall time, largest", "s", "number"),
     ("steps", "steps", "", "number"),
     ("rejected steps", "rejected", "", "number"),
     ("residual calls", "residuals", "", "number"),
