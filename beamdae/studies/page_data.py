@@ -11,6 +11,7 @@ import pandas as pd
 from beamdae.results.files import versions
 from beamdae.results.headers import Header, observed_columns
 from beamdae.studies.case import Case
+from beamdae.studies.definition import Study
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
@@ -76,12 +77,7 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": [
-            _case(results, case, row, [c[0] for c in columns], number, rest)
-            for number, (case, (_, row)) in enumerate(
-                zip(results.study.cases, table.iterrows(), strict=True)
-            )
-        ],
+        "cases": _cases(results, table, [c[0] for c in columns], rest),
     }
 
 
@@ -139,27 +135,51 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
     }
 
 
+def _cases(
+    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+) -> list[dict[str, Any]]:
+    study, ranks = results.study, _ranks(results.study)
+    found = []
+    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
+        group = str(row["group"])
+        reference = results.references.get(group)
+        told = reference is not None or isinstance(study, Sweep)
+        where = {
+            "group": rest if reference is None else group,
+            "label": study.tag(case) if told else f"{group}, {case.label}",
+        }
+        curves = _curves(results.outcome(case), reference) if k < _MOST_CURVES else None
+        own = _case(case, row, keys, reference)
+        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
+    return found
+
+
+def _ranks(study: Study) -> list[int]:
+    """The place of each case by series, and in a series from coarse to fine."""
+
+    def place(k: int) -> tuple[str, float]:
+        case = study.cases[k]
+        coarse = -case.integrator.accuracy.value
+        return case.series, coarse if study.over is None else case.parameters[study.over]
+
+    order = sorted(range(len(study.cases)), key=place)
+    return np.argsort(order).tolist()
+
+
 def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], number: int, rest: str
+    case: Case, row: pd.Series, keys: list[str], reference: Reference | None
 ) -> dict[str, Any]:
-    outcome, study, group = results.outcome(case), results.study, str(row["group"])
-    reference = results.references.get(group)
-    told = reference is not None or isinstance(study, Sweep)
+    status = str(row["reason"]) or "ok"
+    values = {key: _entry(row[key]) for key in keys}
     return {
-        "id": str(number),
-        "group": rest if reference is None else group,
-        "label": study.tag(case) if told else f"{group}, {case.label}",
         "series": case.series,
         "family": case.integrator.method,
-        "status": str(row["reason"]) or "ok",
-        "values": {key: _entry(row[key]) for key in keys}
-        | {"status": str(row["reason"]) or "ok"}
-        | _unresolved(row, reference),
+        "status": status,
+        "values": values | {"status": status} | _unresolved(row, reference),
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
         "limited": row["status"] == "limited",
-        "curves": _curves(outcome, reference) if number < _MOST_CURVES else None,
     }
 
 
