@@ -73,7 +73,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """The study of a file, or one of its models with the default integrators."""
     from beamdae.cli.model_file import contents, load_model
     from beamdae.errors import nearest
-    from beamdae.studies import Case, Study, default_integrators
+    from beamdae.studies import Case, Study, Sweep, default_integrators
 
     models, studies = contents(path)
     if name in studies or (studies and name is None):
@@ -83,7 +83,10 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
             raise BeamdaeError(
                 f"{path}: it holds several studies, name one with --model: {', '.join(studies)}."
             )
-        return studies[name or next(iter(studies))]
+        found = studies[name or next(iter(studies))]
+        if isinstance(found, Sweep):
+            raise BeamdaeError(f"{path}: {found.name} is a sweep, which beamdae sweep runs.")
+        return found
     if studies and name is not None and name not in models:
         raise BeamdaeError(f"{path}: no study {name!r}{nearest(name, studies)}.")
     model = load_model(path, name)

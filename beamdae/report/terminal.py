@@ -194,13 +194,16 @@ def summary_table(summary: pd.DataFrame) -> FittedTable:
 
 
 def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> FittedTable:
-    """The table of a sweep: parameters, what is told of each run, how it ended."""
-    columns = [Column(name) for name in parameters[1:]]
-    columns.append(Column("status", 1))
+    """The table of a sweep: parameters, how each run ended, what is told of it."""
+    last = len(told) + 2
+    varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
+    first, *others = [*varied, *(name for name in parameters if name not in varied)]
+    columns = [Column(name, 0 if name in varied else last) for name in others]
+    columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(told)]
-    names = [*parameters, "status", *told]
+    names = [first, *others, "status", *told]
     rows = [tuple(number(row[name], 5) for name in names) for _, row in table.iterrows()]
-    return FittedTable(parameters[0], columns, rows, "sweep.csv")
+    return FittedTable(first, columns, rows, "sweep.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:

@@ -1,49 +1,19 @@
-"""`bd.sweep`: a model over values of its parameters, its table, runs and pictures."""
+"""`bd.sweep`: a model over values of its parameters, its table and its runs."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
+from turning import ALPHA, THICK, THIN, swept, turning
 
 import beamdae as bd
-from beamdae.cli.commands import app
-from beamdae.cli.sweep import listed
-from beamdae.report.page.page import write_page
-from beamdae.studies.page_data import page
-from beamdae.studies.sweep_pictures import Scale
 from beamdae.studies.sweep_tables import MEASURES
-
-ALPHA = bd.GeneralizedAlpha(step=0.02)
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-THIN, THICK = (bd.Section.rectangle(STEEL, width=0.02, height=h) for h in (0.001, 0.002))
-
-
-@bd.model(t_end=0.4)
-def turning(speed=1.0, radius=1.0, section=THIN, color="red", turns=1):
-    """A point that is turned at `speed` [rad/s] from rest, told as x = r cos(w t)."""
-    if radius <= 0.0:
-        raise bd.BeamdaeError(f"turning: radius must be positive, got {radius}.")
-    mech = bd.Mechanism()
-    arm = mech.add(bd.RigidBody("arm", section.area * 1e4, inertia=0.1))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0), lambda t: speed * t))
-    mech.observe("tip", arm.at(radius, 0.0))
-    return mech
-
-
-def swept(over, **settings):
-    given = {"of": "tip.x", "integrator": ALPHA} | settings
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        return bd.sweep(turning, over, **given)
 
 
 @pytest.fixture(scope="module")
@@ -280,179 +250,3 @@ def test_a_script_needs_no_guard_to_run_in_processes(tmp_path):
     )
     assert ran.stdout.splitlines() == ["[-4.905, -4.905, -4.905]"]
     assert "Traceback" not in ran.stderr
-
-
-# Pictures and the page ----------------------------------------------------------------------------
-
-
-def lines(plot):
-    return [
-        [line for line in axes.lines if line.get_label().startswith("_child")]
-        for axes in plot.figure.axes
-    ]
-
-
-def test_curves_are_joined_in_the_order_of_the_parameter():
-    found = swept({"speed": [4.0, 1.0, 2.0]}, of="tip")
-    plot = found.plot("tip.y")
-    (axes,) = plot.figure.axes
-    assert axes.get_title() == "tip.y"
-    assert len(axes.lines) == len(MEASURES) + 1
-    assert_allclose(axes.lines[1].get_xdata(), [1.0, 2.0, 4.0])
-    assert_allclose(axes.lines[1].get_ydata(), np.sin([0.4, 0.8, 1.6]), atol=2e-3)
-    assert axes.get_xscale() == "log"
-    assert [x.get_title() for x in found.plot("tip.x max", "tip.y end").figure.axes] == [
-        "tip.x max",
-        "tip.y end",
-    ]
-    with pytest.raises(bd.BeamdaeError, match="it tells of nothing called 'tipp'"):
-        found.plot("tipp")
-    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies, but speed"):
-        found.plot(x="radius")
-    with pytest.raises(bd.BeamdaeError, match="a map is drawn over two parameters, and 1 vary"):
-        found.map()
-
-
-def test_two_parameters_are_a_family_of_curves_and_a_map(found):
-    plot = found.plot("tip.x max")
-    (axes,) = plot.figure.axes
-    heights = [line.get_ydata() for line in axes.lines[:3]]
-    assert_allclose(heights[0], [0.5] * 3, atol=1e-9)
-    assert np.isnan(heights[1]).all()
-    # Marks at all speeds, for a radius of 0 is refused at each.
-    assert_allclose(axes.lines[3].get_xdata(), [1.0, 2.0, 4.0])
-    names = [text.get_text() for text in plot.figure.legends[0].get_texts()]
-    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach its end"]
-    colored = found.map("tip.x max").figure.axes[0].collections[0].get_array()
-    assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
-
-
-@pytest.mark.slow(reason="many small runs")
-def test_what_is_no_number_has_its_place_in_order_and_is_not_joined():
-    found = swept({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
-    (axes,) = found.plot("tip.x max", x="section").figure.axes
-    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["thick", "thin"]
-    assert {line.get_linestyle() for line in axes.lines} == {"None"}
-    assert found.map("tip.x max").figure.axes[0].get_xlabel() == "color"
-
-
-@pytest.mark.slow(reason="many small runs")
-def test_ratios_make_a_logarithmic_axis_and_few_pairs_are_dots():
-    found = swept([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
-    assert Scale.of(found, "speed").log
-    assert_allclose(Scale.of(found, "speed").edges(), 10.0 ** np.arange(-1.5, 2.0))
-    (dots,) = found.map("tip.x max").figure.axes[0].collections
-    assert_allclose(dots.get_offsets()[:, 0], [0.1, 1.0, 10.0])
-
-
-def test_pages_lay_the_runs_over_each_other(found, tmp_path):
-    assert found.page(tmp_path / "report.html").stat().st_size > 10_000
-    shown = page(found.results, found.table[["speed", "radius", "tip.x max [m]"]])
-    assert [group["label"] for group in shown["groups"]] == ["turning_sweep"]
-    assert [case["label"] for case in shown["cases"]][:2] == [
-        "speed=4, radius=0.5",
-        "speed=4, radius=0",
-    ]
-    columns = {c["label"]: c for c in shown["columns"]}
-    assert columns["tip.x max"]["unit"] == "m"
-    assert columns["tip.x max"]["kind"] == "number"
-    assert shown["cases"][0]["values"][columns["tip.x max"]["key"]] == pytest.approx(0.5)
-    assert write_page(tmp_path / "again.html", shown).is_file()
-
-
-# The command --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "values"),
-    [
-        ("speed", "1,2.5", [1.0, 2.5]),
-        ("speed", "0.1:0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
-        ("speed", "1e-3:10:5:log", [1e-3, 1e-2, 0.1, 1.0, 10.0]),
-        ("speed", "3:3:1", [3.0]),
-        ("turns", "4:16:4", [4, 8, 12, 16]),
-        ("color", "red, a:b", ["red", "a:b"]),
-        ("at", "(1, 0), (2.0, 3)", [(1, 0), (2.0, 3)]),
-        ("lists", "[[1, 2], [3]],[]", [[[1, 2], [3]], []]),
-    ],
-)
-def test_values_of_the_command_line(name, text, values):
-    more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
-    assert listed(replace(turning, parameters=more), name, text) == values
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--over", "speed=1:2"], "--over speed=1:2: values must have the form values with comm"),
-        (["--over", "speed=0:2:3:log"], "both ends must be positive for :log."),
-        (["--over", "turns=1:2:4"], "turns must be of type int, got 1.3333333"),
-        (["--over", "speed"], "--over speed: it must have the form name=value."),
-        (["--over", "speed=1", "--over", "speed=2"], "--over: each parameter once, got speed=1, s"),
-        (["--over", "speed=1", "--set", "speed=2"], "--over speed: it is set by --set as well"),
-        (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
-        ([], "it holds no sweep, say what to vary with --over NAME=VALUES, of the parameters spe"),
-        (["--rtol", "1e-3"], "sweep: --rtol goes with --over, a sweep in a file says that itself"),
-    ],
-)
-def test_mistakes_of_the_command_are_told(arguments, sentence, tmp_path):
-    path = tmp_path / "model.py"
-    path.write_text(MODEL)
-    result = CliRunner().invoke(app, ["sweep", str(path), *arguments, "--out", str(tmp_path)])
-    assert result.exit_code == 2
-    assert sentence in result.output
-
-
-MODEL = """
-import beamdae as bd
-
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-
-@bd.model(t_end=0.1)
-def swing(speed=1.0, turns=1, section=bd.Section.rectangle(STEEL, width=0.02, height=0.001)):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", 1.0, inertia=0.1, angular_velocity=speed))
-    mech.observe("bob", bob.at(1.0, 0.0))
-    if speed > 5.0:
-        raise ValueError("too fast")
-    return mech
-"""
-SWEEP = """
-
-@bd.sweep(swing, of="bob.y", integrator=bd.GeneralizedAlpha(step=5e-3))
-def speeds():
-    return {"speed": [1.0, 9.0]}
-"""
-
-
-@pytest.mark.slow(reason="processes of their own")
-def test_the_command_writes_table_plots_and_page(tmp_path):
-    path = tmp_path / "model.py"
-    path.write_text(MODEL)
-    arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
-    arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
-    assert result.exit_code == 0
-    assert "6 cases, 4 of them reached their end" in result.output
-    assert "too fast" in result.output
-    folder = tmp_path / "swing_sweep_speed_turns"
-    files = {file.name for file in folder.iterdir() if file.is_file()}
-    pictures = {f"{name}.{kind}" for name in ("response", "map") for kind in ("png", "svg")}
-    assert files == {"cases.csv", "sweep.csv", "report.html", *pictures}
-    table = pd.read_csv(folder / "sweep.csv")
-    assert list(table["speed"]) == [1.0, 1.0, 5.0, 5.0, 9.0, 9.0]
-    assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
-
-
-@pytest.mark.slow(reason="processes of their own")
-def test_the_command_runs_the_sweep_of_a_file(tmp_path):
-    path = tmp_path / "sweep.py"
-    path.write_text(MODEL + SWEEP)
-    arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0
-    table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
-    assert list(table["status"]) == ["ok", "failed"]
-    again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
-    assert "2 kept from before" in again.output
-    assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")

@@ -1,0 +1,116 @@
+"""`beamdae sweep`: values on the command line, mistakes, and what is written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from turning import turning
+from typer.testing import CliRunner
+
+from beamdae.cli.commands import app
+from beamdae.cli.sweep import listed
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("speed", "1,2.5", [1.0, 2.5]),
+        ("speed", "0.1:0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
+        ("speed", "1e-3:10:5:log", [1e-3, 1e-2, 0.1, 1.0, 10.0]),
+        ("speed", "3:3:1", [3.0]),
+        ("turns", "4:16:4", [4, 8, 12, 16]),
+        ("color", "red, a:b", ["red", "a:b"]),
+        ("at", "(1, 0), (2.0, 3)", [(1, 0), (2.0, 3)]),
+        ("lists", "[[1, 2], [3]],[]", [[[1, 2], [3]], []]),
+    ],
+)
+def test_values_of_the_command_line(name, text, values):
+    more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
+    assert listed(replace(turning, parameters=more), name, text) == values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--over", "speed=1:2"], "--over speed=1:2: values must have the form values with comm"),
+        (["--over", "speed=0:2:3:log"], "both ends must be positive for :log."),
+        (["--over", "turns=1:2:4"], "turns must be of type int, got 1.3333333"),
+        (["--over", "speed"], "--over speed: it must have the form name=value."),
+        (["--over", "speed=1", "--over", "speed=2"], "--over: each parameter once, got speed=1, s"),
+        (["--over", "speed=1", "--set", "speed=2"], "--over speed: it is set by --set as well"),
+        (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
+        ([], "it holds no sweep, say what to vary with --over NAME=VALUES, of the parameters spe"),
+        (["--rtol", "1e-3"], "sweep: --rtol goes with --over, a sweep in a file says that itself"),
+    ],
+)
+def test_mistakes_of_the_command_are_told(arguments, sentence, tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    result = CliRunner().invoke(app, ["sweep", str(path), *arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert sentence in result.output
+
+
+MODEL = """
+import beamdae as bd
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+
+@bd.model(t_end=0.1)
+def swing(speed=1.0, turns=1, section=bd.Section.rectangle(STEEL, width=0.02, height=0.001)):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.RigidBody("bob", 1.0, inertia=0.1, angular_velocity=speed))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    if speed > 5.0:
+        raise ValueError("too fast")
+    return mech
+"""
+SWEEP = """
+
+@bd.sweep(swing, of="bob.y", integrator=bd.GeneralizedAlpha(step=5e-3))
+def speeds():
+    return {"speed": [1.0, 9.0]}
+"""
+
+
+@pytest.mark.slow(reason="processes of their own")
+def test_the_command_writes_table_plots_and_page(tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
+    arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
+    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 0
+    assert "6 cases, 4 of them reached their end" in result.output
+    assert "too fast" in result.output
+    folder = tmp_path / "swing_sweep_speed_turns"
+    files = {file.name for file in folder.iterdir() if file.is_file()}
+    pictures = {f"{name}.{kind}" for name in ("response", "map") for kind in ("png", "svg")}
+    assert files == {"cases.csv", "sweep.csv", "report.html", *pictures}
+    table = pd.read_csv(folder / "sweep.csv")
+    assert list(table["speed"]) == [1.0, 1.0, 5.0, 5.0, 9.0, 9.0]
+    assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
+
+
+@pytest.mark.slow(reason="processes of their own")
+def test_the_command_runs_the_sweep_of_a_file(tmp_path):
+    path = tmp_path / "sweep.py"
+    path.write_text(MODEL + SWEEP)
+    arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
+    assert list(table["status"]) == ["ok", "failed"]
+    again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
+    assert "2 kept from before" in again.output
+    assert again.exit_code == 0
+    assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")
+    told = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    assert [case["status"] for case in told["cases"]] == ["ok", "failed"]
+    other = CliRunner().invoke(app, ["compare", str(path)])
+    assert "speeds is a sweep, which beamdae sweep runs." in other.output
