@@ -10,7 +10,7 @@ from turning import THICK, THIN, swept
 import beamdae as bd
 from beamdae.report.page.page import write_page
 from beamdae.studies.page_data import page
-from beamdae.studies.sweep_pictures import Scale
+from beamdae.studies.sweep_scales import Scale
 from beamdae.studies.sweep_tables import MEASURES
 
 
