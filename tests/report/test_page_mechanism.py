@@ -152,7 +152,7 @@ def test_a_notebook_shows_a_player_of_its_own_height(browser, tmp_path, swing, w
     tab.goto(path.as_uri())
     inside = tab.frame_locator("iframe")
     assert inside.locator("#play").inner_text() == "Pause"
-    assert inside.locator("#speed").input_value() .endswith(" 0.25")
+    assert inside.locator("#speed").input_value().endswith(" 0.25")
     assert inside.locator("#color").input_value() == "largest stress [MPa]"
     tab.wait_for_function("document.querySelector('iframe').contentDocument.body.scrollHeight > 0")
     high = "f => f.contentDocument.documentElement.scrollHeight - f.clientHeight"
