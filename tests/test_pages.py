@@ -69,7 +69,7 @@ def test_the_tutorial_tells_what_it_says(tmp_path, monkeypatch):
 
 
 @slow
-@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda page: page.stem)
 def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(page)
