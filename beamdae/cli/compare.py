@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import interrupts
+from beamdae.cli import completion, interrupts
 from beamdae.cli.options import (
     EndTime,
     ModelName,
@@ -41,7 +41,14 @@ _GO_ON = "start the same command again and it goes on"
 
 
 def compare_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE.py",
+            help="Study file or model file.",
+            autocompletion=completion.model_files,
+        ),
+    ],
     settings: Settings = None,
     model_name: ModelName = None,
     time_limit: TimeLimit = None,
