@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import sys
 from itertools import takewhile
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sphinx.addnodes import pending_xref
 import beamdae as bd
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
 # Model files are imported by name, in notebooks as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
@@ -30,13 +32,15 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "sphinx-mathjax-offline",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "scripts"]
 templates_path = ["_templates"]
 
 html_theme = "furo"
 html_title = "beamdae"
 html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_show_sphinx = False
 
 # A name in single backticks links to its page where it has one.
@@ -64,9 +68,33 @@ nb_merge_streams = True
 
 copybutton_exclude = ".linenos, .gp, .go"
 
+sphinx_gallery_conf = {
+    "examples_dirs": "scripts",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "",
+    "image_scrapers": ("model_gallery.pictures",),
+    "capture_repr": ("_repr_html_",),
+    "reset_modules": (),
+    "backreferences_dir": "gallery/names",
+    "doc_module": ("beamdae",),
+    "reference_url": {"beamdae": None},
+    "run_stale_examples": True,
+    "abort_on_example_error": True,
+    "within_subsection_order": "FileNameSortKey",
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "min_reported_time": 1000,
+    "write_computation_times": False,
+    "show_memory": False,
+    "show_signature": False,
+}
 
-def copy_tutorials(app):
-    """Have the notebooks of `models/tutorials` among the pages."""
+
+def collect(app):
+    """Have the models and the notebooks of `models/tutorials` among the pages."""
+    import model_gallery
+
+    model_gallery.write_scripts(HERE / "scripts")
     kept = HERE / "tutorials"
     shutil.rmtree(kept, ignore_errors=True)
     if (notebooks := HERE.parent / "models" / "tutorials").is_dir():
@@ -111,18 +139,19 @@ def split_attributes(app, what, name, found, options, lines):
     lines[:] = made
 
 
-def escape_bars(app, what, name, found, options, lines):
-    """Docstrings write |x| and `Law`s as they are read, not as reStructuredText has them."""
+def read_plainly(app, what, name, found, options, lines):
+    """Docstrings write |x|, a . b and `Law`s as they are read, not as reStructuredText has them."""
     for k, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             line = re.sub(r"`(\w+)`(?=s\b)", r"`\1`\\ ", line)
+            line = re.sub(r"(?<=\S) \. (?=\S)", " · ", line)
             lines[k] = re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line)
 
 
 def setup(app):
     """Connect what is done before pages are read and when names are looked up."""
-    app.connect("builder-inited", copy_tutorials)
+    app.connect("builder-inited", collect, priority=100)
     app.connect("autodoc-process-docstring", split_attributes, priority=400)
-    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-docstring", read_plainly)
     app.connect("doctree-read", link_code)
     app.connect("missing-reference", public_name)

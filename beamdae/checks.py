@@ -191,7 +191,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     if isinstance(model, (Model, Built)) and model.origin is not None:
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else positive("check", "t_end", t_end)
-    equations = as_equations(model)
+    equations = as_equations("check", model)
     starter, state, problem = _start(equations, end or 1.0)
     time, own = _first(equations, end or 1.0), Starter(equations)
     q = equations.q0 if state is None else state.q

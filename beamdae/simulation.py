@@ -103,7 +103,7 @@ def simulate(
     told: list[str] = []
     try:
         if begun is None:
-            equations = as_equations(model, start)
+            equations = as_equations("simulate", model, start)
         else:
             equations, told = _going_on(name, begun, model, information, accept_changes)
         _require_room(equations, len(times))
@@ -130,7 +130,7 @@ def _going_on(
     name: str, begun: Checkpoint, model: Any, information: dict[str, Any], accept: bool
 ) -> tuple[EquationsOfMotion, list[str]]:
     """The equations to go on with, and what there is to warn of."""
-    drawn = as_equations(model, AS_DRAWN)
+    drawn = as_equations("simulate", model, AS_DRAWN)
     equations = begun.starting(drawn)
     told: list[str] = []
     changed = begun.difference(drawn, information.get("parameters", {}))
@@ -216,13 +216,13 @@ def _is_for_memory(problem: Exception) -> bool:
     return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)
 
 
-def as_equations(model: Any, start: Any = None, name: str = "simulate") -> EquationsOfMotion:
+def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     """Equations of motion of whatever can state them; `start` stands for the model's own.
 
     `name` is that of the function that was given the model.
     """
     if isinstance(model, Model):
-        return as_equations(model(), start, name)
+        return as_equations(name, model(), start)
     if isinstance(model, Mechanism):
         return equations_of_motion(model, start)
     if isinstance(model, ConstrainedSystem):

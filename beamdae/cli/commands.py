@@ -22,6 +22,7 @@ from beamdae.cli.run import run_command
 from beamdae.cli.saying import warned
 from beamdae.cli.spoken import EXIT_CODES, Command, Commands, spoken
 from beamdae.cli.static import static_command
+from beamdae.cli.sweep import sweep_command
 from beamdae.errors import BeamdaeWarning, KernelWarning
 
 app = typer.Typer(
@@ -35,6 +36,7 @@ app = typer.Typer(
 _COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
     "compare": compare_command,
+    "sweep": sweep_command,
     "check": check_command,
     "draw": draw_command,
     "static": static_command,

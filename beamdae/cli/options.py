@@ -55,6 +55,19 @@ IntegratorName = Annotated[
         autocompletion=lambda: INTEGRATORS,
     ),
 ]
+StudyFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE.py",
+        help="Study or sweep file, or model file, or example:NAME.",
+        autocompletion=completion.model_files,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://host:8786."),
+]
+Parquet = Annotated[bool, typer.Option("--parquet", help="Write trajectories as Parquet as well.")]
 Out = Annotated[Path, typer.Option(help="Folder to write to.")]
 EndTime = Annotated[float | None, typer.Option(help="End time in seconds; default the model's.")]
 OutputStep = Annotated[

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 # What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study", "load_model"}
-_DECORATED = {"model", "study"}
+_DEFINING = {"model", "study", "Study", "sweep", "load_model"}
+_DECORATED = {"model", "study", "sweep"}
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Outline:
     models
         By name, their parameters with the default of each as it is written.
     studies
-        Their names.
+        Their names, and those of sweeps.
     """
 
     defines: bool = False
@@ -64,7 +64,7 @@ def outline(file: Path) -> Outline:
     return Outline(
         bool(names) or any(meant(node) in _DEFINING for node in ast.walk(tree)),
         {function.name: dict(_parameters(function)) for function in found["model"]},
-        tuple(function.name for function in found["study"]),
+        tuple(function.name for kind in ("study", "sweep") for function in found[kind]),
     )
 
 

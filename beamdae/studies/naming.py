@@ -9,7 +9,7 @@ from collections.abc import Iterable
 # File systems have room for 255 bytes, paths for less than one likes.
 _LONGEST = 120
 # Letters and digits of any script, and what no file system or shell minds.
-_ODD = re.compile(r"[^\w=.,+]+")
+_ODD = re.compile(r"[^\w=.+]+")
 
 
 def distinct(names: Iterable[str], form: str = "{} ({})") -> list[str]:
@@ -35,9 +35,9 @@ def _file_name(group: str, label: str) -> str:
 
 
 def _plain(text: str) -> str:
-    return _ODD.sub("-", unicodedata.normalize("NFC", text)).strip("-.,")
+    return _ODD.sub("-", unicodedata.normalize("NFC", text)).strip("-.")
 
 
 def _cut(text: str, most: int) -> str:
     """As much of it as fits into so many bytes."""
-    return text.encode()[:most].decode(errors="ignore").rstrip("-.,")
+    return text.encode()[:most].decode(errors="ignore").rstrip("-.")

@@ -120,6 +120,6 @@ def test_completion_is_installed_for_the_shell_that_is_named(here):
         "bash",
         environment={"HOME": str(here), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
     )
-    output, errors = command.communicate(timeout=60)
+    _, errors = command.communicate(timeout=60)
     assert command.returncode == 0, errors
     assert "_BEAMDAE_COMPLETE" in Path(".bash_completions/beamdae.sh").read_text()

@@ -107,6 +107,17 @@ def test_an_end_can_be_gone_on_from_again(go):
     assert len(told["parts"]) == 2
 
 
+def test_what_went_on_from_a_failure_has_failed(go):
+    go("--t-end", "0.3", "--checkpoint", "end.json")
+    beside = Path("results/ball.json")
+    ended = {"status": "failed", "reason": "met something"}
+    beside.write_text(json.dumps(json.loads(beside.read_text()) | ended))
+    go("--t-end", "0.5", "--continue", "end.json")
+    table, told = read("ball")
+    assert set(table["status"]) == {told["status"]} == {told["result"]["status"]} == {"failed"}
+    assert told["reason"].endswith("but from where the run before had failed: met something")
+
+
 def test_tables_of_other_runs_are_not_overwritten(go):
     go("--t-end", "0.3", "--checkpoint", "end.json")
     go("--t-end", "0.4")
