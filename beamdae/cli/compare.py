@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,7 +19,7 @@ from beamdae.cli.options import (
     TimeLimit,
     assignments,
 )
-from beamdae.cli.saying import complain, console
+from beamdae.cli.saying import complain, console, record
 from beamdae.cli.study_work import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
 from beamdae.errors import BeamdaeError
 
@@ -95,6 +95,7 @@ def _say(results: Results) -> None:
     from beamdae.report import terminal
     from beamdae.report.letters import plain
 
+    record(lambda: _found(results))
     screen = console()
     screen.print(results.study.name, style="bold")
     alone = results.table[~results.table["group"].isin(list(results.references))]
@@ -114,3 +115,15 @@ def _say(results: Results) -> None:
             if reference.table is None:
                 complain(f"failed: {group}: {reference.sentence}")
     say_failures(results)
+
+
+def _found(results: Results) -> dict[str, Any]:
+    """What --json tells of a study."""
+    return {
+        "study": results.study.name,
+        "folder": results.folder,
+        "interrupted": results.interrupted,
+        "references": {group: one.sentence for group, one in results.references.items()},
+        "cases": results.table.to_dict("records"),
+        "summary": results.summary.to_dict("records"),
+    }

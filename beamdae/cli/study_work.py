@@ -14,7 +14,7 @@ import typer
 from beamdae.cli import interrupts
 from beamdae.cli.options import require_writable
 from beamdae.cli.progress import study_progress
-from beamdae.cli.saying import complain, console, record, say_written
+from beamdae.cli.saying import complain, console, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, positive
 
@@ -94,7 +94,6 @@ def carry_out(work: Work, executor: Callable[[], Executor], say: Callable[[Resul
             raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
     results = work.results
     assert results is not None
-    record(lambda: _found(results))
     say(results)
     say_written(console(), work.written.paths)
     if results.interrupted or interrupts.heard():
@@ -103,18 +102,6 @@ def carry_out(work: Work, executor: Callable[[], Executor], say: Callable[[Resul
         raise typer.Exit(interrupts.code())
     if results.failed or work.written.failed:
         raise typer.Exit(1)
-
-
-def _found(results: Results) -> dict[str, Any]:
-    """What --json tells of a study."""
-    return {
-        "study": results.study.name,
-        "folder": results.folder,
-        "interrupted": results.interrupted,
-        "references": {group: one.sentence for group, one in results.references.items()},
-        "cases": results.table.to_dict("records"),
-        "summary": results.summary.to_dict("records"),
-    }
 
 
 def _do(work: Work, executor: Callable[[], Executor]) -> None:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.engine import Results
+    from beamdae.studies.sweep_results import SweepResults
 
 _FORMS = "values with commas between, or START:STOP:COUNT or START:STOP:COUNT:log"
 _MOST_VALUES = 1_000_000
@@ -216,10 +217,20 @@ def _say(results: Results) -> None:
     from beamdae.studies.sweep_results import results_of
 
     swept, screen = results_of(results), console()
-    record(lambda: {"cases": swept.table.to_dict("records")})
+    record(lambda: _found(swept))
     screen.print(results.study.name, style="bold")
     ended = int((swept.table["status"] == "ok").sum())
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
     if len(swept.table) <= MOST_ROWS:
         screen.print(terminal.sweep(swept.table, swept.parameters, swept.told))
     say_failures(results)
+
+
+def _found(swept: SweepResults) -> dict[str, Any]:
+    """What --json tells of a sweep."""
+    return {
+        "sweep": swept.sweep.name,
+        "folder": swept.results.folder,
+        "interrupted": swept.interrupted,
+        "cases": swept.table.to_dict("records"),
+    }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from beamdae.report.scene.bodies import scene_of
 from beamdae.report.scene.looks import LOOKS
 from beamdae.report.scene.scene import Scene
 from beamdae.report.scene.stage import Stage
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = np.ndarray
 
@@ -55,9 +58,14 @@ def draw(mechanism: Mechanism) -> Plot:
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"draw: expected a mechanism, got {shown(mechanism)}.")
+    return Plot(figure_of_drawing(mechanism))
+
+
+def figure_of_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
+    """The drawing as a figure of a size [inch], by default one that fits."""
     scene = scene_of(mechanism, poses.drawn, np.zeros(1))
     low, high = scene.extent()
-    figure, axis = _canvas(high - low)
+    figure, axis = _canvas(high - low, size)
     Stage(axis, scene)
     names = _names(scene, _NEAR * float(np.max(high - low)))
     if np.any(mechanism.gravity):
@@ -68,16 +76,16 @@ def draw(mechanism: Mechanism) -> Plot:
     axis.autoscale_view()
     place_names(axis, names, _dense(scene))
     pictures.as_written(figure)
-    return Plot(figure)
+    return figure
 
 
-def _canvas(extent: Array) -> tuple[Any, Any]:
+def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     width, height = extent / np.max(extent)
     tall = float(np.clip(_WIDTH * (height + 0.25) / (width + 0.25), *_HEIGHT))
-    figure = Figure(figsize=(_WIDTH, tall), layout="constrained")
+    figure = Figure(figsize=size or (_WIDTH, tall), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.add_subplot()
     axis.set_aspect("equal", adjustable="datalim")

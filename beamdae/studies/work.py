@@ -19,6 +19,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
 from beamdae.report.scene.frames import frames_of
 from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.memory import bounded, forget_peak, peak_memory

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.observing import observing
 from beamdae.errors import BeamdaeError, iterated, nearest, shown
@@ -19,6 +20,9 @@ from beamdae.results.solution import Solution
 from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
+
+# Points of a trail, as far as frames are fewer, and at most so many a frame.
+_TRAIL, _BETWEEN = 2000, 10
 
 
 def scene_of_run(
@@ -43,15 +47,22 @@ def scene_of_run(
         raise BeamdaeError(f"{name}: the run is not one of a mechanism, there is nothing to draw.")
     branched, state = solution.trajectory.at(times)
 
+    scene = scene_of(
+        mechanism, Moved(mechanism, state.q), times, _measure(solution, branched, state), **settings
+    )
+    observed = _observed_points(mechanism.observables)
+    chosen = {x: observed[x] for x in _chosen(name, trail, observed)}
+    trails = _trails(solution, chosen, times)
+    return replace(scene, glyphs=(*trails, *scene.glyphs))
+
+
+def _measure(solution: Solution, branched: Array, state: State) -> Measure:
     def measure(quantity: Quantity) -> Array:
         e = observing(solution.equations, "load that is drawn", quantity)
         rows = ObservedRows(replace(e, observables=e.observables[-1:]))
         return rows(branched, *state)
 
-    scene = scene_of(mechanism, Moved(mechanism, state.q), times, measure, **settings)
-    observed = _observed_points(mechanism.observables)
-    trails = _trails(measure, {x: observed[x] for x in _chosen(name, trail, observed)})
-    return replace(scene, glyphs=(*trails, *scene.glyphs))
+    return measure
 
 
 def _observed_points(observables: dict[str, Quantity]) -> dict[str, Quantity]:
@@ -77,13 +88,15 @@ def _chosen(name: str, trail: Any, observed: Iterable[str]) -> list[str]:
     return chosen
 
 
-def _trails(measure: Measure, observed: dict[str, Quantity]) -> list[Curve]:
-    """Of each point where it has been up to each frame."""
+def _trails(solution: Solution, observed: dict[str, Quantity], times: Array) -> list[Curve]:
+    """Of each point where it has been up to each frame, at several times between frames."""
+    between = int(np.clip(_TRAIL // len(times), 1, _BETWEEN))
+    fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
+    measure = _measure(solution, *solution.trajectory.at(fine))
+    been = np.arange(len(fine)) <= between * np.arange(len(times))[:, None]
     found = []
     for name, quantity in observed.items():
         columns = [column.name for column in quantity.columns]
         places = measure(quantity)[:, [columns.index("x"), columns.index("y")]]
-        frames = np.arange(len(places))
-        been = np.where(frames[:, None, None] >= frames[None, :, None], places[None], np.nan)
-        found.append(Curve(name, "trail", been))
+        found.append(Curve(name, "trail", np.where(been[..., None], places, np.nan)))
     return found
