@@ -17,7 +17,7 @@ from beamdae.equations.given_start import started
 from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, one_of, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
-from beamdae.model_functions import Model
+from beamdae.model_functions import Built, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN, require_start
 from beamdae.results.checkpoint import Checkpoint
@@ -49,7 +49,7 @@ def simulate(
         Auto(...), Ida(...), Radau(...), GeneralizedAlpha(...) or any other `Integrator`; default
         Auto().
     t_end
-        End time [s]; default the model's own.
+        End time [s]; default the model's own, also of what it built with other parameters.
     output_step
         Time between rows of the result [s]; default a thousandth of the run.
     progress
@@ -83,10 +83,12 @@ def simulate(
     """
     information: dict[str, Any] = {}
     name = "simulate"
+    origin = model.origin if isinstance(model, (Model, Built)) else None
+    if origin is not None:
+        t_end = origin.t_end if t_end is None else t_end
+        name = origin.name
+        information = {"name": name, "parameters": origin.parameters}
     if isinstance(model, Model):
-        t_end = model.t_end if t_end is None else t_end
-        name = model.name
-        information = {"name": name, "parameters": model.parameters}
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.options import assignments
+from beamdae.cli.saying import record
 from beamdae.errors import BeamdaeError, one_of
 
 if TYPE_CHECKING:
@@ -18,7 +19,9 @@ def configured(path: Path, name: str | None, settings: list[str] | None) -> Mode
     from beamdae.cli.model_file import load_model
 
     model = load_model(path, name)
-    return replace(model, parameters=model.complete(assignments(settings)))
+    model = replace(model, parameters=model.complete(assignments(settings)))
+    record(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
+    return model
 
 
 def integrator_of(name: str, options: dict[str, Any]) -> Any:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from beamdae.cli.options import require_writable
-from beamdae.cli.saying import console, say_written
+from beamdae.cli.saying import console, record, say_written
 from beamdae.errors import BeamdaeError, nearest, shown
 
 PREFIX = "example:"
@@ -83,8 +83,10 @@ def examples_command() -> None:
     """List the models that come with beamdae: `beamdae run example:NAME` runs one."""
     from beamdae.report import terminal
 
+    about = {name: _about(name) for name in names()}
+    record(lambda: {"examples": about})
     screen = console()
-    screen.print(terminal.facts("", {name: _about(name) for name in names()}))
+    screen.print(terminal.facts("", about))
     screen.print("beamdae run example:NAME runs one, beamdae new FILE.py --like NAME copies it.")
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.saying import console
+from beamdae.cli.saying import console, record
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from beamdae.studies import Study
 
 # What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study", "load_model"}
+_DEFINING = {"model", "study", "Study", "sweep", "load_model"}
 
 
 def list_command(
@@ -37,21 +37,22 @@ def list_command(
     from beamdae.cli import model_file
     from beamdae.report import terminal
 
-    models: list[tuple[str, ...]] = []
-    studies: list[tuple[str, ...]] = []
-    problems: list[tuple[str, str]] = []
+    models: list[dict[str, Any]] = []
+    studies: list[dict[str, Any]] = []
+    problems: list[dict[str, Any]] = []
     for file in files:
         try:
             models_here, studies_here = model_file.contents(file)
         except BeamdaeError as problem:
             if not path.is_dir():
                 raise
-            problems.append((file.name, str(problem)))
+            problems.append({"file": file.name, "problem": str(problem)})
             continue
-        models += [_model_row(file, x) for x in models_here.values() if _own(x, file, studies_here)]
-        studies += [_study_row(file, study) for study in studies_here.values()]
+        models += [_model(file, x) for x in models_here.values() if _own(x, file, studies_here)]
+        studies += [_study(file, study) for study in studies_here.values()]
     if not (models or studies or problems):
         raise BeamdaeError(f"{path}: it holds no model and no study.")
+    record(lambda: {"models": models, "studies": studies, "problems": problems})
     screen = console()
     for rows, table in (
         (models, terminal.models),
@@ -64,14 +65,19 @@ def list_command(
         raise typer.Exit(1)
 
 
-def _model_row(file: Path, model: Model) -> tuple[str, ...]:
-    values = ", ".join(f"{name}={value}" for name, value in model.parameters.items())
-    return (model.name, f"{model.t_end:g}", file.name, values, model.summary)
+def _model(file: Path, model: Model) -> dict[str, Any]:
+    return {
+        "name": model.name,
+        "t_end": model.t_end,
+        "file": file.name,
+        "parameters": dict(model.parameters),
+        "about": model.summary,
+    }
 
 
-def _study_row(file: Path, study: Study) -> tuple[str, ...]:
-    about = ", ".join(dict.fromkeys(case.model.name for case in study.cases))
-    return (study.name, str(len(study.cases)), file.name, about)
+def _study(file: Path, study: Study) -> dict[str, Any]:
+    models = list(dict.fromkeys(case.model.name for case in study.cases))
+    return {"name": study.name, "cases": len(study.cases), "file": file.name, "models": models}
 
 
 def _own(model: Model, file: Path, studies: dict[str, Study]) -> bool:

@@ -22,7 +22,7 @@ from beamdae.cli.options import (
     start_of,
 )
 from beamdae.cli.run_work import Run
-from beamdae.cli.saying import complain, console, say_written
+from beamdae.cli.saying import complain, console, record, say_written
 from beamdae.errors import BeamdaeError
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
@@ -59,13 +59,11 @@ def run_command(
     output_step: OutputStep = None,
     out: Out = Path("results"),
     estimate: Annotated[
-        bool, typer.Option(metavar="", help="Estimate the error of every column by a second run.")
+        bool, typer.Option(help="Estimate the error of every column by a second run.")
     ] = True,
     verify: Annotated[
         bool,
-        typer.Option(
-            "--verify", metavar="", help="Compare with another method at a tighter tolerance."
-        ),
+        typer.Option("--verify", help="Compare with another method at a tighter tolerance."),
     ] = False,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write where the run ended to this file.")
@@ -80,9 +78,7 @@ def run_command(
     ] = None,
     accept_changes: Annotated[
         bool,
-        typer.Option(
-            "--accept-changes", metavar="", help="Go on also if the model is another than before."
-        ),
+        typer.Option("--accept-changes", help="Go on also if the model is another than before."),
     ] = False,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG.
@@ -143,6 +139,7 @@ def _end(run: Run, status: Status) -> None:
     """Tell of the files, and end with the code of what became of the run."""
     say_written(console(), run.written.paths)
     if run.end is not None and run_work.can_go_on(status):
+        record(lambda: {"continue": run.end})
         console().print(f"to go on: --continue {run.end}", style="dim", soft_wrap=True)
     if status.kind == "interrupted" or run.cut_short or interrupts.heard():
         reason = status.sentence if status.kind == "interrupted" else "interrupted after the run"

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
+from beamdae.model_functions import Built
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
 from beamdae.parts.events import Event, impacts_of
@@ -25,7 +26,7 @@ _IN_SHORT = 6
 P = TypeVar("P", bound=Part)
 
 
-class Mechanism:
+class Mechanism(Built):
     """Ordered, uniquely named parts under uniform gravity.
 
     Parameters

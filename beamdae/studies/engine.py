@@ -17,15 +17,16 @@ from beamdae.results.headers import observed_columns
 from beamdae.results.outcome import Status
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import require_columns
+from beamdae.studies.deviations import named_columns
 from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.plan import Plan
 from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
-from beamdae.studies.references import Reference, agreed, group_key
+from beamdae.studies.references import Reference, agreed
 from beamdae.studies.standing import Count, Standing
 from beamdae.studies.store import Store
-from beamdae.studies.tables import case_table, mesh_summary, row, summary
+from beamdae.studies.summaries import mesh_summary, summary
+from beamdae.studies.tables import case_table, row
 from beamdae.studies.work import NOT_RUN, Outcome, Task
 
 # More sentences of one kind are counted.
@@ -43,7 +44,7 @@ class Results:
     summary
         What the rows come to, by group.
     references
-        By group; none in a sweep.
+        By group, of those in which errors are asked for.
     outcomes
         By fingerprint.
     frames
@@ -78,6 +79,12 @@ class Results:
     def _task(self, case: Case) -> Task:
         # By identity: what a model refers to may have changed since.
         return self.keys.get(id(case)) or self.study.task(case)
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """By the names of their files; where no error can be asked for there is no summary."""
+        asked = self.study.measures(len(self.study.cases))
+        return {"cases.csv": self.table} | ({"summary.csv": self.summary} if asked else {})
 
     @property
     def failed(self) -> bool:
@@ -190,7 +197,7 @@ def _measured(
 def _row(
     plan: Plan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
 ) -> dict[str, Any]:
-    group = group_key(plan.study, case)
+    group = plan.group_of[id(case)]
     outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
     try:
         found = row(case, group, outcome, references.get(group))
@@ -239,10 +246,10 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
     """
     study = plan.study
     if study.columns and outcome.table is not None and task.case.model is study.cases[0].model:
-        require_columns(study.name, study.columns, observed_columns(outcome.table))
+        named_columns(study.name, study.columns, observed_columns(outcome.table))
 
 
 def _write(results: Results) -> None:
-    for name, table in (("cases", results.table), ("summary", results.summary)):
+    for name, table in results.tables.items():
         text = guarded(table).to_csv(index=False, lineterminator="\n")
-        write_text(results.folder / f"{name}.csv", text)
+        write_text(results.folder / name, text)

@@ -9,18 +9,24 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.files import versions
-from beamdae.results.headers import observed_columns
+from beamdae.results.headers import Header, observed_columns
 from beamdae.studies.case import Case
+from beamdae.studies.definition import Study
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
-from beamdae.studies.references import Reference, group_key
+from beamdae.studies.naming import distinct
+from beamdae.studies.references import Reference
+from beamdae.studies.sweeps import Sweep
 from beamdae.studies.tables import COST, ERROR
+from beamdae.studies.told import SPREAD
 from beamdae.studies.work import Outcome
 
 _ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
+# Before the names of columns that may be called as others are.
+_TOLD = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -29,6 +35,8 @@ _COLUMNS = (
     (ERROR, "error", "-", "number"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (COST, "wall time", "s", "number"),
+    (SPREAD[0], "wall time, least", "s", "number"),
+    (SPREAD[1], "wall time, largest", "s", "number"),
     ("steps", "steps", "", "number"),
     ("rejected steps", "rejected", "", "number"),
     ("residual calls", "residuals", "", "number"),
@@ -43,35 +51,46 @@ _ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
 _ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
-def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`."""
+def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+    """The page of a study; see `beamdae.report.page.write_page`.
+
+    `told` has a row a case as well: what stands in the place of the parameters.
+    """
     table = results.table
-    parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
+    if told is None:
+        parameters = list(table)[1 : list(table).index("group")]
+        further = [(str(p), str(p), "", "text") for p in parameters]
+    else:
+        further = [_told(told, str(name)) for name in told]
+        table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
+    columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
+    rest = distinct([*results.references, results.study.name])[-1]
     return {
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failed} failed",
         "made": versions(),
         "notes": _notes(results),
-        "groups": _groups(results),
+        "groups": _groups(results, rest),
         "columns": [
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": [
-            _case(results, case, row, [c[0] for c in columns], number)
-            for number, (case, (_, row)) in enumerate(
-                zip(results.study.cases, table.iterrows(), strict=True)
-            )
-        ],
+        "cases": _cases(results, table, [c[0] for c in columns], rest),
     }
+
+
+def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
+    """Key, label, unit and kind of a column on the page."""
+    unit = Header.of(name).unit if name.endswith("]") else ""
+    is_number = pd.api.types.is_numeric_dtype(table[name])
+    return _TOLD + name, name.removesuffix(f" [{unit}]"), unit, "number" if is_number else "text"
 
 
 def _notes(results: Results) -> list[str]:
     notes = []
-    if results.study.measured:
+    if results.references:
         notes.append(
             "Error: largest difference to the reference over the run and its columns, relative to "
             "half the range of each. An error less than ten times the uncertainty of the reference "
@@ -86,57 +105,81 @@ def _notes(results: Results) -> list[str]:
     return notes
 
 
-def _groups(results: Results) -> list[dict[str, Any]]:
-    """Those of the case table; the cases of a sweep are one."""
-    study = results.study
-    if not study.measured:
-        return [{"id": study.name, "label": study.name}]
-    frames: dict[str, Any] = dict.fromkeys(map(str, results.table["group"].unique()))
-    for case in study.cases:
-        group = group_key(study, case)
+def _groups(results: Results, rest: str) -> list[dict[str, Any]]:
+    """Those with a reference, and one, called `rest`, of all cases that have none."""
+    frames: dict[str, Any] = {}
+    for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Of whatever run of the same mechanism has them: its reference.
-        frames[group] = frames[group] or results.frames_of(case)
-    return [_group(results, group, found) for group, found in frames.items()]
+        frames[group] = frames.get(group) or results.frames_of(case)
+    found = [
+        _group(name, reference, frames[name]) for name, reference in results.references.items()
+    ]
+    said = {"accepted": True, "sentence": "No errors are asked for."}
+    alone = {"id": rest, "label": results.study.name, "reference": said}
+    return found if set(frames) <= set(results.references) else [*found, alone]
 
 
-def _group(results: Results, group: str, frames: dict[str, Any] | None) -> dict[str, Any]:
-    reference = results.references.get(group)
-    sentence = "its reference was not run" if reference is None else reference.sentence
-    accepted = reference is not None and reference.table is not None
+def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> dict[str, Any]:
+    accepted = reference.table is not None
     return {
         "id": group,
         "label": group,
         "reference": {
-            "methods": list(reference.methods) if reference is not None else [],
-            "uncertainty": reference.resolves if reference is not None and accepted else None,
+            "methods": list(reference.methods),
+            "uncertainty": reference.resolves if accepted else None,
             "accepted": accepted,
             # The page says itself that there is none.
-            "sentence": sentence.removeprefix("no reference, "),
+            "sentence": reference.sentence.removeprefix("no reference, "),
         },
         "frames": frames,
     }
 
 
+def _cases(
+    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+) -> list[dict[str, Any]]:
+    study, ranks = results.study, _ranks(results.study)
+    found = []
+    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
+        group = str(row["group"])
+        reference = results.references.get(group)
+        told = reference is not None or isinstance(study, Sweep)
+        where = {
+            "group": rest if reference is None else group,
+            "label": study.tag(case) if told else f"{group}, {case.label}",
+        }
+        curves = _curves(results.outcome(case), reference) if k < _MOST_CURVES else None
+        own = _case(case, row, keys, reference)
+        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
+    return found
+
+
+def _ranks(study: Study) -> list[int]:
+    """The place of each case by series, and in a series from coarse to fine."""
+
+    def place(k: int) -> tuple[str, float]:
+        case = study.cases[k]
+        coarse = -case.integrator.accuracy.value
+        return case.series, coarse if study.over is None else case.parameters[study.over]
+
+    order = sorted(range(len(study.cases)), key=place)
+    return np.argsort(order).tolist()
+
+
 def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], number: int
+    case: Case, row: pd.Series, keys: list[str], reference: Reference | None
 ) -> dict[str, Any]:
-    outcome, study = results.outcome(case), results.study
-    reference = results.references.get(str(row["group"]))
+    status = str(row["reason"]) or "ok"
+    values = {key: _entry(row[key]) for key in keys}
     return {
-        "id": str(number),
-        "group": str(row["group"]) if study.measured else study.name,
-        "label": study.tag(case),
         "series": case.series,
         "family": case.integrator.method,
-        "status": str(row["reason"]) or "ok",
-        "values": {key: _entry(row[key]) for key in keys}
-        | {"status": str(row["reason"]) or "ok"}
-        | _unresolved(row, reference),
+        "status": status,
+        "values": values | {"status": status} | _unresolved(row, reference),
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
         "limited": row["status"] == "limited",
-        "curves": _curves(outcome, reference) if number < _MOST_CURVES else None,
     }
 
 

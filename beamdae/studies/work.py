@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time as clock
 import warnings
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -12,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import cloudpickle
-import numpy as np
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
-from beamdae.parts.mechanism import Mechanism
+from beamdae.report.scene.frames import frames_of
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
@@ -27,7 +26,7 @@ from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
-from beamdae.studies.told import by_time, values
+from beamdae.studies.told import by_time, output_values, timings, values
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,10 @@ class Task:
         `Case.fingerprint`.
     mechanism
         `Case.mechanism`, if that is known.
+    name
+        For files, of this task alone in its study.
+    outputs
+        Functions of its solution that are told of, by name.
     """
 
     key: str
@@ -74,6 +77,8 @@ class Task:
     repetitions: int = 1
     animated: bool = False
     mechanism: str = ""
+    name: str = ""
+    outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
     def packed(self, known: Packed) -> bytes:
         """The task for another process, the source of its model included; models once."""
@@ -81,7 +86,7 @@ class Task:
         # What else a user defines may refer to what the model does, and has to go along with it.
         own = type(case.integrator).__module__.startswith("beamdae.")
         values = (*case.parameters.values(), *vars(case.integrator).values())
-        apart = own and all(map(is_plain, values))
+        apart = own and not self.outputs and all(map(is_plain, values))
         return packed_around(self, case.model, known) if apart else packed(self)
 
 
@@ -183,24 +188,22 @@ def _performed(task: Task, reads: Reads) -> Outcome:
                 break
         solution = solutions[-1]
         times = [s.statistics.wall_time for s in solutions]
-        found = values(solution) | {"wall time [s]": float(np.median(times))}
+        found = values(solution) | timings(times)
+        status = solution.status
+        if status.success:
+            try:
+                found |= output_values(task.outputs, solution)
+            except BeamdaeError as problem:
+                status = Status("failed", str(problem))
         table = by_time(solution)
         text = to_text(table)
-        frames = _frames(task, solution) if task.animated else None
+        frames = frames_of(solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
-    return Outcome(solution.status, found, table, frames, text=text)
-
-
-def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
-    mechanism = task.case.model(**task.case.parameters)
-    if not isinstance(mechanism, Mechanism):
-        return None
-    times = [float(t) for t in frame_times(solution)]
-    return {"t": times, "bodies": shapes(mechanism, solution)}
+    return Outcome(status, found, table, frames, text=text)
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
     "series": None,
+    "rank": None,
     "status": "ok",
     "values": {},
     "error": None,
@@ -72,15 +73,16 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
         - "title", "subtitle"; "made", versions by name; "notes", sentences.
         - "groups", cases that share a reference: "id", "label", "reference" with "methods",
-          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" with
-          times "t" and "bodies" as `beamdae.results.shapes.shapes` gives them.
+          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" as
+          `beamdae.report.scene.frames.frames_of` gives them.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
           and "status". The label of a case (key "label") and its status come first, named or not.
         - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
-          work-precision plot joins; default none), "status" ("ok" or a
-          sentence), "values" by column, "error", "cost" [s], "below" (the error is less than the
-          reference resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it
-          "observed" by name, "error", "energy" by name ("imbalance" is drawn by its size),
+          work-precision plot joins; default none), "rank" (a number: the order in which it joins
+          them, and in which they are sorted by their label), "status" ("ok" or a sentence),
+          "values" by column, "error", "cost" [s], "below" (the error is less than the reference
+          resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it "observed"
+          by name, "error", "energy" by name ("imbalance" is drawn by its size),
           "position drift" and "velocity drift".
 
     Returns

@@ -24,10 +24,27 @@ _LOGARITHMIC: dict[str, tuple[str, ...]] = {
 
 
 def stored_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Times, and the points of each body in all frames."""
+    """Times, what is seen in all frames, and what colors it may have."""
     if not frames or not frames["t"]:
         return None
-    return {"t": _packed(frames["t"]), "bodies": [_body(body) for body in frames["bodies"]]}
+    return {
+        "t": _packed(frames["t"]),
+        "bodies": [_body(body) for body in frames["bodies"]],
+        "poses": [
+            {axis: _packed(x) for axis, x in pose.items()} for pose in frames.get("poses", ())
+        ],
+        "symbols": list(frames.get("symbols", ())),
+        "colors": [_colors(one) for one in frames.get("colors", ())],
+    }
+
+
+def _colors(colors: Mapping[str, Any]) -> dict[str, Any]:
+    """A color of beams with the values of all frames one after the other."""
+    values = [
+        {"name": name, "values": _packed(np.ravel(along).tolist())}
+        for name, along in colors["values"].items()
+    ]
+    return {**colors, "values": values}
 
 
 def _body(body: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,8 @@ function unpackedPage(data) {
   for (const { frames } of data.groups.filter((group) => group.frames)) {
     unpackIn(frames, ["t"]);
     for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
+    for (const pose of frames.poses) unpackIn(pose, ["x", "y", "turn"]);
+    for (const color of frames.colors) for (const along of color.values) unpackIn(along, ["values"]);
   }
   for (const { curves } of data.cases.filter((one) => one.curves)) {
     unpackIn(curves, ["t"]);

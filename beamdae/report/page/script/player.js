@@ -9,15 +9,25 @@ function drawMotion() {
   const single = !motion.frames || motion.frames.t.length < 2;
   byId("player").hidden = single;
   if (!motion.frames) return byId("stage").replaceChildren(empty("No animation of this model."));
-  byId("stage").replaceChildren(
-    stage(motion.frames.bodies),
-    html("div", { class: "legend" }, ...bodyLegend(motion.frames.bodies)),
-  );
+  drawStage(null);
   byId("frame").max = motion.frames.t.length - 1;
   const duration = motion.frames.t.at(-1) - motion.frames.t[0];
   const away = (speed) => Math.abs(Math.log(duration / speed / 6));
   if (!single) byId("speed").selectedIndex = SPEEDS.indexOf([...SPEEDS].sort((a, b) => away(a) - away(b))[0]);
   return showTime(motion.frames.t[0]);
+}
+
+function drawStage(color) {
+  const { frames } = motion;
+  const choose = (other) => {
+    drawStage(other);
+    showTime(motion.time);
+  };
+  byId("stage").replaceChildren(
+    stage(frames, color),
+    html("div", { class: "controls" }, ...colorChoice(frames.colors, color, choose)),
+    html("div", { class: "legend" }, ...bodyLegend(frames)),
+  );
 }
 
 function showTime(time) {
