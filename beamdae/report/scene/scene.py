@@ -9,6 +9,9 @@ import numpy as np
 
 Array = np.ndarray
 
+# Symbols that fit into what is seen.
+_LEAST = 20.0
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -94,9 +97,10 @@ class Scene:
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """The lower left and the upper right corner of all that is seen [m]."""
-        points = np.concatenate([line.reshape(-1, 2) for _, line in self.lines()])
-        return corners(points)
+        """The lower left and the upper right corner of all that is seen [m]; symbols stay small."""
+        low, high = corners(np.concatenate([line.reshape(-1, 2) for _, line in self.lines()]))
+        more = 0.5 * max(_LEAST * self.size - float(np.max(high - low)), 0.0)
+        return low - more, high + more
 
 
 def corners(points: Array) -> tuple[Array, Array]:
