@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.report.curves import Plot
-    from beamdae.report.films import Animation
+    from beamdae.report.page.alone import Animation
 
 Array = np.ndarray
 

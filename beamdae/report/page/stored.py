@@ -35,6 +35,7 @@ def stored_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
         ],
         "symbols": list(frames.get("symbols", ())),
         "colors": [_colors(one) for one in frames.get("colors", ())],
+        "extent": frames.get("extent"),
     }
 
 
@@ -50,7 +51,9 @@ def _colors(colors: Mapping[str, Any]) -> dict[str, Any]:
 def _body(body: Mapping[str, Any]) -> dict[str, Any]:
     """A body with the points of all frames one after the other."""
     places = {axis: _packed(np.ravel(body[axis]).tolist()) for axis in ("x", "y")}
-    return {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0]), **places}
+    told = {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0])}
+    # Of a trail there is one list of points, seen as far as it has come.
+    return told | places | ({"frames": body["frames"]} if "frames" in body else {})
 
 
 def stored_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
