@@ -225,6 +225,9 @@ def _say(results: Results) -> None:
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
     if len(swept.table) <= MOST_ROWS:
         screen.print(terminal.sweep(swept.table, swept.parameters, swept.told))
+    doubtful = int((swept.table["warnings"] != "").sum())
+    if doubtful:
+        screen.print(f"{doubtful} of them warn of what is not to be trusted, see sweep.csv")
     say_failures(results)
 
 

@@ -33,6 +33,7 @@ from beamdae.studies.sweep_tables import (
     REASON,
     STATUS,
     TRAJECTORY,
+    WARNINGS,
     Panel,
     characteristic,
     observed,
@@ -62,7 +63,7 @@ class SweepResults:
     table
         One row a case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
         columns over the run, such as "tip.y max [m]"; wall time, the reason where it did not reach
-        its end, and the file of its rows.
+        its end, what it warns of, and the file of its rows.
     """
 
     sweep: Sweep
@@ -80,7 +81,9 @@ class SweepResults:
         for k, (case, said) in enumerate(zip(self.sweep.cases, self.sweep.settings, strict=True)):
             outcome = self.results.outcome(case)
             if outcome.table is not None:
-                found[k] = SweptRun(self.sweep.tag(case), said, outcome.status, outcome.table)
+                doubts = tuple(filter(None, [outcome.values.get(WARNINGS, "")]))
+                tag, status = self.sweep.tag(case), outcome.status
+                found[k] = SweptRun(tag, said, status, outcome.table, doubts)
         return found
 
     @property
@@ -204,7 +207,7 @@ class SweepResults:
         return f"<b>{html.escape(self._summary)}</b>{table.to_html(max_rows=20, max_cols=16)}"
 
     def _empty(self, column: str) -> bool:
-        return column in (REASON, TRAJECTORY) and not self.table[column].any()
+        return column in (REASON, TRAJECTORY, WARNINGS) and not self.table[column].any()
 
     @property
     def _summary(self) -> str:

@@ -29,12 +29,15 @@ class SweptRun(Tabulated):
         What is told of all parameters.
     status
         How it ended.
+    warnings
+        Sentences on what is not to be trusted as it stands.
     """
 
     name: str
     parameters: Mapping[str, Any]
     status: Status
     rows: pd.DataFrame
+    warnings: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -58,7 +61,7 @@ class SweptRun(Tabulated):
                 f"at_times: the run {self.name} has no rows at some of the times; its sweep and "
                 "the other run must have the same output_step."
             )
-        return SweptRun(self.name, self.parameters, self.status, self.rows[chosen])
+        return SweptRun(self.name, self.parameters, self.status, self.rows[chosen], self.warnings)
 
     def __repr__(self) -> str:
         ended = f"{self.status.kind}, {self.status.sentence}"
