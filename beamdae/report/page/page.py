@@ -25,11 +25,17 @@ _SCRIPTS = (
     "numbers",
     "marks",
     "axes",
+    "gestures",
+    "saving",
+    "chart",
     "cases",
-    "precision",
+    "scatter",
+    "unplotted",
     "curves",
+    "reading",
     "mechanism",
     "player",
+    "facts",
     "table",
     "selection",
     # It begins.
@@ -37,6 +43,7 @@ _SCRIPTS = (
 )
 
 _GROUP: dict[str, Any] = {"label": "", "reference": None, "frames": None}
+_TABLE: dict[str, Any] = {"title": "", "head": [], "rows": []}
 _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
@@ -56,6 +63,8 @@ _PAGE: dict[str, Any] = {
     "notes": [],
     "groups": [],
     "columns": [],
+    "axes": {},
+    "tables": [],
     "cases": [],
 }
 
@@ -125,6 +134,7 @@ def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
     for case in cases:
         if case.get("group") not in group_ids:
             raise BeamdaeError(f"page: the case {case['id']!r} belongs to no group.")
+    page["tables"] = [_TABLE | table for table in page["tables"]]
     page["groups"] = [group | {"frames": stored_frames(group["frames"])} for group in groups]
     page["cases"] = [case | {"curves": stored_curves(case["curves"])} for case in cases]
     return _finite(page)

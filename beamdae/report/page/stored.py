@@ -47,9 +47,13 @@ def stored_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "energy": curves.get("energy") or {},
         "drift": {name: curves.get(name) for name in drift},
     }
-    packed = {
+    packed: dict[str, Any] = {
         panel: {name: _packed(x, name in _LOGARITHMIC[panel]) for name, x in named.items() if x}
         for panel, named in panels.items()
+    }
+    packed["difference"] = {
+        panel: {name: _packed(x) for name, x in named.items() if x}
+        for panel, named in (curves.get("difference") or {}).items()
     }
     return {"t": _packed(curves["t"]), **packed}
 
