@@ -18,7 +18,7 @@ from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_jo
 from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.route import branch_of, plan
-from beamdae.model_functions import Model
+from beamdae.model_functions import Built, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.checked import facts_of
 from beamdae.results.start_changes import StartFacts, start_facts
@@ -144,6 +144,15 @@ class Check:
     prediction: Prediction | None
     problem: str
 
+    def __repr__(self) -> str:
+        told = self.problem or "it can be run"
+        return f"<Check of {self.name}: mobility {self.mobility}; {told}>"
+
+    def _repr_html_(self) -> str:
+        from beamdae.report.card import table
+
+        return table(facts_of(self))
+
     def __str__(self) -> str:
         """All of it as text."""
         told = facts_of(self)
@@ -169,8 +178,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     t_end
-        End time [s] of the run to predict; default the model's own. Mechanisms have none: without
-        it nothing is predicted for them.
+        End time [s] of the run to predict; default the model's own, without one none is.
     predict
         Whether a trial run of at most a second is made.
 
@@ -180,16 +188,14 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
     """
     name, predict = "mechanism", one_of("check", "predict", predict, (True, False))
-    if isinstance(model, Model):
-        name, t_end = model.name, model.t_end if t_end is None else t_end
-        model = model()
+    if isinstance(model, (Model, Built)) and model.origin is not None:
+        name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else positive("check", "t_end", t_end)
-    equations = as_equations(model)
+    equations = as_equations("check", model)
     starter, state, problem = _start(equations, end or 1.0)
-    time = _first(equations, end or 1.0)
+    time, own = _first(equations, end or 1.0), Starter(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
-    own = Starter(equations)
     found = Check(
         name,
         equations.n,
@@ -199,11 +205,11 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         dependent=(),
         free_motions=(),
         # Coordinates of other systems may be anything.
-        loose=loose_groups(equations) if isinstance(model, Mechanism) else (),
+        loose=loose_groups(equations) if equations.mechanism else (),
         residuals=_residuals(own, time, state),
         start=None if state is None else start_facts(equations, state),
         spectrum=None,
-        meshes=_meshes(model),
+        meshes=_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
     )
@@ -265,17 +271,16 @@ def _residuals(starter: Starter, time: Array, state: Any) -> tuple[Residual, ...
     return tuple(found)
 
 
-def _meshes(mechanism: Any) -> tuple[MeshVerdict, ...]:
-    beams = mechanism.parts.values() if isinstance(mechanism, Mechanism) else ()
+def _meshes(mechanism: Mechanism | None) -> tuple[MeshVerdict, ...]:
+    beams = mechanism.parts.values() if mechanism else ()
     found = []
     for beam in beams:
         if isinstance(beam, Beam):
             length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
             off = max(length, curvature)
             grade = "good" if off <= _GOOD else "fair" if off <= _FAIR else "coarse"
-            finer = f", elements={2 * beam.mesh.elements} would be better"
-            verdict = grade if grade == "good" else grade + finer
-            found.append(MeshVerdict(beam.name, length, curvature, verdict))
+            finer = f", elements={2 * beam.mesh.elements} would be better" * (grade != "good")
+            found.append(MeshVerdict(beam.name, length, curvature, grade + finer))
     return tuple(found)
 
 

@@ -46,7 +46,7 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     """
     file = file_path("load", path)
     arrays, told = read(file)
-    equations = None if model is None else as_equations(model, AS_DRAWN)
+    equations = None if model is None else as_equations("load", model, AS_DRAWN)
     if equations is not None and identity_of(equations) != told.get("identity"):
         raise BeamdaeError(f"{file}: it is a run of another model, of other parts or numbers.")
     try:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from beamdae.errors import (
     BeamdaeError,
@@ -28,6 +28,20 @@ _LONGEST_NAME = 120
 # What no file on some system may be called, whatever follows its first dot.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _SEPARATING = frozenset('/\\:*?"<>|')
+
+
+class Origin(NamedTuple):
+    """Which model built something, with which parameters, and its end time [s]."""
+
+    name: str
+    parameters: dict[str, Any]
+    t_end: float
+
+
+class Built:
+    """What models build; it knows the model it is from, or None."""
+
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True)
@@ -109,12 +123,20 @@ class Model:
 
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""
+        parameters = self.complete(values)
         with beside(self.home):
-            built = self.build(**self.complete(values))
+            built = self.build(**parameters)
         if built is None or isinstance(built, Model):
             what = "None" if built is None else f"the model {built.name}"
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
+        if isinstance(built, Built):
+            keep(built, origin=Origin(self.name, parameters, self.t_end))
         return built
+
+    @property
+    def origin(self) -> Origin:
+        """What is known of that which it builds with its defaults."""
+        return Origin(self.name, self.parameters, self.t_end)
 
     def check(self, **settings: Any) -> Any:
         """What it is and what is wrong with it, see `beamdae.check`."""

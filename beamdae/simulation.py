@@ -17,7 +17,7 @@ from beamdae.equations.given_start import started
 from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, one_of, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
-from beamdae.model_functions import Model
+from beamdae.model_functions import Built, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.starts import AS_DRAWN, require_start
 from beamdae.results.checkpoint import Checkpoint
@@ -49,7 +49,7 @@ def simulate(
         Auto(...), Ida(...), Radau(...), GeneralizedAlpha(...) or any other `Integrator`; default
         Auto().
     t_end
-        End time [s]; default the model's own.
+        End time [s]; default the model's own, also of what it built with other parameters.
     output_step
         Time between rows of the result [s]; default a thousandth of the run.
     progress
@@ -83,10 +83,12 @@ def simulate(
     """
     information: dict[str, Any] = {}
     name = "simulate"
+    origin = model.origin if isinstance(model, (Model, Built)) else None
+    if origin is not None:
+        t_end = origin.t_end if t_end is None else t_end
+        name = origin.name
+        information = {"name": name, "parameters": origin.parameters}
     if isinstance(model, Model):
-        t_end = model.t_end if t_end is None else t_end
-        name = model.name
-        information = {"name": name, "parameters": model.parameters}
         model = model()
     if t_end is None:
         raise BeamdaeError("simulate: a mechanism has no end time of its own, give t_end=.")
@@ -101,7 +103,7 @@ def simulate(
     told: list[str] = []
     try:
         if begun is None:
-            equations = as_equations(model, start)
+            equations = as_equations("simulate", model, start)
         else:
             equations, told = _going_on(name, begun, model, information, accept_changes)
         _require_room(equations, len(times))
@@ -128,7 +130,7 @@ def _going_on(
     name: str, begun: Checkpoint, model: Any, information: dict[str, Any], accept: bool
 ) -> tuple[EquationsOfMotion, list[str]]:
     """The equations to go on with, and what there is to warn of."""
-    drawn = as_equations(model, AS_DRAWN)
+    drawn = as_equations("simulate", model, AS_DRAWN)
     equations = begun.starting(drawn)
     told: list[str] = []
     changed = begun.difference(drawn, information.get("parameters", {}))
@@ -214,13 +216,13 @@ def _is_for_memory(problem: Exception) -> bool:
     return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)
 
 
-def as_equations(model: Any, start: Any = None, name: str = "simulate") -> EquationsOfMotion:
+def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     """Equations of motion of whatever can state them; `start` stands for the model's own.
 
     `name` is that of the function that was given the model.
     """
     if isinstance(model, Model):
-        return as_equations(model(), start, name)
+        return as_equations(name, model(), start)
     if isinstance(model, Mechanism):
         return equations_of_motion(model, start)
     if isinstance(model, ConstrainedSystem):

@@ -1,4 +1,4 @@
-"""README's 'How to add', tried word by word: what it adds obeys every law of its kind."""
+"""What README and `.docs/develop/extend.md` add, word by word, obeys every law of its kind."""
 
 import os
 import re
@@ -24,7 +24,8 @@ ADDED = {"rod": 8, "dashpot": 2, "exact": 8, "euler": 10}
 def test_what_the_readme_adds_obeys_every_law_of_its_kind(tmp_path):
     readme = (HERE.parent / "README.md").read_text()
     section = readme.split("## How to add")[1].split("\n## ")[0]
-    blocks = re.findall(r"```python\n(.*?)```", section, re.S)
+    page = (HERE.parent / ".docs" / "develop" / "extend.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", section + page, re.S)
     assert len(blocks) == 5
     (tmp_path / "extension.py").write_text("\n\n".join(blocks))
     paths = [tmp_path, HERE, *(Path(p) for p in sys.path if p)]

@@ -1,4 +1,4 @@
-"""The README's example runs as printed."""
+"""What the readme and the pages of the guide print runs as printed."""
 
 import re
 from pathlib import Path
@@ -9,11 +9,28 @@ import pytest
 
 import beamdae as bd
 
+ROOT = Path(__file__).parents[1]
+GUIDE = ROOT / ".docs" / "guide"
+# Pages whose results are looked at one by one below.
+LOOKED_AT = {"equations", "equilibria", "events", "forces", "modes", "section_forces"}
+RUN = {page.stem for page in GUIDE.glob("*.md") if "{code-cell}" in page.read_text()}
+
+
+def blocks(text):
+    return re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", text, flags=re.DOTALL)
+
+
+def names_of(page):
+    """What the blocks of a page leave behind."""
+    given: dict = {}
+    for block in blocks((GUIDE / f"{page}.md").read_text()):
+        exec(compile(block, f"{page}.md", "exec"), given)
+    return given
+
 
 def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
-    section = readme.split("## A model")[1].split("\n## ")[0]
-    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    section = (ROOT / "README.md").read_text().split("## A model")[1].split("\n## ")[0]
+    (example,) = blocks(section)
     assert len([line for line in example.splitlines() if line.strip()]) <= 15
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})
@@ -22,13 +39,16 @@ def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     assert {"tip.x [m]", "tip.angle [rad]", "gauge [-]"} <= set(table.columns)
 
 
+def test_the_readme_leads_to_files_that_exist():
+    for page in (ROOT / "README.md", *ROOT.glob(".docs/guide/*.md"), *ROOT.glob(".docs/*.md")):
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", page.read_text()):
+            # Made when the pages are.
+            if not target.startswith("../gallery/"):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
 def test_the_system_of_equations_runs_as_printed():
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
-    section = readme.split("## Equations of one's own")[1].split("\n## ")[0]
-    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
-    given = {}
-    exec(compile(example, "README.md", "exec"), given)
-    solution = given["solution"]
+    solution = names_of("equations")["solution"]
     assert list(solution.observed) == ["x [m]", "y [m]", "r [m]", "push [N]"]
     assert solution.coordinates().columns[-1] == "lam.constraint.rod [N]"
     # The rod begins level: it carries the weight.
@@ -38,45 +58,44 @@ def test_the_system_of_equations_runs_as_printed():
     assert solution.quality.energy_imbalance < 100e-6
 
 
-@pytest.mark.slow(reason="moving pictures")
-def test_modes_of_the_example(tmp_path, monkeypatch):
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
-    (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
-    section = readme.split("## Modes and linear models")[1].split("\n## ")[0]
-    (modes,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    names: dict = {}
-    # One frame shows what it writes.
-    modes = modes.replace('mode_2.gif")', 'mode_2.gif", frames=2)')
-    exec(model.split("solution =")[0] + modes, names)
-    assert {file.name for file in Path("results").iterdir()} == {"modes.png", "mode_2.gif"}
+@pytest.mark.slow(reason="pictures of modes")
+def test_modes_of_the_guide():
+    names = names_of("modes")
     assert names["found"].kinds == ("vibration",) * 4
     # Hanging, as a pendulum of its length nearly does.
     assert 0.5 < names["found"].frequencies[0] < 0.7
     assert names["response"].shape == (2, len(names["model"].outputs), 2)
 
 
-def test_the_arch_jumps_as_printed(tmp_path, monkeypatch):
-    root = Path(__file__).parents[1]
-    section = (root / "README.md").read_text().split("## Equilibria")[1].split("\n## ")[0]
-    (example,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
-    assert len(example.splitlines()) == 5
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "models").symlink_to(root / "models")
-    given = {"bd": bd}
-    exec(compile(example, "README.md", "exec"), given)
-    heights = given["jump"]["crown.y"]
-    assert heights.iloc[0] == given["path"]["crown.y"].iloc[given["limit"].row]
+def test_the_arch_jumps_as_printed():
+    names = names_of("equilibria")
+    heights = names["jump"]["crown.y"]
+    assert heights.iloc[0] == names["path"]["crown.y"].iloc[names["limit"].row]
     assert heights.min() < -5e-3
-    assert (tmp_path / "snap.png").exists()
 
 
 def test_forces_join_the_example():
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
-    (model,) = re.findall(r"## A model\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
-    (forces,) = re.findall(r"## Forces\n.*?```python\n(.*?)```", readme, flags=re.DOTALL)
-    names: dict = {}
-    exec(model.split("solution =")[0] + forces, names)
+    names = names_of("forces")
     solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)
     assert solution.status.success
     assert solution.quality.energy_imbalance < 1e-2
+
+
+def test_events_of_the_guide():
+    solution = names_of("events")["solution"]
+    assert list(solution.events["event"]) == ["low", "tip.x crosses 0", "tip.x crosses -0.3"]
+    assert solution.t[-1] == solution.events["t [s]"].iloc[-1] < 2.0
+
+
+@pytest.mark.slow(reason="a run at a tight tolerance")
+def test_section_forces_of_the_guide():
+    names = names_of("section_forces")
+    # A rod between two hinges carries no moment at its ends.
+    table = names["forces"].envelope()
+    np.testing.assert_allclose(table["M max [N m]"].iloc[[0, -1]], 0.0, atol=1e-6)
+
+
+@pytest.mark.slow(reason="moving pictures")
+@pytest.mark.parametrize("page", sorted(RUN - LOOKED_AT))
+def test_pages_run_as_printed(page):
+    assert names_of(page)

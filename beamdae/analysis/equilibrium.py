@@ -130,13 +130,13 @@ def equilibrium(
 def _begin(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
     """The equations of the whole model, and positions to begin near."""
     if isinstance(start, Equilibrium):
-        whole = as_equations(model, AS_DRAWN, _NAME)
+        whole = as_equations(_NAME, model, AS_DRAWN)
         return whole, start.starting().starting(whole).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:
         start = require_start(_NAME, start, ", or another equilibrium")
-    whole = as_equations(model, AS_DRAWN if start == EQUILIBRIUM else start, _NAME)
+    whole = as_equations(_NAME, model, AS_DRAWN if start == EQUILIBRIUM else start)
     return whole, whole.q0
 
 

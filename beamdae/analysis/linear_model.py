@@ -146,7 +146,7 @@ def linearize(
     """
     if isinstance(model, Model):
         model = model()
-    lin = linearization(model, about, finite("linearize", "t", t))
+    lin = linearization("linearize", model, about, finite("linearize", "t", t))
     driving = inputs_of(model, lin, inputs)
     observed = _outputs(lin, outputs)
     if lin.equations.n > _MOST:

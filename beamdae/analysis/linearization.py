@@ -80,11 +80,13 @@ class Linearization:
         return found
 
 
-def linearization(model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:
+def linearization(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:
     """Linearize a model.
 
     Parameters
     ----------
+    name
+        What was given the model, in errors.
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     about
@@ -97,26 +99,25 @@ def linearization(model: Any, about: Any = REFERENCE, t: float = 0.0) -> Lineari
     BeamdaeError
         If there is no such state.
     """
-    name = "about"
     if isinstance(about, Instant):
-        return _on_the_way(as_equations(model, AS_DRAWN), about)
+        return _on_the_way(as_equations(name, model, AS_DRAWN), about)
     if isinstance(about, Rotation):
-        whole = as_equations(model, AS_DRAWN)
+        whole = as_equations(name, model, AS_DRAWN)
         own, time = _active(whole, None, t)
         state, found = steady(own, time, about)
         told = f"rotation at {about.speed:g} rad/s about {about.center}"
         return Linearization(own, whole, told, time, state, found, turning=about)
     if isinstance(about, Equilibrium):
-        return _on_the_path(model, about)
+        return _on_the_path(name, model, about)
     if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
-        return _at_rest(as_equations(model, AS_DRAWN), REFERENCE, t)
+        return _at_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
     if not (isinstance(about, (str, Mapping))):
         raise BeamdaeError(
-            f"{name}: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
+            f"about: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
             f"solution.at(t) or what bd.equilibrium gives, got {shown(about)}."
         )
-    require_start(name, about)
-    whole = started(as_equations(model, AS_DRAWN), about, t)
+    require_start("about", about)
+    whole = started(as_equations(name, model, AS_DRAWN), about, t)
     told = EQUILIBRIUM if about == EQUILIBRIUM else f"rest at {whole.start.told}"  # type: ignore[union-attr]
     return _at_rest(whole, told, t)
 
@@ -153,9 +154,9 @@ def _at_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
     return Linearization(own, whole, told, time, *found)
 
 
-def _on_the_path(model: Any, path: Equilibrium) -> Linearization:
+def _on_the_path(name: str, model: Any, path: Equilibrium) -> Linearization:
     """About the end of a path of equilibria, under the loads there."""
-    whole = path.starting().starting(as_equations(model, AS_DRAWN))
+    whole = path.starting().starting(as_equations(name, model, AS_DRAWN))
     loading = loading_of(model, whole, [list(stage) for stage in path.loads] or None, path.t)
     factors = path.factors[-1].tolist() or [1.0]
     parts = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _WHOLE)

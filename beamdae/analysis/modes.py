@@ -209,7 +209,7 @@ def modes(
     damped = one_of("modes", "damping", damping, (True, False))
     if isinstance(model, Model):
         model = model()
-    lin = linearization(model, about, finite("modes", "t", t))
+    lin = linearization("modes", model, about, finite("modes", "t", t))
     return modes_of(lin, wanted, damped, model if isinstance(model, Mechanism) else None)
 
 

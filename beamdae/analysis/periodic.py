@@ -97,7 +97,7 @@ def periodic(
     settle = count("periodic", "settle", settle, 0, MOST_SETTLING)
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator("periodic", method)
-    flow = Flow.of(equations_of(model, start), method, begin, period)
+    flow = Flow.of(equations_of("periodic", model, start), method, begin, period)
     try:
         shot, iterations = converged(flow, *settled(flow, settle), tolerance)
     except UnfinishedError as problem:
@@ -123,12 +123,12 @@ def _status(shot: Shot, iterations: int, tolerance: float) -> Status:
     return Status("failed", told)
 
 
-def equations_of(model: Any, start: Any = None) -> EquationsOfMotion:
-    """Equations of a model whose parts are always active."""
-    equations = as_equations(model, start)
+def equations_of(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
+    """Equations of a model whose parts are always active; `name` is that of what was given it."""
+    equations = as_equations(name, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
         raise BeamdaeError(
-            "periodic: events must not stop a run or switch parts; make contacts and the like "
+            f"{name}: events must not stop a run or switch parts; make contacts and the like "
             "smooth forces."
         )
     return equations

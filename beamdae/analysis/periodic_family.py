@@ -102,7 +102,7 @@ class Curve:
                 f"{told(problem)}."
             ) from problem
         period = positive("frequency_response", "period", period)
-        equations = equations_of(self.model(**{self.parameter: value}))
+        equations = equations_of("frequency_response", self.model(**{self.parameter: value}))
         return Flow.of(equations, self.integrator, self.begin, period)
 
     def first(self, settle: int) -> tuple[Traced | None, str]:

@@ -142,6 +142,9 @@ class Beam(Part):
             name, formulation, kinematics, self.mesh, self.section, given
         )
 
+    def __repr__(self) -> str:
+        return f"Beam(name={self.name!r}, {self.length:.6g} m in {self.mesh.elements} elements)"
+
     @property
     def length(self) -> float:
         """Arc length of the reference curve [m]."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +23,8 @@ from beamdae.cli.options import (
     require_writable,
 )
 from beamdae.cli.progress import study_progress
-from beamdae.cli.saying import complain, console, drawn, say_written
+from beamdae.cli.saying import complain, console, say_written
+from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, count, positive
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
@@ -85,12 +85,12 @@ def compare_command(
     results = work.results
     assert results is not None
     _say(results)
-    say_written(console(), work.written)
+    say_written(console(), work.written.paths)
     if results.interrupted or interrupts.heard():
         done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
         complain(f"stopped, {done} of {work.runs} done: {_GO_ON}")
         raise typer.Exit(interrupts.code())
-    if results.failed or work.failed:
+    if results.failed or work.written.failed:
         raise typer.Exit(1)
 
 
@@ -102,14 +102,7 @@ class _Work:
     folder: Path
     results: Results | None = None
     runs: int = 0
-    written: list[Path] = field(default_factory=list)
-    failed: bool = False
-
-    def write(self, name: str, write: Callable[[], list[Path]]) -> None:
-        """Write files; those that fail cost no others."""
-        files = drawn(name, write)
-        self.written += files or []
-        self.failed = self.failed or files is None
+    written: Written = field(default_factory=Written)
 
 
 def _do(work: _Work, executor: Any, parquet: bool) -> None:
@@ -130,13 +123,13 @@ def _do(work: _Work, executor: Any, parquet: bool) -> None:
                 progress(standing)
 
             results = work.results = engine.run(work.study, work.folder, executor, heard)
-        work.written += [results.folder / "cases.csv", results.folder / "summary.csv"]
+        work.written.paths += [results.folder / "cases.csv", results.folder / "summary.csv"]
         path = results.folder / "report.html"
-        work.write(path.name, lambda: [write_page(path, page(results))])
+        work.written.draw(path.name, lambda: [write_page(path, page(results))])
     if parquet:
-        work.write("trajectories", results.to_parquet)
+        work.written.draw("trajectories", results.to_parquet)
     for name, plot in plots(results).items():
-        work.write(name, plot)
+        work.written.draw(name, plot)
 
 
 def _executor(workers: int | None, scheduler: str | None) -> Any:
@@ -186,9 +179,10 @@ def _say(results: Results) -> None:
 
     screen = console()
     screen.print(results.study.name, style="bold")
-    if not results.study.measured:
-        ended = int((results.table["status"] == "ok").sum())
-        screen.print(f"{len(results.table)} cases, {ended} of them reached their end", style="dim")
+    alone = results.table[~results.table["group"].isin(list(results.references))]
+    if len(alone):
+        ended = int((alone["status"] == "ok").sum())
+        screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in results.references.items():
         screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import typer
 
+from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.run import configured
-from beamdae.cli.saying import console, drawn, say_written
+from beamdae.cli.saying import console, say_written
+from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError
 
 
@@ -36,7 +37,8 @@ def draw_command(
     screen.print(model.name, style="bold")
     parts = mechanism.parts
     screen.print(terminal.parts({name: type(part).__name__ for name, part in parts.items()}))
-    written = drawn(model.name, lambda: [draw(mechanism).save(file)])
-    say_written(screen, written or [])
-    if written is None:
+    written = Written()
+    written.draw(model.name, lambda: [draw(mechanism).save(file)])
+    say_written(screen, written.paths)
+    if written.failed:
         raise typer.Exit(1)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.run import configured
-from beamdae.cli.saying import console, drawn, say_warnings, say_written
+from beamdae.cli.saying import console, say_warnings, say_written
+from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, count, one_of
 
 
@@ -69,27 +71,31 @@ def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -
     """The table on the disk and on the screen, then the pictures."""
     from beamdae.analysis.modes import Modes
     from beamdae.report import terminal
-    from beamdae.report.mode_pictures import animate_mode, figure_of_campbell, figure_of_modes
+    from beamdae.report.mode_pictures import figure_of_campbell, figure_of_modes
     from beamdae.report.pictures import saved
     from beamdae.results.files import guarded, write_text
 
     table = found.table()
-    written = [write_text(files["csv"], guarded(table).to_csv(index=False))]
+    written = Written([write_text(files["csv"], guarded(table).to_csv(index=False))])
     screen = console()
     screen.print(name, style="bold")
     screen.print(terminal.modes(table) if isinstance(found, Modes) else terminal.campbell(table))
     say_warnings(screen, found.warnings)
-    pictures: list[Any] = []
     if not isinstance(found, Modes):
-        pictures.append(
-            lambda: [saved(figure_of_campbell(found, f"{name}, Campbell diagram"), files["png"])]
-        )
+        title = f"{name}, Campbell diagram"
+        written.draw(name, lambda: [saved(figure_of_campbell(found, title), files["png"])])
     elif found.mechanism is not None and len(found):
         title = f"{name}, modes about {found.about}"
-        pictures.append(lambda: [saved(figure_of_modes(found, title), files["png"])])
-        pictures += [lambda k=k: [animate_mode(found, k, files[f"{k}"])] for k in animated]
-    done = [drawn(name, picture) for picture in pictures]
-    written += [path for paths in done for path in paths or []]
-    say_written(screen, written)
-    if any(paths is None for paths in done):
+        written.draw(name, lambda: [saved(figure_of_modes(found, title), files["png"])])
+        for k in animated:
+            written.draw(name, partial(_animated, found, k, files[f"{k}"]))
+    say_written(screen, written.paths)
+    if written.failed:
         raise typer.Exit(1)
+
+
+def _animated(found: Any, mode: int, file: Path) -> list[Path]:
+    from beamdae.report.mode_pictures import animate_mode
+
+    animate_mode(found, mode, file)
+    return [file]

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beamdae.cli import interrupts
+from beamdae.cli import interrupts, run_work
 from beamdae.cli.asked import configured, integrator_of
 from beamdae.cli.options import (
     EndTime,
@@ -27,16 +21,14 @@ from beamdae.cli.options import (
     require_writable,
     start_of,
 )
-from beamdae.cli.progress import run_progress
-from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.cli.run_work import Run
+from beamdae.cli.saying import complain, console, say_written
+from beamdae.errors import BeamdaeError
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
-    from beamdae.model_functions import Model
     from beamdae.results.continued import Parts
     from beamdae.results.outcome import Status
-    from beamdae.results.solution import Solution
 
 
 def run_command(
@@ -119,86 +111,24 @@ def run_command(
         raise BeamdaeError(
             f"run: --start {start[0]} and --continue {go_on} each say where it begins, give one."
         )
-    files = _Files(out, model.name)
-    require_writable(out, (files.table.name, files.beside.name, files.picture.name))
-    parts = _parts(files.table, go_on)
+    run = Run(model, method, out / f"{model.name}.csv")
+    require_writable(out, (run.table.name, run.table.with_suffix(".json").name, run.picture.name))
+    parts = _parts(run.table, go_on)
     if checkpoint is not None:
         require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
+    begin = start_of(start) if go_on is None else go_on
     # The table is on the disk before anything is told; the picture takes longer than most runs.
-    told = _Told([])
-    with _to_the_end(told), interrupts.held(through=1):
-        begin = start_of(start) if go_on is None else go_on
-        solution = _integrated(model, method, t_end, output_step, begin, accept_changes)
-        with interrupts.held():
-            columns, written = parts.write(solution)
-            told.written += written
-            if checkpoint is not None or _goes_on(solution.status):
-                told.end = solution.checkpoint(checkpoint or files.end)
-                told.written.append(told.end)
-        told.cut_short = interrupts.heard()
-    if not told.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
-        with _to_the_end(told):
-            _estimate(solution, verify, parts.latest, told)
-    _say(solution, model.name, told)
-    with _to_the_end(told):
+    with run.goes_on(), interrupts.held(through=1):
+        solution = run_work.integrate(run, t_end, output_step, begin, accept_changes)
+        run_work.write(run, parts, solution, checkpoint)
+    if not run.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
+        with run.goes_on():
+            run_work.estimate(run, solution, verify, parts.latest)
+    run_work.say(run, solution)
+    with run.goes_on():
         if not interrupts.terminated():
-            _draw(columns, solution.status, f"{model.name}, {method.label}", files, told)
-    say_written(console(), told.written)
-    if told.end is not None and _goes_on(solution.status):
-        console().print(f"to go on: --continue {told.end}", style="dim", soft_wrap=True)
-    if solution.status.kind == "interrupted" or told.cut_short or interrupts.heard():
-        reason = "interrupted after the run"
-        if solution.status.kind == "interrupted":
-            reason = solution.status.sentence
-        complain(f"{reason}; what was computed is in {files.table}")
-        raise typer.Exit(interrupts.code())
-    if not solution.status.success:
-        complain(f"failed: {solution.status.sentence}")
-    if not (solution.status.success and told.complete):
-        raise typer.Exit(1)
-
-
-@dataclass(frozen=True)
-class _Files:
-    """What a run writes."""
-
-    folder: Path
-    name: str
-
-    @property
-    def table(self) -> Path:
-        return self.folder / f"{self.name}.csv"
-
-    @property
-    def beside(self) -> Path:
-        return self.folder / f"{self.name}.json"
-
-    @property
-    def end(self) -> Path:
-        return self.folder / f"{self.name}_end.json"
-
-    @property
-    def picture(self) -> Path:
-        return self.folder / f"{self.name}.png"
-
-
-@dataclass
-class _Told:
-    """What there is to tell of a run besides its solution, as far as it got."""
-
-    written: list[Path]
-    end: Path | None = None
-    errors: Any = None
-    beyond: str = ""
-    complete: bool = False
-    cut_short: bool = False
-
-
-def _goes_on(status: Status) -> bool:
-    """Whether there is more of the run to come; where it had not begun yet, it begins again."""
-    from beamdae.results.outcome import OF_SCOUT
-
-    return not status.success and OF_SCOUT not in status.sentence
+            run_work.draw(run, solution)
+    _end(run, solution.status)
 
 
 def _parts(table: Path, go_on: Path | None) -> Parts:
@@ -209,95 +139,16 @@ def _parts(table: Path, go_on: Path | None) -> Parts:
     return Parts(table) if go_on is None else Parts.ending_at(table, Checkpoint.read(go_on))
 
 
-def _integrated(
-    model: Model,
-    method: Any,
-    t_end: float | None,
-    output_step: float | None,
-    start: Any,
-    accept_changes: bool,
-) -> Any:
-    """The solution, also one that an interrupt ended."""
-    from beamdae.simulation import simulate
-
-    with run_progress(t_end or model.t_end) as progress, warnings.catch_warnings():
-        # They are told with the result.
-        warnings.simplefilter("ignore", BeamdaeWarning)
-
-        def reached(label: str, t: float) -> None:
-            progress(label, t)
-            # One that was lost, as in a callback of other code, is made up for.
-            if interrupts.heard():
-                raise KeyboardInterrupt
-
-        try:
-            told = partial(reached, method.label)
-            return simulate(model, method, t_end, output_step, told, start, accept_changes)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt("before the run had begun; nothing was written") from None
-
-
-@contextmanager
-def _to_the_end(told: _Told) -> Iterator[None]:
-    """Go on after this, also where an interrupt ends it."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        if not told.written:
-            raise
-        told.cut_short = True
-
-
-def _estimate(solution: Solution, verify: bool, table: Path, told: _Told) -> None:
-    """Find how far the observed columns are off, and write that beside the table."""
-    import numpy as np
-
-    from beamdae import verification
-    from beamdae.results.files import write_beside
-
-    if not solution.columns:
-        return
-    errors = (verification.verified if verify else verification.estimated)(solution)
-    # The second run takes an interrupt for its own.
-    if interrupts.heard():
-        return
-    told.errors, told.beyond = errors, verification.exceeded(solution, errors)
-    rows = zip(*(np.asarray(values).tolist() for values in errors.values()), strict=True)
-    known = {
-        column: {name: None if x != x else x for name, x in zip(errors, row, strict=True)}
-        for column, row in zip(solution.columns, rows, strict=True)
-    }
-    with interrupts.held():
-        write_beside(table, solution.beside(errors=known))
-
-
-def _draw(columns: dict[str, Any], status: Status, title: str, files: _Files, told: _Told) -> None:
-    """Draw the run; the title says if it ended early."""
-    from beamdae.report.pictures import picture_of_run
-
-    early = "" if status.success else f", ended early ({status.kind})"
-    picture = drawn(
-        files.picture.name,
-        lambda: [picture_of_run(files.picture, columns, title + early)],
-    )
-    told.written += picture or []
-    told.complete = picture is not None
-
-
-def _say(solution: Solution, name: str, told: _Told) -> None:
-    """Tables and sentences of a run on the screen."""
-    from beamdae.report import terminal
-    from beamdae.results.occurrences import counted
-
-    screen = console()
-    rows = terminal.run_facts(solution.summary(), solution.integrator)
-    if solution.equations.events:
-        rows["events"] = counted(one.name for one in solution.occurred)
-    screen.print(terminal.facts(name, rows))
-    if solution.columns:
-        screen.print(terminal.ranges(solution.columns, told.errors))
-    if solution.validity:
-        screen.print(terminal.validity(solution.validity))
-    say_warnings(screen, [*filter(None, [told.beyond]), *solution.warnings])
-    # Whoever reads a pipe has it now as well.
-    sys.stdout.flush()
+def _end(run: Run, status: Status) -> None:
+    """Tell of the files, and end with the code of what became of the run."""
+    say_written(console(), run.written.paths)
+    if run.end is not None and run_work.can_go_on(status):
+        console().print(f"to go on: --continue {run.end}", style="dim", soft_wrap=True)
+    if status.kind == "interrupted" or run.cut_short or interrupts.heard():
+        reason = status.sentence if status.kind == "interrupted" else "interrupted after the run"
+        complain(f"{reason}; what was computed is in {run.table}")
+        raise typer.Exit(interrupts.code())
+    if not status.success:
+        complain(f"failed: {status.sentence}")
+    if run.written.failed or not status.success:
+        raise typer.Exit(1)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import typer
 from rich.console import Console
 
-from beamdae.errors import BeamdaeError, told
 from beamdae.report.letters import plain
 
 # Where no terminal has a say, lines are as long as they are; no table is read in less than 20.
@@ -46,14 +45,3 @@ def say_written(screen: Console, paths: Iterable[Path]) -> None:
     """Tell which files there are now."""
     for path in paths:
         screen.print(f"written: {plain(str(path))}", style="dim", soft_wrap=True)
-
-
-def drawn(what: str, draw: Callable[[], list[Path]]) -> list[Path] | None:
-    """What `draw` wrote; None and a complaint where it failed, which costs nothing else."""
-    try:
-        return draw()
-    except BeamdaeError as problem:
-        complain(f"failed: {problem}")
-    except Exception as problem:  # Whatever a table holds that a picture has no answer to.
-        complain(f"failed: {what}: it cannot be drawn, {told(problem)}.")
-    return None

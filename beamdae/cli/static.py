@@ -20,7 +20,8 @@ from beamdae.cli.options import (
     require_writable,
     start_of,
 )
-from beamdae.cli.saying import complain, console, drawn, say_warnings, say_written
+from beamdae.cli.saying import complain, console, say_warnings, say_written
+from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
@@ -76,15 +77,15 @@ def static_command(
         found = equilibrium(
             model, load, _targets(to), control, step, switch or 0, most_points, t, start_of(start)
         )
-    written = [found.to_csv(table), table.with_suffix(".json")]
+    written = Written([found.to_csv(table), table.with_suffix(".json")])
     _say(found, model.name)
     early = "" if found.status.success else f", ended early ({found.status.kind})"
     title = f"{model.name}, equilibria{early}"
-    drawing = drawn(picture.name, lambda: [picture_of_path(picture, found, title)])
-    say_written(console(), written + (drawing or []))
+    written.draw(picture.name, lambda: [picture_of_path(picture, found, title)])
+    say_written(console(), written.paths)
     if not found.status.success:
         complain(f"failed: {found.status.sentence}")
-    if not (found.status.success and drawing is not None):
+    if written.failed or not found.status.success:
         raise typer.Exit(1)
 
 

@@ -20,6 +20,7 @@ from beamdae.equations.owners import Owners
 from beamdae.equations.poles import varying_laws
 from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
 from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
+from beamdae.model_functions import Built
 from beamdae.parts.events import Event
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
@@ -33,7 +34,7 @@ from beamdae.symbolic.statements import (
 
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedSystem:
+class ConstrainedSystem(Built):
     """M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), from CasADi expressions.
 
     Parameters

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 
@@ -243,19 +244,21 @@ def _driven(
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
         limits.pace = Pace(route.intervals[-1][1])
     run: _Run | None = None
-
-    def scouting(route: Route, limits: Limits) -> _Run:
-        assert scout_on is not None
-        return _Run(equations, route, scout_on, limits, WHOSE)
-
     status, setup = REACHED_END, 0.0
+
+    def made(route: Route, limits: Limits, on: Callable[[Route], Method], whose: str = "") -> _Run:
+        nonlocal setup
+        since = clock.perf_counter()
+        found = _Run(equations, route, on, limits, whose)
+        setup += clock.perf_counter() - since
+        return found
+
     try:
         if scout_on is not None and equations.scales is None:
+            scouting = partial(made, on=scout_on, whose=WHOSE)
             route, run, trajectory, status = scouted(route, scouting, limits)
         if status.kind != "interrupted":
-            setup = clock.perf_counter()
-            run = _Run(equations, route, method_on, limits)
-            setup = clock.perf_counter() - setup
+            run = made(route, limits, method_on)
             trajectory, status = run.through()
     except KeyboardInterrupt:
         if run is None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
+from beamdae.model_functions import Built
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies import Ground
 from beamdae.parts.events import Event, impacts_of
@@ -19,10 +21,12 @@ from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
 
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"
+# Names of parts in its short text.
+_IN_SHORT = 6
 P = TypeVar("P", bound=Part)
 
 
-class Mechanism:
+class Mechanism(Built):
     """Ordered, uniquely named parts under uniform gravity.
 
     Parameters
@@ -65,6 +69,10 @@ class Mechanism:
         self.observables: dict[str, Quantity] = {}
         self.events: list[Event] = []
         self.inactive: set[str] = set()
+
+    def __repr__(self) -> str:
+        named = [*islice(self.parts, _IN_SHORT), *["..."] * (len(self.parts) > _IN_SHORT)]
+        return f"<Mechanism of {len(self.parts)} parts{': ' * bool(named)}{', '.join(named)}>"
 
     def add(self, part: P) -> P:
         """Add a body, joint, point mass or load and return it.

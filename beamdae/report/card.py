@@ -19,7 +19,7 @@ def card(solution: Solution) -> str:
     """The run as a piece of HTML that needs nothing else."""
     return (
         '<div style="display: flex; gap: 24px; align-items: center">'
-        f"<div><b>{html.escape(_title(solution))}</b>{_table(_facts(solution))}</div>"
+        f"<div><b>{html.escape(_title(solution))}</b>{table(_facts(solution))}</div>"
         f"<div>{_picture(solution)}</div></div>"
     )
 
@@ -48,7 +48,8 @@ def _facts(solution: Solution) -> dict[str, str]:
     return facts
 
 
-def _table(facts: Mapping[str, str]) -> str:
+def table(facts: Mapping[str, str]) -> str:
+    """Facts by their names, as HTML."""
     rows = "".join(
         f"<tr><td {_NAME}>{html.escape(name)}</td><td {_VALUE}>{html.escape(value)}</td></tr>"
         for name, value in facts.items()

@@ -14,7 +14,7 @@ from beamdae.errors import BeamdaeError, entries, may_be_path, shown
 from beamdae.report import pictures
 from beamdae.report.letters import shortened
 from beamdae.results.headers import Header
-from beamdae.results.selecting import selected
+from beamdae.results.selecting import every_column, selected
 from beamdae.results.tabulated import Tabulated
 
 if TYPE_CHECKING:
@@ -84,9 +84,11 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     """
     runs = _runs(solutions)
     told = _labels(runs, labels)
-    tables = [{**run.all_columns(), **dict(run.coordinates())} for run in runs]
-    wanted = names or pictures.characteristic_columns(runs[0].all_columns())
-    columns = list(dict.fromkeys(c for name in wanted for c in selected(tables[0], name)))
+    tables = [every_column(run.all_columns(), run.coordinates()) for run in runs]
+    first = runs[0].all_columns()
+    wanted = names or pictures.characteristic_columns(first)
+    found = (c for name in wanted for c in selected(tables[0], name, observed=first))
+    columns = list(dict.fromkeys(found))
     figure, axes = pictures.panels(len(columns), "")
     looks = [
         {"color": color, "ls": dash}

@@ -25,7 +25,7 @@ from beamdae.report.pictures import (
 )
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.headers import Header
-from beamdae.results.selecting import selected
+from beamdae.results.selecting import every_column, selected
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,8 +53,9 @@ def picture_of_path(path: Path, found: Equilibrium, title: str) -> Path:
 
 def plot_of_path(found: Equilibrium, names: Sequence[str]) -> Plot:
     """The same of some columns by name, for a notebook or a file; see `Equilibrium.plot`."""
-    every = {**found.columns, **dict(found.coordinates())}
-    headers = dict.fromkeys(h for name in names for h in selected(every, name, "Equilibrium"))
+    every = every_column(found.columns, found.coordinates())
+    chosen = (selected(every, name, "Equilibrium", found.columns) for name in names)
+    headers = dict.fromkeys(header for some in chosen for header in some)
     columns = {h: np.asarray(every[h]) for h in headers} if names else found.columns
     figure = _figure(found, drawable(columns), "", tuple(headers))
     as_written(figure)

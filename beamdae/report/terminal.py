@@ -36,6 +36,7 @@ _TOLD_APART = ("integrator", "amplitudes", "limited_by", *_IN_FILES)
 _COMPARED = {
     "status": Column("status", 2),
     "wall time [s]": Column("wall\n[s]", 1),
+    "wall time max [s]": Column("min to max\n[s]", 4),
     "events": Column("events", 10, sentences=True),
     "steps": Column("steps", 3),
     "rejected steps": Column("rejected", 7),
@@ -50,6 +51,7 @@ _SUMMARIZED = {
     "what": Column("what", 1, sentences=True),
     "at": Column("at", 3, sentences=True),
     "value": Column("value"),
+    "as fast": Column("as fast", 4, sentences=True),
 }
 
 
@@ -171,16 +173,25 @@ def comparison_table(table: pd.DataFrame) -> FittedTable:
         cells = {name: number(row[name]) for name in shown}
         if row.get("below resolution", False):
             cells["error [-]"] = f"< {number(10.0 * row['reference uncertainty [-]'])}"
+        if "wall time max [s]" in cells:
+            cells["wall time max [s]"] = _ends(row["wall time min [s]"], row["wall time max [s]"])
         rows.append((str(row["label"]), *cells.values()))
     return FittedTable("integrator", [_COMPARED[name] for name in shown], rows, "cases.csv")
 
 
+def _ends(least: Any, most: Any) -> str:
+    """The ends of repeated timings."""
+    return "-" if number(least) == "-" else f"{number(least)} to {number(most)}"
+
+
 def summary_table(summary: pd.DataFrame) -> FittedTable:
     """What the rows of a group come to."""
-    values = summary["value"].map(number) + " " + summary["unit"]
-    said = summary.assign(value=values.str.removesuffix(" -"))[["answer", *_SUMMARIZED]]
-    rows = [tuple(map(str, row)) for row in said.to_numpy()]
-    return FittedTable("answer", list(_SUMMARIZED.values()), rows, "summary.csv")
+    ends = (f" ({_ends(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy())
+    values = summary["value"].map(number) + " " + summary["unit"] + list(ends)
+    told = summary.assign(value=values.str.strip()).astype(str)
+    shown = [name for name in _SUMMARIZED if name in told and (told[name] != "").any()]
+    rows = [tuple(row) for row in told[["answer", *shown]].to_numpy()]
+    return FittedTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:

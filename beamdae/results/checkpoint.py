@@ -21,7 +21,8 @@ from beamdae.results.outcome import OF_SCOUT
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
 
-_FORMAT, _VERSION = "beamdae checkpoint", 2
+_FORMAT, _VERSION = "beamdae checkpoint", 3
+_CHECKSUM = "checksum"
 
 
 def state_hash(t: float, q: Any, v: Any) -> str:
@@ -32,9 +33,14 @@ def state_hash(t: float, q: Any, v: Any) -> str:
 def _doubt(solution: Solution) -> str:
     """Why the end of a run is not to be trusted, or nothing."""
     status, due = solution.status, any(not one.done for one in solution.occurred)
-    # What an event could not do says nothing of the state.
-    failed = status.kind == "failed" and not due
-    return status.sentence if failed or OF_SCOUT in status.sentence else ""
+    doubtful = status.leaves_doubt(due) or OF_SCOUT in status.sentence
+    return status.sentence if doubtful else ""
+
+
+def _checksum(told: dict[str, Any]) -> str:
+    """Of all that a file says but for the checksum itself; how it is laid out does not matter."""
+    said = json.dumps({name: x for name, x in told.items() if name != _CHECKSUM})
+    return hashlib.sha256(said.encode()).hexdigest()
 
 
 def _listed(names: Any) -> list[str]:
@@ -136,6 +142,8 @@ class Checkpoint:
                 f"{path}: it is a checkpoint of version {shown(told.get('version'))}, and this "
                 f"beamdae takes those of version {_VERSION}; run the model again from its start."
             )
+        if told.get(_CHECKSUM) != _checksum(told):
+            raise BeamdaeError(f"{path}: the checkpoint is damaged, its checksum is another.")
         try:
             t, states = float(told["t"]), told["states"]
             q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
@@ -168,6 +176,7 @@ class Checkpoint:
         q, v = told.pop("q"), told.pop("v")
         states = {name: [q[name], v[name]] for name in q}
         whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
+        whole[_CHECKSUM] = _checksum(whole)
         return write_text(file, json.dumps(whole, indent=2) + "\n")
 
     def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:

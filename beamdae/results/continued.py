@@ -15,6 +15,7 @@ from beamdae.equations.measures import ENERGIES, LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
 from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.files import plain_cell, write, write_bytes
+from beamdae.results.outcome import REACHED_END, Status
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -94,10 +95,10 @@ class Parts:
                 )
         parts = [*before, latest]
         columns = _joined([_read(part) for part in parts], [_beside(part) for part in parts])
-        whole = dict(columns)
-        if not solution.status.success:
-            columns[_STATUS] = [solution.status.kind] * len(columns[TIME])
-        write(self.table, columns, _told([(part.name, _beside(part)) for part in parts]))
+        whole, told = dict(columns), _told([(part.name, _beside(part)) for part in parts])
+        if told["status"] != "ok":
+            columns[_STATUS] = [told["status"]] * len(columns[TIME])
+        write(self.table, columns, told)
         tables = dict.fromkeys([*parts, self.table])
         return whole, [file for table in tables for file in (table, table.with_suffix(".json"))]
 
@@ -153,6 +154,15 @@ def _joined(tables: Sequence[dict[str, Array]], beside: Sequence[dict[str, Any]]
     return {name: np.concatenate(columns) for name, columns in found.items()}
 
 
+def _ended(beside: Sequence[dict[str, Any]]) -> Status:
+    """How runs ended that went on from each other, taken as one."""
+    status, due = REACHED_END, False
+    for told in beside:
+        status = status.followed_by(Status(told["status"], told["reason"]), due)
+        due = any(not event.get("done", True) for event in told["events"])
+    return status
+
+
 def _told(parts: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
     """What is beside the table of all: that of the last run, with what adds up."""
     latest = parts[-1][1]
@@ -167,9 +177,12 @@ def _told(parts: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
             result[name] = sum(one[name] for one in results)
     events = [one for _, told in parts[:-1] for one in told["events"] if one.get("done", True)]
     works = {name: sum(told["end"][name] for _, told in parts) for name in ADDED_UP}
+    status = _ended([told for _, told in parts])
     own = {k: x for k, x in latest.items() if k not in ("versions", "written", "errors")}
     return own | {
-        "result": result,
+        "status": status.kind,
+        "reason": status.sentence,
+        "result": result | {"status": status.kind, "reason": status.sentence},
         "start": parts[0][1]["start"],
         "events": [*events, *latest["events"]],
         "warnings": [sentence for _, told in parts for sentence in told["warnings"]],

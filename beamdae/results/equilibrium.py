@@ -19,7 +19,7 @@ from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
 from beamdae.results.recovered import of_state
 from beamdae.results.section_forces import SectionForces
-from beamdae.results.selecting import selected
+from beamdae.results.selecting import every_column, selected
 from beamdae.results.validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
@@ -169,8 +169,9 @@ class Equilibrium:
         """
         import pandas as pd
 
-        every = {**self.all_columns(), **dict(self.coordinates())}
-        headers = selected(every, name, "Equilibrium")
+        observed = self.all_columns()
+        every = every_column(observed, self.coordinates())
+        headers = selected(every, name, "Equilibrium", observed)
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
         found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
         return found[headers[0]] if len(headers) == 1 else found

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def joined(first: Solution, later: Any) -> Solution:
-    """Both runs as one; status, integrator and model are those of the later.
+    """Both runs as one; integrator and model are those of the later, and its status.
+
+    Unless the first one failed: then both did.
 
     Raises
     ------
@@ -36,8 +38,10 @@ def joined(first: Solution, later: Any) -> Solution:
         field.name: getattr(first.statistics, field.name) + getattr(later.statistics, field.name)
         for field in fields(first.statistics)
     }
+    due = any(not one.done for one in first.occurred)
     return replace(
         later,
+        status=first.status.followed_by(later.status, due),
         equations=one,
         trajectory=Trajectory((*first.trajectory.intervals, *later.trajectory.intervals)),
         t=np.concatenate([first.t, later.t[1:]]),

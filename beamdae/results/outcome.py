@@ -21,6 +21,21 @@ class Status:
         """Whether it reached its end."""
         return self.kind == "ok"
 
+    def leaves_doubt(self, due: bool) -> bool:
+        """Whether a state at which a run failed is not to be trusted.
+
+        It is where an event was `due` that could not be carried out: that says nothing of the
+        state.
+        """
+        return self.kind == "failed" and not due
+
+    def followed_by(self, later: Status, due: bool) -> Status:
+        """How two runs ended, of which the later went on where this one ended, taken as one."""
+        if not later.success or not self.leaves_doubt(due):
+            return later
+        told = f"{later.sentence}, but from where the run before had failed: {self.sentence}"
+        return Status("failed", told)
+
 
 # In the sentence on a run that was ended before it had begun, of what went ahead.
 OF_SCOUT = " of the scout, which goes before the run"

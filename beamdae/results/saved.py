@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import struct
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +28,11 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _FORMAT, _VERSION = "beamdae run", 1
+# What NumPy and zipfile make of bytes that are no longer those that were written.
+_DAMAGED = (
+    *(AttributeError, EOFError, KeyError, MemoryError, OSError, RuntimeError, TypeError),
+    *(ValueError, struct.error, zipfile.BadZipFile, zlib.error),
+)
 _TOLD, _TABLE, _COORDINATES = "told", "table", "coordinates"
 
 
@@ -137,16 +145,18 @@ def read(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     BeamdaeError
         If there is no such file, or it is none of `save` of this version.
     """
-    wrong = BeamdaeError(f"{file}: it is no saved run of version {_VERSION}.")
+    wrong = BeamdaeError(f"{file}: it is no saved run of version {_VERSION}, or not all of one.")
     try:
-        # Nothing that could be executed is read.
-        with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        told = json.loads(arrays[_TOLD].tobytes())
+        whole = file.read_bytes()
     except OSError as problem:
         why = problem.strerror or problem
         raise BeamdaeError(f"{file}: it cannot be read, {why}.") from None
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+    try:
+        # Nothing that could be executed is read.
+        with np.load(io.BytesIO(whole), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        told = json.loads(arrays[_TOLD].tobytes())
+    except _DAMAGED:
         raise wrong from None
     if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (
         _FORMAT,

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from beamdae.errors import BeamdaeError, nearest, shown
 from beamdae.results.headers import Header
 
 
-def selected(headers: Iterable[str], name: Any, of: str = "Solution") -> list[str]:
+def every_column(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
+    """Columns of a table and coordinates by header; the column where both have one of the name.
+
+    A point of a body may be observed under the name of the body.
+    """
+    return {**observed, **dict(coordinates), **observed}
+
+
+def selected(
+    headers: Iterable[str], name: Any, of: str = "Solution", observed: Iterable[str] = ()
+) -> list[str]:
     """The headers a name stands for.
 
     Parameters
@@ -20,19 +30,21 @@ def selected(headers: Iterable[str], name: Any, of: str = "Solution") -> list[st
         A header, a header without its unit, or the name of an observable for all its columns.
     of
         What has them.
+    observed
+        Those among them that are meant where others bear the same name.
 
     Raises
     ------
     BeamdaeError
         If there is none of the name.
     """
-    every = list(headers)
+    every, meant = list(headers), set(observed)
     bare = [header.rpartition(" [")[0] for header in every]
     whole = [Header.of(header).name for header in every]
     for names in (every, bare, whole) if isinstance(name, str) else ():
         found = [header for header, own in zip(every, names, strict=True) if own == name]
         if found:
-            return found
+            return [header for header in found if header in meant] or found
     known = list(dict.fromkeys([*bare, *whole]))
     raise BeamdaeError(
         f"{of}: no column has the name {shown(name)}{nearest(name, known)}; "

@@ -12,7 +12,7 @@ from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, shown
 from beamdae.results.files import file_path, replacing
 from beamdae.results.headers import observed_columns
-from beamdae.results.selecting import selected
+from beamdae.results.selecting import every_column, selected
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class Tabulated:
         name
             A header, with or without its unit ("tip.y [m]" or "tip.y"), of an observed column, an
             energy, a coordinate, velocity or multiplier; or the name of an observable ("tip").
+            Of an observable and a part of one name the observable is meant.
 
         Returns
         -------
@@ -78,7 +79,7 @@ class Tabulated:
         >>> print(f"{solution['ball.y'].min():.3f} m")
         -2.905 m
         """
-        found = self._over_time(selected(self._every(), name))
+        found = self._over_time(self._selected(name))
         return found.iloc[:, 0] if found.shape[1] == 1 else found
 
     def table(self) -> pd.DataFrame:
@@ -128,7 +129,7 @@ class Tabulated:
                 f"{self.times[-1]:g} s, the other from {other.times[0]:g} to {other.times[-1]:g} s."
             )
         one, two = (run.at_times(common) for run in (self, other))
-        headers = [h for name in names for h in selected(one._every(), name)] or [
+        headers = [h for name in names for h in one._selected(name)] or [
             h for h in observed_columns(one.all_columns()) if h in other.all_columns()
         ]
         every = two._every()
@@ -163,7 +164,10 @@ class Tabulated:
         return file
 
     def _every(self) -> dict[str, Any]:
-        return {**self.all_columns(), **dict(self.coordinates())}
+        return every_column(self.all_columns(), self.coordinates())
+
+    def _selected(self, name: str) -> list[str]:
+        return selected(self._every(), name, observed=self.all_columns())
 
     def _over_time(self, headers: list[str]) -> pd.DataFrame:
         import pandas as pd

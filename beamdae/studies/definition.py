@@ -7,16 +7,14 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
-from beamdae.errors import BeamdaeError, count, iterated, keep, positive, shown
-from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.errors import BeamdaeError, count, iterated, keep, one_of, positive, shown
+from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import file_name
 from beamdae.studies.case import Case, Known
 from beamdae.studies.deviations import column_names
 from beamdae.studies.work import Limits, Task, mistake
 
-# Two methods of different kind; what they agree on is what both mean.
-REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
 _ROWS = 400
 _MOST_REPETITIONS = 1000
 _MOST_CASES = 1_000_000
@@ -33,10 +31,10 @@ class Study:
     cases
         What to run.
     references
-        Two integrators of different kind. The first gives the reference of each group of cases
-        that differ in their integrator alone; how far the second is from it is its uncertainty.
-        One that goes by its step is run with half of it as well and extrapolated (Richardson).
-        (): a sweep, whose cases are run once each and not measured.
+        Two integrators of different kind; default: `Radau(1e-7)` and `GeneralizedAlpha(1e-4)`. The
+        first gives the reference of each group of cases that differ in their integrator alone; how
+        far the second is from it is its uncertainty. One that goes by its step is run with half of
+        it as well and extrapolated (Richardson). (): as `errors=False`.
     columns
         Observed columns errors are taken over; default: positions and angles that move.
     t_end, output_step
@@ -49,17 +47,22 @@ class Study:
         For a study of meshes: the parameter that is refined, such as "elements". Cases that
         differ in it alone are measured against the largest value with the same integrator; errors
         in space and in time are never mixed.
+    errors
+        Whether errors are asked for: of all cases, or of none, which need no references then.
+        Default: where `references`, `columns` or `over` are given, and of cases that have
+        another one to be compared with: the same model and parameters, another integrator.
     """
 
     name: str
     cases: tuple[Case, ...]
-    references: tuple[Integrator, ...] = REFERENCES
+    references: tuple[Integrator, ...] | None = None
     columns: tuple[str, ...] = ()
     t_end: float | None = None
     output_step: float | None = None
     limits: Limits = field(default_factory=lambda: Limits(time=120.0))
     repetitions: int = 1
     over: str | None = None
+    errors: bool | None = None
 
     def __post_init__(self) -> None:
         file_name("study", self.name)
@@ -69,6 +72,7 @@ class Study:
             references=_references(self.name, self.references),
             columns=column_names(self.name, self.columns),
             repetitions=count(self.name, "repetitions", self.repetitions, most=_MOST_REPETITIONS),
+            errors=one_of(self.name, "errors", self.errors, (True, False, None)),
         )
         for setting in ("t_end", "output_step"):
             value = getattr(self, setting)
@@ -83,6 +87,8 @@ class Study:
             raise BeamdaeError(
                 f"{self.name}: over must be the name of a parameter, got {shown(self.over)}."
             )
+        if self.errors and self.references == () and self.over is None:
+            raise BeamdaeError(f"{self.name}: references must be two integrators for errors=True.")
         self._check_cases()
 
     def _check_cases(self) -> None:
@@ -104,15 +110,16 @@ class Study:
                     "give one of them another name."
                 )
 
-    @property
-    def measured(self) -> bool:
-        """Whether there is something to measure errors by: references, or finer meshes."""
-        return bool(self.references) or self.over is not None
+    def measures(self, runs: int) -> bool:
+        """Whether errors are asked for in a group of so many different runs."""
+        if self.errors is not None:
+            return self.errors
+        if self.over is None and self.references == ():
+            return False
+        return bool(self.over or self.references or self.columns) or runs > 1
 
     def tag(self, case: Case) -> str:
-        """What tells a case from the others of its group, or of a sweep."""
-        if not self.measured:
-            return f"{case.group}, {case.label}"
+        """What tells a case from the others that are measured against the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, known: Known | None = None) -> Task:
@@ -150,7 +157,9 @@ def _cases(name: str, value: Any) -> tuple[Case, ...]:
     return cases
 
 
-def _references(name: str, value: Any) -> tuple[Integrator, ...]:
+def _references(name: str, value: Any) -> tuple[Integrator, ...] | None:
+    if value is None:
+        return None
     wanted = "two integrators of different kind, or () for cases that are not measured"
     found = _listed(name, "references", value, wanted, 2)
     if found == () and isinstance(value, (tuple, list)):
@@ -172,7 +181,7 @@ def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[A
 
 def study(
     *,
-    references: tuple[Integrator, ...] = REFERENCES,
+    references: tuple[Integrator, ...] | None = None,
     columns: Iterable[str] = (),
     t_end: float | None = None,
     output_step: float | None = None,
@@ -181,6 +190,7 @@ def study(
     patience: float | None = None,
     repetitions: int = 1,
     over: str | None = None,
+    errors: bool | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
     """Decorate a function without arguments that lists cases; see `Study`.
 
@@ -214,6 +224,7 @@ def study(
             Limits(time_limit, memory_limit, patience),
             repetitions,
             over,
+            errors,
         )
 
     return decorate

@@ -22,10 +22,11 @@ from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.plan import Plan
 from beamdae.studies.pool import Executor
 from beamdae.studies.references import NOT_RUN as NO_REFERENCE
-from beamdae.studies.references import Reference, agreed, group_key
+from beamdae.studies.references import Reference, agreed
 from beamdae.studies.standing import Count, Standing
 from beamdae.studies.store import Store
-from beamdae.studies.tables import case_table, mesh_summary, row, summary
+from beamdae.studies.summaries import mesh_summary, summary
+from beamdae.studies.tables import case_table, row
 from beamdae.studies.work import NOT_RUN, Outcome, Task
 
 # More sentences of one kind are counted.
@@ -43,7 +44,7 @@ class Results:
     summary
         What the rows come to, by group.
     references
-        By group; none in a sweep.
+        By group, of those in which errors are asked for.
     outcomes
         By fingerprint.
     frames
@@ -190,7 +191,7 @@ def _measured(
 def _row(
     plan: Plan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
 ) -> dict[str, Any]:
-    group = group_key(plan.study, case)
+    group = plan.group_of[id(case)]
     outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
     try:
         found = row(case, group, outcome, references.get(group))

@@ -14,8 +14,10 @@ from beamdae.studies.case import Case
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
-from beamdae.studies.references import Reference, group_key
+from beamdae.studies.naming import distinct
+from beamdae.studies.references import Reference
 from beamdae.studies.tables import COST, ERROR
+from beamdae.studies.told import SPREAD
 from beamdae.studies.work import Outcome
 
 _ROWS = 200
@@ -29,6 +31,8 @@ _COLUMNS = (
     (ERROR, "error", "-", "number"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (COST, "wall time", "s", "number"),
+    (SPREAD[0], "wall time, least", "s", "number"),
+    (SPREAD[1], "wall time, largest", "s", "number"),
     ("steps", "steps", "", "number"),
     ("rejected steps", "rejected", "", "number"),
     ("residual calls", "residuals", "", "number"),
@@ -50,18 +54,19 @@ def page(results: Results) -> dict[str, Any]:
     shown = [c for c in _COLUMNS if c[0] in table]
     columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
     failed = int((table["status"] != "ok").sum())
+    rest = distinct([*results.references, results.study.name])[-1]
     return {
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failed} failed",
         "made": versions(),
         "notes": _notes(results),
-        "groups": _groups(results),
+        "groups": _groups(results, rest),
         "columns": [
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
         "cases": [
-            _case(results, case, row, [c[0] for c in columns], number)
+            _case(results, case, row, [c[0] for c in columns], number, rest)
             for number, (case, (_, row)) in enumerate(
                 zip(results.study.cases, table.iterrows(), strict=True)
             )
@@ -71,7 +76,7 @@ def page(results: Results) -> dict[str, Any]:
 
 def _notes(results: Results) -> list[str]:
     notes = []
-    if results.study.measured:
+    if results.references:
         notes.append(
             "Error: largest difference to the reference over the run and its columns, relative to "
             "half the range of each. An error less than ten times the uncertainty of the reference "
@@ -86,46 +91,45 @@ def _notes(results: Results) -> list[str]:
     return notes
 
 
-def _groups(results: Results) -> list[dict[str, Any]]:
-    """Those of the case table; the cases of a sweep are one."""
-    study = results.study
-    if not study.measured:
-        return [{"id": study.name, "label": study.name}]
-    frames: dict[str, Any] = dict.fromkeys(map(str, results.table["group"].unique()))
-    for case in study.cases:
-        group = group_key(study, case)
+def _groups(results: Results, rest: str) -> list[dict[str, Any]]:
+    """Those with a reference, and one, called `rest`, of all cases that have none."""
+    frames: dict[str, Any] = {}
+    for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Of whatever run of the same mechanism has them: its reference.
-        frames[group] = frames[group] or results.frames_of(case)
-    return [_group(results, group, found) for group, found in frames.items()]
+        frames[group] = frames.get(group) or results.frames_of(case)
+    found = [
+        _group(name, reference, frames[name]) for name, reference in results.references.items()
+    ]
+    said = {"accepted": True, "sentence": "No errors are asked for."}
+    alone = {"id": rest, "label": results.study.name, "reference": said}
+    return found if set(frames) <= set(results.references) else [*found, alone]
 
 
-def _group(results: Results, group: str, frames: dict[str, Any] | None) -> dict[str, Any]:
-    reference = results.references.get(group)
-    sentence = "its reference was not run" if reference is None else reference.sentence
-    accepted = reference is not None and reference.table is not None
+def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> dict[str, Any]:
+    accepted = reference.table is not None
     return {
         "id": group,
         "label": group,
         "reference": {
-            "methods": list(reference.methods) if reference is not None else [],
-            "uncertainty": reference.resolves if reference is not None and accepted else None,
+            "methods": list(reference.methods),
+            "uncertainty": reference.resolves if accepted else None,
             "accepted": accepted,
             # The page says itself that there is none.
-            "sentence": sentence.removeprefix("no reference, "),
+            "sentence": reference.sentence.removeprefix("no reference, "),
         },
         "frames": frames,
     }
 
 
 def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], number: int
+    results: Results, case: Case, row: pd.Series, keys: list[str], number: int, rest: str
 ) -> dict[str, Any]:
-    outcome, study = results.outcome(case), results.study
-    reference = results.references.get(str(row["group"]))
+    outcome, study, group = results.outcome(case), results.study, str(row["group"])
+    reference = results.references.get(group)
     return {
         "id": str(number),
-        "group": str(row["group"]) if study.measured else study.name,
-        "label": study.tag(case),
+        "group": rest if reference is None else group,
+        "label": f"{group}, {case.label}" if reference is None else study.tag(case),
         "series": case.series,
         "family": case.integrator.method,
         "status": str(row["reason"]) or "ok",

@@ -101,7 +101,7 @@ def _measured(results: Results) -> pd.DataFrame:
     """The rows that can be drawn, the height at which each is, and whether that is a limit."""
     table = results.table
     rows = table[table["status"] == "ok"]
-    hidden = rows["below resolution"].fillna(False).astype(bool)
+    hidden = rows["below resolution"]
     limits = rows["group"].map({g: r.resolves for g, r in results.references.items()})
     height = rows[ERROR].where(~hidden, limits)
     rows = rows.assign(hidden=hidden, height=height.astype(float))

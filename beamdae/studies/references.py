@@ -10,12 +10,16 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.studies.case import Case, Known
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import common_rows, compared, deviations
 from beamdae.studies.event_columns import extrapolated
+from beamdae.studies.naming import distinct
 from beamdae.studies.work import Outcome, Task
 
+# Two methods of different kind; what they agree on is what both mean.
+REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
 # Errors within this factor of the reference's uncertainty say more about it than about the case.
 RESOLUTION = 10.0
 # Two methods that differ by more than this share of a column's amplitude make no reference.
@@ -55,20 +59,31 @@ class Reference:
         return RESOLUTION * self.uncertainty
 
 
-def group_key(study: Study, case: Case) -> str:
-    """Cases of the same key are measured against the same reference."""
-    if study.over is None:
-        return case.group
-    rest = {k: v for k, v in case.parameters.items() if k != study.over}
-    return f"{replace(case, parameters=rest).group}, {case.label}"
+def groups(
+    study: Study, of_cases: Mapping[int, Task], known: Known | None = None
+) -> dict[str, list[Case]]:
+    """Cases that can be measured against the same reference, by what they have in common.
 
-
-def groups(study: Study) -> dict[str, list[Case]]:
-    """The cases by group, in order."""
-    found: dict[str, list[Case]] = {}
+    That is the mechanism; in a study of meshes all of it but the mesh, and the integrator.
+    """
+    found: dict[tuple[Any, ...], list[Case]] = {}
     for case in study.cases:
-        found.setdefault(group_key(study, case), []).append(case)
-    return found
+        method = "" if study.over is None else case.label
+        key = (_common(study, case).mechanism(known), of_cases[id(case)].t_end, method)
+        found.setdefault(key, []).append(case)
+    labels = distinct(_group_label(study, cases[0]) for cases in found.values())
+    return dict(zip(labels, found.values(), strict=True))
+
+
+def _common(study: Study, case: Case) -> Case:
+    if study.over is None:
+        return case
+    return replace(case, parameters={k: v for k, v in case.parameters.items() if k != study.over})
+
+
+def _group_label(study: Study, case: Case) -> str:
+    common = _common(study, case).group
+    return common if study.over is None else f"{common}, {case.label}"
 
 
 def reference_tasks(
@@ -81,7 +96,7 @@ def reference_tasks(
         meshes = {case.parameters[over]: case for case in cases}
         return [[study.task(meshes[n], known=known)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
-    for integrator in study.references:
+    for integrator in study.references or REFERENCES:
         steps = [integrator]
         name, value = integrator.accuracy
         if name == "step":

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
+import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from operator import methodcaller
 from pathlib import Path
@@ -13,16 +14,15 @@ from typing import Any, get_args
 import pandas as pd
 
 from beamdae.errors import BeamdaeError
-from beamdae.results.files import sweep, write_bytes
+from beamdae.results.files import replacing, sweep, write_bytes
 from beamdae.results.outcome import Kind, Status
 from beamdae.studies.reads import changed
 from beamdae.studies.rows import from_text, to_text
 from beamdae.studies.work import Outcome, Task
 
-_FORMAT = 2
+_FORMAT = 3
 # Longer records are none of ours [bytes].
 _LARGEST = 1_000_000_000
-_LONGEST_NAME = 80
 
 
 class _DamagedError(Exception):
@@ -31,7 +31,11 @@ class _DamagedError(Exception):
 
 @dataclass(frozen=True)
 class Store:
-    """Outcomes by the fingerprint of their case, in `folder`/outcomes and `folder`/trajectories."""
+    """Outcomes by the fingerprint of their case, in `folder`/outcomes.
+
+    Their rows are in `folder`/trajectories as well, under names for readers: links to the same
+    file, where the file system has them.
+    """
 
     folder: Path
 
@@ -39,9 +43,13 @@ class Store:
         """Where a task's outcome is kept."""
         return self.folder / "outcomes" / f"{task.key}.json"
 
-    def trajectory(self, task: Task, suffix: str = ".csv") -> Path:
-        """Where a task's rows are kept, unless its record names another file: by its case."""
-        return self.folder / "trajectories" / f"{_readable(task)}{suffix}"
+    def rows(self, task: Task) -> Path:
+        """Where a task's rows are kept."""
+        return self.record(task).with_suffix(".csv")
+
+    def trajectory(self, task: Task) -> Path:
+        """Where a task's rows are for readers."""
+        return self.folder / "trajectories" / f"{task.name or task.key}.csv"
 
     def keep(self, task: Task, outcome: Outcome) -> Outcome:
         """Write an outcome, and return it with the name of its file.
@@ -56,13 +64,12 @@ class Store:
         """
         rows, table = None, outcome.table
         if table is not None:
-            path = self.trajectory(task)
-            outcome = replace(outcome, file=path.name)
+            outcome = replace(outcome, file=self.trajectory(task).name)
             # The record has the headers as they are.
             text = outcome.text or to_text(table)
-            write_bytes(path, text)
+            write_bytes(self.rows(task), text)
+            self._show(task, text)
             rows = {
-                "file": path.name,
                 "sha256": hashlib.sha256(text).hexdigest(),
                 "columns": [str(c) for c in table],
             }
@@ -92,18 +99,18 @@ class Store:
         BeamdaeError
             If there is a folder in the place of its file.
         """
-        for path in (self.record(task), self.trajectory(task)):
+        for path in (self.record(task), self.rows(task), self.trajectory(task)):
             if path.is_dir():
                 raise BeamdaeError(f"{path}: it must be a file of results, and is a folder.")
         try:
             content = self._content(task)
             if content is None or not _serves(task, content):
                 return None, ""
-            table = None if content["rows"] is None else self._table(content["rows"])
+            table = None if content["rows"] is None else self._table(task, content["rows"])
             status = Status(**content["status"])
         except _DamagedError as problem:
             return None, str(problem)
-        file = content["rows"]["file"] if content["rows"] else ""
+        file = self.trajectory(task).name if content["rows"] else ""
         values, frames, read = (content[name] for name in ("values", "frames", "read"))
         return Outcome(status, values, table, frames, read, file), ""
 
@@ -130,15 +137,29 @@ class Store:
             raise _DamagedError(f"{path.name} has values no record has")
         return content
 
-    def _table(self, rows: dict[str, Any]) -> pd.DataFrame:
-        path = self.folder / "trajectories" / rows["file"]
+    def _table(self, task: Task, rows: dict[str, Any]) -> pd.DataFrame:
+        name = self.trajectory(task).name
         try:
-            text = path.read_bytes()
+            text = self.rows(task).read_bytes()
         except OSError as problem:
-            raise _DamagedError(f"{path.name} cannot be read, {problem.strerror}") from None
+            raise _DamagedError(f"{name} cannot be read, {problem.strerror}") from None
         if hashlib.sha256(text).hexdigest() != rows["sha256"]:
-            raise _DamagedError(f"{path.name} is not what was written")
+            raise _DamagedError(f"{name} is not what was written")
+        self._show(task, text)
         return from_text(text, rows["columns"])
+
+    def _show(self, task: Task, text: bytes) -> None:
+        """Have the rows of a task under its name, whatever was there before."""
+        source, path = self.rows(task), self.trajectory(task)
+        with suppress(OSError):
+            if path.samefile(source) or path.read_bytes() == text:
+                return
+        with replacing(path) as scratch:
+            scratch.unlink()
+            try:
+                os.link(source, scratch)
+            except OSError:  # No file system has to have links.
+                scratch.write_bytes(text)
 
     def clean(self) -> None:
         """Remove what processes that have ended left unfinished."""
@@ -177,17 +198,10 @@ def _is_record(content: dict[str, Any]) -> bool:
         known
         and status["kind"] in get_args(Kind)
         and all(isinstance(x, plain) for x in content["values"].values())
-        and (rows is None or {"file", "sha256", "columns"} <= set(rows))
-        and (rows is None or Path(str(rows["file"])).name == rows["file"])
+        and (rows is None or {"sha256", "columns"} <= set(rows))
     )
 
 
 def _sum(content: Any) -> str:
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _readable(task: Task) -> str:
-    """Name of a case that any file may have, and no other case has."""
-    text = re.sub(r"[^A-Za-z0-9=.,_+]+", "-", f"{task.case.group}-{task.case.label}")
-    return f"{text[:_LONGEST_NAME].strip('-.,')}-{task.key[:10]}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ COUNTS = {
     "solves": "solves",
     "Newton failures": "newton_failures",
 }
+# Of cases that ran several times, beside the median of their wall times.
+SPREAD = ("wall time min [s]", "wall time max [s]")
 MEASURES = {
     "setup time [s]": "setup_time",
     "wall time [s]": "wall_time",
@@ -43,6 +46,16 @@ def values(solution: Solution) -> dict[str, Any]:
         "warnings": " ".join(solution.warnings),
         **event_values(solution),
     }
+
+
+def timings(times: Sequence[float]) -> dict[str, float]:
+    """The median of the wall times of equal runs, and their ends, by column of the case table."""
+    found = {"wall time [s]": float(np.median(times))}
+    return (
+        found
+        if len(times) < 2
+        else found | dict(zip(SPREAD, (min(times), max(times)), strict=True))
+    )
 
 
 def by_time(solution: Solution) -> pd.DataFrame:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import cloudpickle
-import numpy as np
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -27,7 +26,7 @@ from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
-from beamdae.studies.told import by_time, values
+from beamdae.studies.told import by_time, timings, values
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,8 @@ class Task:
         `Case.fingerprint`.
     mechanism
         `Case.mechanism`, if that is known.
+    name
+        For files, of this task alone in its study.
     """
 
     key: str
@@ -74,6 +75,7 @@ class Task:
     repetitions: int = 1
     animated: bool = False
     mechanism: str = ""
+    name: str = ""
 
     def packed(self, known: Packed) -> bytes:
         """The task for another process, the source of its model included; models once."""
@@ -183,7 +185,7 @@ def _performed(task: Task, reads: Reads) -> Outcome:
                 break
         solution = solutions[-1]
         times = [s.statistics.wall_time for s in solutions]
-        found = values(solution) | {"wall time [s]": float(np.median(times))}
+        found = values(solution) | timings(times)
         table = by_time(solution)
         text = to_text(table)
         frames = _frames(task, solution) if task.animated else None
@@ -231,7 +233,7 @@ def _built(task: Task) -> _Built:
 @lru_cache(maxsize=1)
 def _equations(recipe: _Recipe) -> _Built:
     with reading() as reads:
-        equations = as_equations(recipe.case.model(**recipe.case.parameters))
+        equations = as_equations("study", recipe.case.model(**recipe.case.parameters))
     return _Built(equations, reads)
 
 

@@ -15,7 +15,7 @@ FORMULATIONS = [
 ]
 
 
-@bd.study(t_end=2.0, references=())
+@bd.study(t_end=2.0)
 def hub_beam_formulations():
     return [
         bd.Case(hub_beam, {"torque": torque, **words}, bd.Radau(1e-6))

@@ -113,7 +113,7 @@ def dense_eigenvalues(lin):
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
 def test_modes_are_eigenvalues_of_dense_matrices(case, formulation):
     mech, about = state(case, formulation)
-    lin = linearization(mech, about)
+    lin = linearization("modes", mech, about)
     found = bd.modes(mech, about, n=6)
     known = dense_eigenvalues(lin)
     for value, kind in zip(found.eigenvalues, found.kinds, strict=True):

@@ -38,10 +38,7 @@ ROWS = ("--output-step", "0.01", "--no-estimate")
 def go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than these runs.
-    monkeypatch.setattr(
-        "beamdae.cli.run._draw",
-        lambda columns, status, title, files, told: setattr(told, "complete", True),
-    )
+    monkeypatch.setattr("beamdae.cli.run_work.draw", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
     return lambda *options: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *options])
 
@@ -108,6 +105,17 @@ def test_an_end_can_be_gone_on_from_again(go):
     table, told = read("ball")
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 0.6]
     assert len(told["parts"]) == 2
+
+
+def test_what_went_on_from_a_failure_has_failed(go):
+    go("--t-end", "0.3", "--checkpoint", "end.json")
+    beside = Path("results/ball.json")
+    ended = {"status": "failed", "reason": "met something"}
+    beside.write_text(json.dumps(json.loads(beside.read_text()) | ended))
+    go("--t-end", "0.5", "--continue", "end.json")
+    table, told = read("ball")
+    assert set(table["status"]) == {told["status"]} == {told["result"]["status"]} == {"failed"}
+    assert told["reason"].endswith("but from where the run before had failed: met something")
 
 
 def test_tables_of_other_runs_are_not_overwritten(go):

@@ -12,7 +12,7 @@ from beamdae.simulation import as_equations
 @pytest.fixture(scope="module")
 def books():
     """Books of a hub beam, the same in plain Python, and more states than are taken at once."""
-    equations = as_equations(hub_beam(elements=2))
+    equations = as_equations("simulate", hub_beam(elements=2))
     keep = measures.books_of(equations)
     run = measures.balance(equations.structure).buffers(False, equations.p)
     count = 2 * len(run.times) + 3

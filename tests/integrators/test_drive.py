@@ -18,6 +18,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.formulations import State
+from beamdae.integrators import drive as drives
 from beamdae.integrators import rows as rows_of_a_run
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
@@ -371,6 +372,32 @@ def test_progress_hears_of_the_scout_but_of_no_time():
     assert told[0] == 0.0
     assert told == sorted(told)
     assert told[-1] > 0.0
+
+
+def test_regression_what_is_built_for_the_scout_is_no_wall_time(monkeypatch):
+    """It made the first run of a process seven times as long as the next one."""
+    past = 0.0
+
+    def long(method_on):
+        def built(route):
+            nonlocal past
+            past += 1000.0
+            return method_on(route)
+
+        return built
+
+    real = time.perf_counter
+    monkeypatch.setattr(drives.clock, "perf_counter", lambda: real() + past)
+    init = drives._Run.__init__
+    monkeypatch.setattr(
+        drives._Run,
+        "__init__",
+        lambda self, whole, route, on, *more: init(self, whole, route, long(on), *more),
+    )
+    found = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2).statistics
+    assert past >= 2000.0, "a scout and the run"
+    assert found.setup_time > past
+    assert found.wall_time < 1000.0
 
 
 def test_an_interrupt_during_the_scout_is_told_as_such():

@@ -151,8 +151,19 @@ def test_a_mechanism_has_no_end_time_of_its_own():
 
 
 def test_what_is_not_a_model_is_refused():
-    with pytest.raises(bd.BeamdaeError, match="expected a model or a mechanism, got 'pendulum'"):
-        bd.simulate("pendulum", ALPHA, 1.0)
+    """By whoever was given it."""
+    asked = {
+        "simulate": lambda model: bd.simulate(model, ALPHA, 1.0),
+        "equilibrium": bd.equilibrium,
+        "modes": bd.modes,
+        "linearize": lambda model: bd.linearize(model, inputs=["push"]),
+        "periodic": lambda model: bd.periodic(model, 1.0),
+        "check": bd.check,
+    }
+    for name, ask in asked.items():
+        expected = f"^{name}: expected a model or a mechanism, got 'pendulum'"
+        with pytest.raises(bd.BeamdaeError, match=expected):
+            ask("pendulum")
 
 
 def test_the_parameters_of_generalized_alpha_are_those_of_the_paper():

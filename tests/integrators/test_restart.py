@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose
 from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
+from beamdae.results.checkpoint import Checkpoint
 
 RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 
@@ -152,7 +154,8 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
         (lambda told: [1], "no checkpoint"),
         (lambda told: told | {"events": "bounce"}, "damaged"),
         (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
-        (lambda told: told | {"t": float("nan")}, "not finite"),
+        (lambda told: told | {"t": float("nan")}, "damaged"),
+        (lambda told: told | {"t": 0.05}, "damaged, its checksum is another"),
     ],
 )
 def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
@@ -160,6 +163,31 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
     path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(bd.BeamdaeError, match=sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+
+
+def test_a_checkpoint_without_end_is_refused(tmp_path):
+    end = Checkpoint.of(bd.simulate(slider(), bd.Radau(), 0.1))
+    path = replace(end, t=float("nan")).write(tmp_path / "end.json")
+    with pytest.raises(bd.BeamdaeError, match="not finite"):
+        bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+
+
+def test_a_checkpoint_with_one_other_bit_is_refused_or_says_the_same(tmp_path):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    whole, known = path.read_bytes(), Checkpoint.read(path)
+    refused = 0
+    for k in range(0, 8 * len(whole), 11):
+        changed = bytearray(whole)
+        changed[k // 8] ^= 1 << k % 8
+        path.write_bytes(changed)
+        try:
+            found = Checkpoint.read(path)
+        except bd.BeamdaeError:
+            refused += 1
+        else:
+            assert found == known
+    # What is left is white space.
+    assert refused > 0.5 * len(whole)
 
 
 def test_a_checkpoint_that_was_cut_off_is_refused(tmp_path):
@@ -202,6 +230,9 @@ def test_where_a_run_failed_or_was_a_scout_is_not_trusted(tmp_path):
             with pytest.warns(bd.BeamdaeWarning, match="it begins in doubt, the run before was"):
                 later = bd.simulate(model, bd.Radau(), end, start=start)
             assert "begins in doubt" in later.warnings[0]
+            # What reached its end from a state that is not to be trusted has not done so.
+            both = first.followed_by(later)
+            assert both.status.kind == ("failed" if first is failed else "ok")
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
         limited = bd.simulate(pendulum(), bd.Radau(max_steps=30), 2.0)
     assert bd.simulate(pendulum(), bd.Radau(), 2.0, start=limited).warnings == ()

@@ -64,6 +64,25 @@ def test_columns_by_header_name_and_observable(run):
     assert_array_equal(run["beam.x0_dot"], run.v[:, 0])
 
 
+def test_regression_what_is_observed_is_meant_where_a_body_has_its_name():
+    """Columns of the body came instead: its center of mass, and all of its coordinates."""
+    mech, beam = mechanism()
+    bar = mech.add(bd.RigidBody("bar", mass=1.0, inertia=0.1, center=(1.0, -1.0)))
+    mech.add(bd.Revolute("pin", beam.end, bar.at(1.0, 0.0)))
+    mech.observe("bar", bar.at(1.0, -2.0))
+    mech.observe("beam", beam.deformation(0.5))
+    run = bd.simulate(mech, ALPHA, t_end=0.02)
+    assert run["bar.y"].iloc[0] == run.table()["bar.y [m]"].iloc[0] == -2.0
+    assert list(run["beam"]) == ["beam.u [m]", "beam.v [m]", "beam.phi [rad]"]
+    assert bd.plot(run, "bar.y").figure.axes[0].lines[0].get_ydata()[0] == -2.0
+    assert run.difference(run.observe("low", bar.at(1.0, -2.0)), "bar.y").abs().max(axis=None) == 0
+    assert run["bar.angle"].iloc[0] == 0.0
+    assert run["beam.x0"].iloc[0] == 0.0
+    rest = bd.equilibrium(mech)
+    assert rest["bar.y"].iloc[-1] == rest.table()["bar.y [m]"].iloc[-1]
+    assert len(rest["beam"].columns) == 3
+
+
 @pytest.mark.parametrize("name", ["tip.z", "", 3, None, "energy", float("nan")])
 def test_a_column_that_is_not_there_is_told(run, name):
     if name == "energy":

@@ -100,13 +100,18 @@ def test_markup_in_names_is_text(markup):
 
 def test_summary_tells_units_with_values():
     lines = [
-        ("arm", "fastest", "error <= 1e-02", "Ida", 0.25, "s"),
-        ("arm", "order", "", "I", 2, "-"),
+        ("arm", "fastest", "error <= 1e-02", "Ida", 0.25, "s", 0.2, 0.4, "Radau"),
+        ("arm", "fastest", "error <= 1e-03", "Auto", 0.3, "s", np.nan, np.nan, ""),
+        ("arm", "order", "", "I", 2, "", np.nan, np.nan, ""),
     ]
-    table = pd.DataFrame(lines, columns=["group", "what", "at", "answer", "value", "unit"])
-    rows = printed(terminal.summary_table(table), 40).splitlines()
-    assert [r.split()[-2:] for r in rows if "Ida" in r] == [["0.25", "s"]]
+    names = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
+    table = pd.DataFrame(lines, columns=names)
+    rows = printed(terminal.summary_table(table), 50).splitlines()
+    assert [r.split()[-5:] for r in rows if "Ida" in r] == [["0.25", "s", "(0.2", "to", "0.4)"]]
+    assert [r.split()[-2:] for r in rows if "Auto" in r] == [["0.3", "s"]]
     assert [r.split()[-1] for r in rows if "order" in r] == ["2"]
+    assert "Radau" in printed(terminal.summary_table(table), 100)
+    assert "as fast" not in printed(terminal.summary_table(table.iloc[1:]), 100)
 
 
 def test_ranges_of_columns_that_are_not_finite():

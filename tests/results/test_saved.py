@@ -130,6 +130,12 @@ def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
         path.write_bytes(wrong)
         with pytest.raises(bd.BeamdaeError, match=r"a\.run: it is no saved run of version 1"):
             bd.load(path)
+    # Other bits in the list of what a zip holds: of how it is compressed, encrypted and checked.
+    entry = content.index(b"PK\x01\x02")
+    for place in (6, 8, 10, 16):
+        path.write_bytes(content[: entry + place] + b"\x63" + content[entry + place + 1 :])
+        with pytest.raises(bd.BeamdaeError, match=r"a\.run: it is no saved run of version 1"):
+            bd.load(path)
     with open(path, "wb") as file:
         np.savez(file, told=np.frombuffer(b'{"format": "beamdae run"}', np.uint8))
     with pytest.raises(bd.BeamdaeError, match="it is no saved run of version 1"):

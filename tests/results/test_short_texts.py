@@ -22,6 +22,8 @@ def clamped(weight=9.81):
 
 RESULTS = {
     "solution": (lambda: bd.simulate(clamped(), bd.Radau(1e-3), 0.01), r"Solution by Radau.*tip"),
+    "mechanism": (clamped, r"Mechanism of 3 parts: strip, clamp, push"),
+    "check": (lambda: clamped().check(), r"Check of mechanism: .*; it can be run"),
     "equilibrium": (lambda: bd.equilibrium(clamped()), r"Equilibrium: ok.*load factor 1"),
     "modes": (lambda: bd.modes(clamped(), n=2), r"Modes about reference: 2, [\d.]+, [\d.]+ Hz"),
     "many modes": (lambda: bd.modes(clamped(), n=6), r"Modes about reference: 6, .*, \.\.\. Hz"),
@@ -47,3 +49,19 @@ def test_a_result_is_one_short_line(make, told):
     assert len(text) < 250
     assert text.isprintable()
     assert re.match(rf"<{told}.*>$", text)
+
+
+def test_a_long_mechanism_and_its_parts_are_short():
+    mech = bd.Mechanism()
+    assert repr(mech) == "<Mechanism of 0 parts>"
+    for k in range(1000):
+        mech.add(bd.PointMass(f"ball {k}", 1.0, at=(0.1 * k, 0.0)))
+    assert re.match(r"<Mechanism of 1000 parts: ball 0, .*ball 5, \.\.\.>$", repr(mech))
+    beam = bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), STRIP, elements=2)
+    assert repr(beam) == "Beam(name='strip', 0.3 m in 2 elements)"
+
+
+def test_a_check_is_a_table_in_a_notebook():
+    told = clamped().check()._repr_html_()
+    assert "it can be run" in told
+    assert told.count("<tr>") == len(str(clamped().check()).splitlines()) - 1

@@ -17,6 +17,7 @@ import pytest
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies import engine, store
+from beamdae.studies.naming import file_names
 from beamdae.studies.pool import SerialPool
 from beamdae.studies.store import Store
 from beamdae.studies.work import Limits, Outcome, Task
@@ -35,7 +36,7 @@ CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
 STUDY = bd.Study(
     "made", (CASE,), references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)), t_end=0.1
 )
-TASK = STUDY.task(CASE)
+TASK = replace(STUDY.task(CASE), name="one")
 TABLE = pd.DataFrame(
     {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
     index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
@@ -77,11 +78,35 @@ def test_regression_a_trajectory_that_is_not_what_was_written_is_run_again(fille
     assert problem == f"{file.name} is not what was written"
 
 
-def test_a_trajectory_that_is_gone_is_told(filled):
-    filled.trajectory(TASK).unlink()
+def test_rows_that_are_gone_are_told(filled):
+    filled.rows(TASK).unlink()
     found, problem = filled.outcome(TASK)
     assert found is None
-    assert "cannot be read, No such file" in problem
+    assert problem == "one.csv cannot be read, No such file or directory"
+
+
+def refused(*_):
+    raise OSError(1, "Operation not permitted")
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_trajectories_are_whole_whatever_has_become_of_them(tmp_path, monkeypatch, links):
+    """Gone, of an earlier model, or in a file system without links."""
+    if not links:
+        monkeypatch.setattr(os, "link", refused)
+    place = Store(tmp_path)
+    place.keep(TASK, DONE)
+    file = place.trajectory(TASK)
+    whole = file.read_bytes()
+    assert file.samefile(place.rows(TASK)) == links
+    renamed = replace(TASK, name="other")
+    file.unlink()
+    place.trajectory(renamed).write_bytes(b"of another")
+    for task in (TASK, renamed, TASK):
+        found, problem = place.outcome(task)
+        assert (found.file, problem) == (f"{task.name}.csv", "")
+        assert place.trajectory(task).read_bytes() == whole
+    assert not list(tmp_path.rglob("*.scratch"))
 
 
 def changed(record, **values):
@@ -119,7 +144,7 @@ def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
         {"status": {"kind": "splendid", "sentence": ""}},
         {"status": {"kind": "ok"}},
         {"values": {"steps": [1]}},
-        {"rows": {"file": "../x", "sha256": "", "columns": []}},
+        {"rows": {"columns": []}},
         {"repetitions": None},
         {"read": []},
     ],
@@ -166,7 +191,7 @@ def run(tmp_path_factory):
 
 def test_regression_damaged_results_are_run_again_and_that_is_told(run):
     folder, before = run
-    file = Store(folder).trajectory(TASK)
+    file = folder / before.table["trajectory"][0]
     file.write_bytes(file.read_bytes()[:-12])
     seen = []
     with pytest.warns(bd.BeamdaeWarning, match=rf"{file.name} is not what was written, so .* run"):
@@ -180,15 +205,37 @@ def test_regression_damaged_results_are_run_again_and_that_is_told(run):
 
 def test_trajectories_are_named_by_their_case(run):
     folder, results = run
-    (name,) = results.table["trajectory"]
-    assert name.startswith("trajectories/swing-mass=1.0-GeneralizedAlpha-step=0.01-")
-    assert (folder / name).is_file()
-    assert results.to_parquet()[0].suffix == ".parquet"
-    odd = bd.Case(swing, {"note": "a/b\\c:*?\n" + "x" * 300 + "\u00e9"}, bd.Ida(1e-4))
-    made = Store(folder).trajectory(STUDY.task(odd)).name
-    assert len(made) < 120
-    assert made.isascii()
-    assert not set(made) & set('/\\:*?"<>|\n ')
+    assert list(results.table["trajectory"]) == [
+        "trajectories/swing-mass=1.0-GeneralizedAlpha-step=0.01.csv"
+    ]
+    assert {path.name for path in results.to_parquet()} == {
+        "swing-mass=1.0-GeneralizedAlpha-step=0.01.parquet",
+        "swing-mass=1.0-GeneralizedAlpha-step=0.0005.parquet",
+        "swing-mass=1.0-GeneralizedAlpha-step=0.001.parquet",
+        "swing-mass=1.0-Ida-rtol=1e-06.parquet",
+    }
+    found = {path.name for path in (folder / "trajectories").iterdir()}
+    assert all((folder / name).is_file() for name in results.table["trajectory"])
+    assert len(found) == 8
+
+
+def test_names_of_trajectories_do_for_any_file_system():
+    method = "Ida(rtol=0.0001)"
+    notes = ["a/b\\c:*?\n\ud800", "a b c", "A B C", "\u00fcber \u6881", "u\u0308ber \u6881"]
+    notes += ["x" * 300, "x" * 300 + "y", "", "."]
+    found = file_names((f"swing(note={note})", method) for note in notes)
+    assert found == [
+        "swing-note=a-b-c-Ida-rtol=0.0001",
+        "swing-note=a-b-c-Ida-rtol=0.0001-2",
+        "swing-note=A-B-C-Ida-rtol=0.0001-3",
+        "swing-note=\u00fcber-\u6881-Ida-rtol=0.0001",
+        "swing-note=\u00fcber-\u6881-Ida-rtol=0.0001-2",
+        f"swing-note={'x' * 94}-Ida-rtol=0.0001",
+        f"swing-note={'x' * 94}-Ida-rtol=0.0001-2",
+        "swing-note=-Ida-rtol=0.0001",
+        "swing-note=-Ida-rtol=0.0001-2",
+    ]
+    assert len(file_names([("\u6881" * 300, "\u6881" * 300)])[0].encode()) < 130
 
 
 def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):

@@ -22,10 +22,12 @@ import beamdae as bd
 from beamdae.cli.commands import app
 from beamdae.cli.model_file import contents
 from beamdae.studies import engine, work
+from beamdae.studies.page_data import page
 from beamdae.studies.pool import LocalPool, SerialPool
 from beamdae.studies.references import NOT_RUN
 from beamdae.studies.store import Store
-from beamdae.studies.tables import case_table, mesh_summary, row, summary
+from beamdae.studies.summaries import mesh_summary, summary
+from beamdae.studies.tables import case_table, row
 from beamdae.studies.work import Limits, Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
@@ -192,33 +194,63 @@ def test_summary_has_orders_the_fastest_and_crossovers(swings):
     assert set(best["answer"]) <= {case.label for case in SWINGS}
 
 
-def test_crossover_is_where_another_series_becomes_the_fastest():
-    def rows(series, step, order, cost):
-        # error = step^order, cost proportional to 1 / step
-        return [
-            {
-                "group": "g",
-                "status": "ok",
-                "label": f"{series}(step={h:g})",
-                "rtol": np.nan,
-                "step": h,
-                "series": series,
-                "error [-]": h**order,
-                "wall time [s]": cost / h,
-                "below resolution": False,
-                "reference uncertainty [-]": 0.0,
-            }
-            for h in step
-        ]
-
-    table = pd.DataFrame(
-        rows("coarse", (0.1, 0.01, 0.001), 1, 1e-4) + rows("fine", (0.5, 0.1, 0.03), 3, 1e-3)
+def timed_rows(series, step, order, cost, scatter=None):
+    """Rows with error = step^order and cost proportional to 1 / step."""
+    rows = pd.DataFrame({"step": step})
+    rows = rows.assign(
+        **{"group": "g", "status": "ok", "series": series, "rtol": np.nan},
+        **{"error [-]": rows["step"] ** order, "wall time [s]": cost / rows["step"]},
+        **{"below resolution": False, "reference uncertainty [-]": 0.0},
+        label=[f"{series}(step={h:g})" for h in step],
     )
-    found = summary(table).set_index("what")
+    if scatter is None:
+        return rows
+    ends = {"min": 1.0 / (1.0 + scatter), "max": 1.0 + scatter}
+    more = {f"wall time {name} [s]": f * rows["wall time [s]"] for name, f in ends.items()}
+    return rows.assign(**more)
+
+
+def crossing(scatter=None):
+    return [
+        timed_rows("coarse", (0.1, 0.01, 0.001), 1, 1e-4, scatter),
+        timed_rows("fine", (0.5, 0.1, 0.03), 3, 1e-3, scatter),
+    ]
+
+
+@pytest.mark.parametrize("scatter", [None, 0.1, 1.0])
+def test_crossover_is_where_another_series_becomes_the_fastest(scatter):
+    found = summary(pd.concat(crossing(scatter))).set_index("what")
     # 1e-4 / e = 1e-3 / e^(1/3): e = 10^-1.5.
     assert_allclose(found.loc["crossover", "value"], 10.0**-1.5, rtol=0.05)
     assert found.loc["crossover", "answer"] == "fine"
     assert_allclose(found.loc["order in step", "value"].astype(float), [1.0, 3.0], atol=1e-6)
+
+
+def test_no_series_overtakes_where_it_may_be_chance():
+    """At no error they have in common is one faster than the other by more than a factor of ten."""
+    assert "crossover" not in set(summary(pd.concat(crossing(10.0)))["what"])
+    same = [timed_rows("a", (0.1, 0.01), 1, 1.0), timed_rows("b", (0.1, 0.01), 1.02, 1.0)]
+    assert "crossover" not in set(summary(pd.concat(same))["what"])
+
+
+@pytest.mark.parametrize(
+    ("costs", "scatter", "as_fast"),
+    [
+        ({"a": 1.0, "b": 1.09, "c": 1.11}, 0.1, ["b"]),
+        ({"a": 1.0, "b": 1.19, "c": 1.21}, None, ["b"]),
+        ({"a": 1.0}, None, []),
+    ],
+)
+def test_one_is_faster_if_its_median_is_less_than_the_fastest_run_of_the_other(
+    costs, scatter, as_fast
+):
+    rows = [timed_rows(name, (0.09,), 2, cost, scatter) for name, cost in costs.items()]
+    best = summary(pd.concat(rows)).iloc[0]
+    assert best["answer"] == "a(step=0.09)"
+    assert best["as fast"] == ", ".join(f"{name}(step=0.09)" for name in as_fast)
+    assert_allclose(best["value"], 1.0 / 0.09)
+    found = [best["min"] * 0.09, best["max"] * 0.09]
+    assert_allclose(found, [1.0 / 1.1, 1.1] if scatter else [np.nan] * 2)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -534,9 +566,15 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     assert set(second["status"]) == {"ok"}
 
 
-def test_repetitions_give_the_median_wall_time(tmp_path):
+def test_repetitions_give_the_median_wall_time_and_its_ends(tmp_path):
     results = done(made(SWINGS[:1], repetitions=3), tmp_path)
-    assert results.table["wall time [s]"][0] > 0.0
+    (line,) = results.table.to_dict("records")
+    names = ("wall time min [s]", "wall time [s]", "wall time max [s]")
+    assert 0.0 < line[names[0]] <= line[names[1]] <= line[names[2]]
+    assert {"wall time, least", "wall time, largest"} <= {
+        x["label"] for x in page(results)["columns"]
+    }
+    assert "wall time min [s]" not in done(made(SWINGS[:1]), tmp_path / "once").table
     with pytest.raises(bd.BeamdaeError, match="made: repetitions must be a whole number"):
         made(SWINGS[:1], repetitions=0)
 

@@ -19,6 +19,7 @@ from beamdae.report.page.page import write_page
 from beamdae.studies import engine, page_data, rows
 from beamdae.studies.packing import packed
 from beamdae.studies.pictures import plots
+from beamdae.studies.plan import Plan
 from beamdae.studies.pool import LocalPool, SerialPool
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
@@ -120,6 +121,72 @@ def test_a_process_has_its_next_case_before_the_last_one_is_kept(tmp_path):
         found.close()
 
 
+# References where errors are asked for ------------------------------------------------------------
+
+FINE = (bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=1e-3))
+MIXED = [bd.Case(swing, {"mass": m}, x) for m, x in ((1.0, ALPHA), (2.0, ALPHA), (2.0, FINE[0]))]
+
+
+def measured(cases, **settings):
+    """The groups with a reference."""
+    return list(Plan.of(bd.Study("made", tuple(cases), **settings)).methods)
+
+
+def test_references_are_of_groups_that_compare_integrators_unless_errors_are_asked_for():
+    one, two = "swing(mass=1.0)", "swing(mass=2.0)"
+    assert measured(MIXED) == [two]
+    assert measured(MIXED[:2]) == []
+    assert measured(MIXED[:2] * 2) == [], "the same case twice compares nothing"
+    assert measured(MIXED, errors=True) == measured(MIXED, references=FINE) == [one, two]
+    assert measured(MIXED, columns=("end.x [m]",)) == [one, two]
+    for none in ({"errors": False}, {"references": ()}, {"references": FINE, "errors": False}):
+        assert measured(MIXED, **none) == []
+    assert measured(MIXED[:2], over="mass") == [f"swing, {ALPHA.label}"]
+    assert measured(MIXED[:2], over="mass", errors=False) == []
+
+
+def test_cases_of_equal_parameters_share_a_reference_however_they_are_told():
+    told = [{}, {"mass": 2}, {"mass": 2.0, "marker": ""}, {"marker": "", "mass": 2.0}]
+    cases = [
+        bd.Case(swing, x, bd.GeneralizedAlpha(step=h))
+        for x, h in zip(told, (1, 2, 3, 4), strict=True)
+    ]
+    plan = Plan.of(bd.Study("made", tuple(cases), t_end=10.0))
+    assert set(plan.group_of.values()) == {"swing"}
+    # Two methods, one of them with two steps.
+    assert len(plan.tasks) == 4 + 3
+
+
+def test_regression_parameters_that_read_alike_are_no_group():
+    """Text and number, and arrays that differ in digits that are not shown."""
+    values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]))
+    free = replace(swing, parameters={"x": None})
+    cases = [bd.Case(free, {"x": x}, y) for x in values for y in (ALPHA, FINE[0])]
+    plan = Plan.of(bd.Study("made", tuple(cases)))
+    names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
+    assert list(plan.methods) == names
+    assert [plan.group_of[id(case)] for case in cases[::2]] == names
+
+
+def test_a_study_has_errors_of_some_cases(tmp_path):
+    cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
+    results = engine.run(bd.Study("made", tuple(cases)), tmp_path, SerialPool())
+    assert list(results.table["error [-]"].notna()) == [False, True, True, False]
+    assert not results.table["below resolution"][[0, 3]].any()
+    assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
+    assert not results.failed
+    page = page_data.page(results)
+    assert [(x["label"], x["reference"]["accepted"]) for x in page["groups"]] == [
+        ("swing(mass=2.0)", True),
+        ("made", True),
+    ]
+    assert [case["label"] for case in page["cases"][:2]] == [
+        f"swing(mass=1.0), {ALPHA.label}",
+        ALPHA.label,
+    ]
+    assert write_page(tmp_path / "report.html", page).is_file()
+
+
 # Without references -------------------------------------------------------------------------------
 
 
@@ -163,7 +230,7 @@ def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
 
 def test_references_are_two_or_none():
     with pytest.raises(bd.BeamdaeError, match=r"two integrators of different kind, or \(\) for"):
-        replace(sweep({}), references=None)
+        replace(sweep({}), references=3)
     assert replace(sweep({}), references=[]).references == ()
 
 
@@ -173,7 +240,7 @@ import beamdae as bd
 swing = bd.load_model({str(Path(__file__))!r})
 
 
-@bd.study(references=())
+@bd.study()
 def masses():
     return [bd.Case(swing, x, bd.GeneralizedAlpha(step=5e-3)) for x in bd.grid(mass=[1.0, -1.0])]
 """

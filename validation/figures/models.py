@@ -1,4 +1,4 @@
-"""The picture of the models in the readme.
+"""The pictures of models in the readme: a motion, and drawings.
 
 python validation/figures/models.py
 """
@@ -44,7 +44,10 @@ def main() -> None:
         axis.imshow(drawing(name))
         axis.set_title(name, fontsize=12)
         axis.set_axis_off()
-    figure.savefig(Path(__file__).parent / "models.png", dpi=80)
+    folder = Path(__file__).parent
+    figure.savefig(folder / "models.png", dpi=80)
+    run = bd.simulate(bd.load_model("example:four_bar"))
+    run.animate(folder / "four_bar.gif", speed=0.8, frames=50)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def _mended(bench: Bench, kind: str, damage) -> None:
     """A second start does a damaged run again, says so, and ends as the first one did."""
     prepared(bench, _finished)
     right, table = trajectories(bench), cases(bench)
-    path = sorted((results(bench) / kind).iterdir())[0]
+    path = sorted(results(bench).glob(kind))[0]
     damage(path)
     again = done(bench, 0)
     found = trajectories(bench)
@@ -85,17 +85,17 @@ def _cut(count: int):
 
 def trajectory_cut_by_1(bench: Bench) -> None:
     """A trajectory without its last byte is done again."""
-    _mended(bench, "trajectories", _cut(1))
+    _mended(bench, "outcomes/*.csv", _cut(1))
 
 
 def trajectory_cut_by_12(bench: Bench) -> None:
     """A trajectory without its last digits is done again."""
-    _mended(bench, "trajectories", _cut(12))
+    _mended(bench, "outcomes/*.csv", _cut(12))
 
 
 def trajectory_cut_by_40(bench: Bench) -> None:
     """A trajectory without some of its last columns is done again."""
-    _mended(bench, "trajectories", _cut(40))
+    _mended(bench, "outcomes/*.csv", _cut(40))
 
 
 def trajectory_with_another_digit(bench: Bench) -> None:
@@ -106,27 +106,27 @@ def trajectory_with_another_digit(bench: Bench) -> None:
         at = text.rindex(".", 0, len(text) // 2) + 1
         path.write_text(text[:at] + str((int(text[at]) + 5) % 10) + text[at + 1 :])
 
-    _mended(bench, "trajectories", damage)
+    _mended(bench, "outcomes/*.csv", damage)
 
 
 def trajectory_missing(bench: Bench) -> None:
-    """A run without its trajectory is done again."""
-    _mended(bench, "trajectories", lambda path: path.unlink())
+    """A run whose rows are gone is done again."""
+    _mended(bench, "outcomes/*.csv", lambda path: path.unlink())
 
 
 def record_of_garbage(bench: Bench) -> None:
     """A record that is no JSON is done again."""
-    _mended(bench, "outcomes", lambda path: path.write_bytes(os.urandom(1000)))
+    _mended(bench, "outcomes/*.json", lambda path: path.write_bytes(os.urandom(1000)))
 
 
 def record_cut(bench: Bench) -> None:
     """Half a record is done again."""
-    _mended(bench, "outcomes", lambda path: path.write_bytes(path.read_bytes()[:100]))
+    _mended(bench, "outcomes/*.json", lambda path: path.write_bytes(path.read_bytes()[:100]))
 
 
 def record_of_a_list(bench: Bench) -> None:
     """A record that is another JSON is done again."""
-    _mended(bench, "outcomes", lambda path: path.write_text("[1, 2]"))
+    _mended(bench, "outcomes/*.json", lambda path: path.write_text("[1, 2]"))
 
 
 def record_of_nan(bench: Bench) -> None:
@@ -138,13 +138,13 @@ def record_of_nan(bench: Bench) -> None:
         outcome["values"] = {key: float("nan") for key in outcome["values"]}
         path.write_text(json.dumps(record))
 
-    _mended(bench, "outcomes", damage)
+    _mended(bench, "outcomes/*.json", damage)
 
 
 def record_is_a_folder(bench: Bench) -> None:
     """A folder by the name of a record is told in a sentence."""
     prepared(bench, _finished)
-    path = sorted((results(bench) / "outcomes").iterdir())[0]
+    path = sorted(results(bench).glob("outcomes/*.json"))[0]
     path.unlink()
     path.mkdir()
     ran = done(bench, 2)

@@ -56,6 +56,7 @@ def _study(world: World) -> dict[str, Any]:
         "output_step": OUTPUT_STEP,
         "repetitions": 1,
         "over": None,
+        "errors": None,
     }
 
 

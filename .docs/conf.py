@@ -1,0 +1,155 @@
+"""Sphinx makes the site, without a network: `sphinx-build -W -n .docs results/docs`."""
+
+import os
+import re
+import shutil
+import sys
+from itertools import takewhile
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+
+import beamdae as bd
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+# Model files are imported by name, in notebooks as well.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
+)
+
+project = "beamdae"
+author = "The beamdae developers"
+copyright = "The beamdae developers, MIT license"
+version = release = bd.__version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+    "sphinx-mathjax-offline",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "scripts"]
+templates_path = ["_templates"]
+
+html_theme = "furo"
+html_title = "beamdae"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+
+# A name in single backticks links to its page where it has one.
+default_role = "autolink"
+nitpicky = True
+# Types are named for the eye: those of other packages, and of beamdae's inside, have no page here.
+nitpick_ignore_regex = [("py:class", r"(?!beamdae\.[A-Z]).*"), ("py:obj", r"(?!beamdae\.).*")]
+suppress_warnings = ["toc.empty_glob"]
+
+autosummary_generate = True
+autodoc_inherit_docstrings = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_merge_streams = True
+
+copybutton_exclude = ".linenos, .gp, .go"
+
+sphinx_gallery_conf = {
+    "examples_dirs": "scripts",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "",
+    "image_scrapers": ("model_gallery.pictures",),
+    "capture_repr": ("_repr_html_",),
+    "reset_modules": (),
+    "backreferences_dir": "gallery/names",
+    "doc_module": ("beamdae",),
+    "reference_url": {"beamdae": None},
+    "run_stale_examples": True,
+    "abort_on_example_error": True,
+    "within_subsection_order": "FileNameSortKey",
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "min_reported_time": 1000,
+    "show_memory": False,
+    "show_signature": False,
+}
+
+
+def collect(app):
+    """Have the models and the notebooks of `models/tutorials` among the pages."""
+    import model_gallery
+
+    model_gallery.write_scripts(HERE / "scripts")
+    kept = HERE / "tutorials"
+    shutil.rmtree(kept, ignore_errors=True)
+    if (notebooks := HERE.parent / "models" / "tutorials").is_dir():
+        shutil.copytree(notebooks, kept, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+
+
+def public_name(app, env, node, contnode):
+    """Lead references to where a public name is defined to its page."""
+    name = node.get("reftarget", "").rpartition(".")[2]
+    if node.get("refdomain") != "py" or name not in bd.__all__:
+        return None
+    domain = env.domains["py"]
+    return domain.resolve_xref(
+        env, node["refdoc"], app.builder, "obj", f"beamdae.{name}", node, contnode
+    )
+
+
+def link_code(app, doctree):
+    """Lead code of prose such as `bd.Beam(...)` to the page of its name."""
+    for code in list(doctree.findall(nodes.literal)):
+        found = re.match(r"bd\.(\w+)", code.astext())
+        if not found or found[1] not in bd.__all__ or isinstance(code.parent, nodes.reference):
+            continue
+        target = f"beamdae.{found[1]}"
+        link = pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
+        link["refdoc"] = app.env.current_document.docname
+        code.replace_self(link)
+        link.append(code)
+
+
+def split_attributes(app, what, name, found, options, lines):
+    """Give attributes that are explained together an entry each, which napoleon does not."""
+    made, section = [], ""
+    for k, line in enumerate(lines):
+        if set(line) == {"-"}:
+            section = lines[k - 1]
+        made.append(line)
+        if section == "Attributes" and re.fullmatch(r"\w+(, \w+)+", line):
+            *others, made[-1] = line.split(", ")
+            body = list(takewhile(lambda text: text.startswith(" "), lines[k + 1 :]))
+            made[-1:-1] = [entry for other in others for entry in (other, *body)]
+    lines[:] = made
+
+
+def escape_bars(app, what, name, found, options, lines):
+    """Docstrings write |x| and `Law`s as they are read, not as reStructuredText has them."""
+    for k, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            line = re.sub(r"`(\w+)`(?=s\b)", r"`\1`\\ ", line)
+            lines[k] = re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line)
+
+
+def setup(app):
+    """Connect what is done before pages are read and when names are looked up."""
+    app.connect("builder-inited", collect, priority=100)
+    app.connect("autodoc-process-docstring", split_attributes, priority=400)
+    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("doctree-read", link_code)
+    app.connect("missing-reference", public_name)
