@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beamdae.equations.measures import TIME
+from beamdae.report.page.tabled import curves_of, rows_a_curve
 from beamdae.results.files import versions
-from beamdae.results.headers import observed_columns
 from beamdae.studies.case import Case
-from beamdae.studies.deviations import deviations
+from beamdae.studies.deviations import common_rows, deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
 from beamdae.studies.references import Reference
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.told import SPREAD
-from beamdae.studies.work import Outcome
 
-_ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
 # Columns of the case table on the page: key, label, unit, kind.
@@ -28,9 +27,9 @@ _COLUMNS = (
     ("label", "integrator", "", "text"),
     ("status", "status", "", "status"),
     (EVENTS, "events", "", "text"),
-    (ERROR, "error", "-", "number"),
+    (ERROR, "error", "-", "error"),
     ("reaction error [-]", "reaction error", "-", "number"),
-    (COST, "wall time", "s", "number"),
+    (COST, "wall time", "s", "cost"),
     (SPREAD[0], "wall time, least", "s", "number"),
     (SPREAD[1], "wall time, largest", "s", "number"),
     ("steps", "steps", "", "number"),
@@ -43,8 +42,6 @@ _COLUMNS = (
     ("reached [s]", "reached", "s", "number"),
     ("peak memory [GB]", "memory", "GB", "number"),
 )
-_ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
-_ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
 def page(results: Results) -> dict[str, Any]:
@@ -52,8 +49,10 @@ def page(results: Results) -> dict[str, Any]:
     table = results.table
     parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
+    varied = [(str(p), str(p), "", _kind(table[p])) for p in parameters]
+    columns = [shown[0], *varied, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
+    most = _most_rows(results)
     rest = distinct([*results.references, results.study.name])[-1]
     return {
         "title": results.study.name,
@@ -66,7 +65,8 @@ def page(results: Results) -> dict[str, Any]:
             for k, label, unit, kind in columns
         ],
         "cases": [
-            _case(results, case, row, [c[0] for c in columns], number, rest)
+            {"id": str(number), **_case(results, case, row, [c[0] for c in columns], rest)}
+            | {"curves": _curves(results, case, row, most) if number < _MOST_CURVES else None}
             for number, (case, (_, row)) in enumerate(
                 zip(results.study.cases, table.iterrows(), strict=True)
             )
@@ -122,33 +122,28 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
 
 
 def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], number: int, rest: str
+    results: Results, case: Case, row: pd.Series, keys: list[str], rest: str
 ) -> dict[str, Any]:
-    outcome, study, group = results.outcome(case), results.study, str(row["group"])
+    study, group = results.study, str(row["group"])
     reference = results.references.get(group)
     return {
-        "id": str(number),
         "group": rest if reference is None else group,
         "label": f"{group}, {case.label}" if reference is None else study.tag(case),
         "series": case.series,
         "family": case.integrator.method,
         "status": str(row["reason"]) or "ok",
-        "values": {key: _entry(row[key]) for key in keys}
-        | {"status": str(row["reason"]) or "ok"}
-        | _unresolved(row, reference),
+        "values": {key: _entry(row[key]) for key in keys} | {"status": str(row["reason"]) or "ok"},
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
         "limited": row["status"] == "limited",
-        "curves": _curves(outcome, reference) if number < _MOST_CURVES else None,
     }
 
 
-def _unresolved(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
-    """The error in the table, where the reference cannot resolve it."""
-    if reference is None or not row.get("below resolution", False):
-        return {}
-    return {ERROR: f"< {reference.resolves:.2g}"}
+def _kind(values: pd.Series) -> str:
+    """What a column of parameters holds."""
+    numbers = pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values)
+    return "number" if numbers else "text"
 
 
 def _entry(value: Any) -> Any:
@@ -157,28 +152,33 @@ def _entry(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | None:
-    """Every so many rows of a run, with its error over time."""
-    table = outcome.table
-    if table is None or len(table) < 2:
+def _curves(results: Results, case: Case, row: pd.Series, most: int) -> dict[str, Any] | None:
+    """A run over time, with its error and its differences to the reference."""
+    table = results.outcome(case).table
+    if table is None:
         return None
-    chosen = np.linspace(0, len(table) - 1, min(len(table), _ROWS)).round().astype(int)
-    rows = table.iloc[chosen]
-    curves = {
-        "t": _rounded(rows.index.to_numpy()),
-        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed_columns(table)},
-        "energy": {k: _rounded(rows[c].to_numpy()) for k, c in _ENERGIES.items() if c in rows},
-        "position drift": _rounded(rows["drift.position"].to_numpy()),
-        "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),
-        "error": [],
-    }
+    reference = results.references.get(str(row["group"]))
     truth = None if reference is None else reference.table
-    if reference is not None and truth is not None and set(reference.columns) <= set(table):
-        error = deviations(table, truth, reference.columns).max(axis=1)
-        curves["error"] = _rounded(error.reindex(rows.index).to_numpy())
-    return curves
+    columns = {TIME: table.index.to_numpy(), **_columns(table)}
+    if reference is None or truth is None or not set(reference.columns) <= set(table):
+        return curves_of(columns, most)
+    error = deviations(table, truth, reference.columns).max(axis=1).reindex(table.index)
+    rows = common_rows(table, truth)
+    beyond = np.full(len(table) - rows, np.nan)
+    differences = {
+        name: np.concatenate([values[:rows] - truth[name].to_numpy()[:rows], beyond])
+        for name, values in _columns(table).items()
+        if name in truth
+    }
+    return curves_of(columns, most, error.to_numpy(), differences)
 
 
-def _rounded(values: np.ndarray) -> list[float]:
-    """Five digits are more than a curve shows."""
-    return [float(f"{v:.5g}") for v in values]
+def _columns(table: pd.DataFrame) -> dict[str, np.ndarray]:
+    return {str(name): table[name].to_numpy() for name in table}
+
+
+def _most_rows(results: Results) -> int:
+    """How many rows there is room for on the page in the curves of each case."""
+    tables = [results.outcome(case).table for case in results.study.cases[:_MOST_CURVES]]
+    # Each with its difference to a reference.
+    return rows_a_curve(sum(2 * len(table.columns) for table in tables if table is not None))

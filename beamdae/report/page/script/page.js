@@ -25,6 +25,9 @@ function drawHeader() {
     .map((entry) => entry.join(" "))
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
+  if (!scatters()) byId("selected-title").textContent = "Over time";
+  byId("motion").hidden = !page.groups.some((group) => group.frames);
+  document.querySelector("main").classList.toggle("still", byId("motion").hidden);
   byId("speed").replaceChildren(...SPEEDS.map((speed) => html("option", {}, `× ${speed}`)));
 }
 
