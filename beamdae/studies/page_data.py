@@ -11,17 +11,21 @@ import pandas as pd
 from beamdae.equations.measures import TIME
 from beamdae.report.page.tabled import curves_of, rows_a_curve
 from beamdae.results.files import versions
+from beamdae.results.headers import Header
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import common_rows, deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
 from beamdae.studies.references import Reference
+from beamdae.studies.sweeps import Sweep
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.told import SPREAD
 
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
+# Before the names of columns that may be called as others are.
+_TOLD = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -44,13 +48,20 @@ _COLUMNS = (
 )
 
 
-def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`."""
+def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+    """The page of a study; see `beamdae.report.page.write_page`.
+
+    `told` has a row a case as well: what stands in the place of the parameters.
+    """
     table = results.table
-    parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    varied = [(str(p), str(p), "", _kind(table[p])) for p in parameters]
-    columns = [shown[0], *varied, *shown[1:]]
+    if told is None:
+        parameters = list(table)[1 : list(table).index("group")]
+        further = [(str(p), str(p), "", _kind(table[p])) for p in parameters]
+    else:
+        further = [_told(told, str(name)) for name in told]
+        table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
+    columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
     most = _most_rows(results)
     rest = distinct([*results.references, results.study.name])[-1]
@@ -72,6 +83,17 @@ def page(results: Results) -> dict[str, Any]:
             )
         ],
     }
+
+
+def told_key(name: str) -> str:
+    """What the page knows a column of `told` by."""
+    return _TOLD + name
+
+
+def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
+    """Key, label, unit and kind of a column on the page."""
+    unit = Header.of(name).unit if name.endswith("]") else ""
+    return told_key(name), name.removesuffix(f" [{unit}]"), unit, _kind(table[name])
 
 
 def _notes(results: Results) -> list[str]:
@@ -126,9 +148,10 @@ def _case(
 ) -> dict[str, Any]:
     study, group = results.study, str(row["group"])
     reference = results.references.get(group)
+    told = reference is not None or isinstance(study, Sweep)
     return {
         "group": rest if reference is None else group,
-        "label": f"{group}, {case.label}" if reference is None else study.tag(case),
+        "label": study.tag(case) if told else f"{group}, {case.label}",
         "series": case.series,
         "family": case.integrator.method,
         "status": str(row["reason"]) or "ok",

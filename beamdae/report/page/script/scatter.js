@@ -9,8 +9,8 @@ function drawScatter() {
   byId("scatter-title").replaceChildren(...scatterTitle(x, y));
   byId("families").replaceChildren(...(cases.length ? familyLegend(cases, y) : []));
   if (!cases.length) {
-    const sentence = "No case of this model has both an error and a wall time.";
-    byId("precision-plot").replaceChildren(empty(sentence));
+    const both = x && y ? `${y.label} and ${x.label}` : "an error and a wall time";
+    byId("precision-plot").replaceChildren(empty(`No case of this model has both ${both}.`));
     return;
   }
   const made = chart(scatterSpec(cases, x, y));
