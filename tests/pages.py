@@ -176,3 +176,8 @@ def until(tab, expression):
             return
         tab.wait_for_timeout(20)
     raise AssertionError(expression)
+
+
+def chosen_options(choice):
+    """What a list of choices shows."""
+    return choice.evaluate("list => [...list.selectedOptions].map((one) => one.textContent)")

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from beamdae.equations.measures import DRIFT_COLUMNS, TIME
+from beamdae.equations.measures import TIME
 from beamdae.report import terminal
 from beamdae.report.fitted import FittedTable
 from beamdae.report.page.tabled import curves_of, rows_a_curve
@@ -44,9 +44,9 @@ def page_of_run(
         What there is to say besides its own.
     """
     table = solution.all_columns() if columns is None else dict(columns)
-    drift = solution.drift
-    if len(drift) == len(table[TIME]):
-        table |= {c: drift[c].to_numpy() for c in DRIFT_COLUMNS}
+    # Of this run alone, where the table is of more.
+    if len(solution.t) == len(table[TIME]):
+        table |= solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
     return {

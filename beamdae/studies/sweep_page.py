@@ -11,10 +11,12 @@ from beamdae.studies.sweep_tables import parameter_column
 
 
 def page_of_sweep(swept: SweepResults) -> dict[str, Any]:
-    """Runs over each other, and what is told of them over a parameter; a family for each choice
-    of the others. See `beamdae.report.page.page.write_page`.
+    """The page of a sweep; see `beamdae.report.page.page.write_page`.
+
+    What is told of its runs is drawn over a parameter; each choice of the others is a family.
     """
     made = page(swept.results, swept.table[[*swept.parameters, *swept.told]])
+    made["columns"][0] |= {"label": "case"}
     if not swept.sweep.varied:
         return made
     x = axis_of(swept, None)

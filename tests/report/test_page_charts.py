@@ -300,7 +300,7 @@ def test_cases_are_drawn_by_any_two_numbers(show):
         one["values"]["speed"] = 2.0 + k
     tab = show(page)
     tab.get_by_label("x axis").select_option("speed [m/s]")
-    assert tab.inner_text("#precision h2") == "Error and speed"
+    assert tab.inner_text("#precision h2") == "Error over speed"
     assert_allclose(seen(tab, "scatter")[0], [2.0 - 0.25, 7.0 + 0.25])
     tab.get_by_label("y axis").select_option("steps")
     # No errors, no limit of them.
@@ -313,7 +313,7 @@ def test_cases_are_drawn_by_any_two_numbers(show):
 def test_a_page_may_say_what_cases_are_drawn_by_first(show):
     page = study() | {"axes": {"x": "error", "y": "steps"}}
     tab = show(page)
-    assert tab.inner_text("#precision h2") == "Steps and error"
+    assert tab.inner_text("#precision h2") == "steps over error"
 
 
 def saved(tab, key, kind):

@@ -1,4 +1,4 @@
-"""One self-contained HTML file of a study: tables, plots and animations a browser opens offline."""
+"""One self-contained HTML file: tables, charts and animations a browser opens offline."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _PAGE: dict[str, Any] = {
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:
-    """Write a study as one HTML file that needs nothing else.
+    """Write runs, and what is known of them, as one HTML file that needs nothing else.
 
     Parameters
     ----------
@@ -80,17 +80,27 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         Plain values, every entry but the ids may be missing:
 
         - "title", "subtitle"; "made", versions by name; "notes", sentences.
-        - "groups", cases that share a reference: "id", "label", "reference" with "methods",
-          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" with
-          times "t" and "bodies" as `beamdae.results.shapes.shapes` gives them.
-        - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
-          and "status". The label of a case (key "label") and its status come first, named or not.
-        - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
-          work-precision plot joins; default none), "status" ("ok" or a
-          sentence), "values" by column, "error", "cost" [s], "below" (the error is less than the
-          reference resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it
-          "observed" by name, "error", "energy" by name ("imbalance" is drawn by its size),
-          "position drift" and "velocity drift".
+        - "groups", cases that are looked at together, such as those of the same parameters: "id",
+          "label"; "reference", what their errors are measured against, with "methods",
+          "uncertainty" (the least error it resolves), "accepted" and "sentence", or None;
+          "frames", what moves, as `beamdae.results.shapes` has it, with times "t" and "bodies".
+        - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
+          "status", "error" and "cost"; the last two show the entries of a case with these names.
+          The label of a case (key "label") and its status come first, named or not.
+        - "axes", keys "x" and "y" of the columns cases are drawn by first; by any two of numbers
+          they can be. Default: error over cost, where there are any.
+        - "tables" of facts: "title", "head" (names of columns) and "rows".
+        - "cases": "id", "group", "label", "family" (its color and its entry in the legend, such as
+          the integrator or other parameters), "series" (cases of the same are joined by a line in
+          the order they have; default none), "status" ("ok" or a sentence), "values" by column,
+          "error", "cost" [s], "below" (the error is less than the reference resolves), "limited"
+          (stopped by a limit), "curves" as `beamdae.report.page.tabled.curves_of` has them: "t" [s]
+          and over it "observed" by name, "error", "energy" by name ("imbalance" is drawn by its
+          size), "position drift", "velocity drift", and "difference", to the reference, with
+          "observed" and "energy" by name.
+
+        A page of one case without columns is that of a run: it has no table of cases, and the
+        first of its tables stands beside its motion.
 
     Returns
     -------

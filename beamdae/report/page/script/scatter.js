@@ -26,8 +26,8 @@ function scatters() {
 }
 
 function scatterTitle(x, y) {
-  const words = [y, x].map((one) => one?.label ?? "");
-  const title = html("h2", {}, x && y ? `${capital(words[0])} and ${words[1]}` : "Cases");
+  const name = (one) => (one.kind === "number" ? one.label : capital(one.label));
+  const title = html("h2", {}, x && y ? `${name(y)} over ${x.label}` : "Cases");
   if (quantities.length < 3) return [title];
   return [title, axisChoice("y", y), axisChoice("x", x)];
 }

@@ -50,7 +50,9 @@ function markSelection(root) {
   }
 }
 
-// The best of what has curves, or what comes first.
+const FIRST = 4;
+
+// The best of what has curves; without errors, the first ones.
 function selectFirst() {
   const drawn = casesHere().filter((one) => one.curves);
   const measured = (one) => !failed(one) && height(one) > 0 && one.cost > 0;
@@ -59,7 +61,7 @@ function selectFirst() {
     .sort((one, other) => height(one) - height(other) || one.cost - other.cost);
   state.slots = [];
   state.hidden.cases.clear();
-  [...best, ...drawn].slice(0, 1).forEach(select);
+  (best.length ? best.slice(0, 1) : drawn.slice(0, FIRST)).forEach(select);
 }
 
 function drawChosen() {
