@@ -10,10 +10,10 @@ from beamdae.equations.measures import TIME
 from beamdae.report import terminal
 from beamdae.report.fitted import FittedTable
 from beamdae.report.page.tabled import curves_of, rows_a_curve
+from beamdae.report.scene.frames import frames_of
 from beamdae.results.files import versions
 from beamdae.results.headers import observed_columns
 from beamdae.results.occurrences import counted
-from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import Solution
 
 _ID = "run"
@@ -54,7 +54,7 @@ def page_of_run(
         "subtitle": f"{method}: {status.sentence}",
         "made": versions(),
         "notes": [*warnings, *solution.warnings],
-        "groups": [{"id": _ID, "frames": _frames(solution)}],
+        "groups": [{"id": _ID, "frames": frames_of(solution)}],
         "tables": [table for table in _tables(solution, table, errors) if table["rows"]],
         "cases": [
             {
@@ -67,14 +67,6 @@ def page_of_run(
             }
         ],
     }
-
-
-def _frames(solution: Solution) -> dict[str, Any] | None:
-    """None for equations of no mechanism."""
-    mechanism = solution.equations.mechanism
-    if mechanism is None:
-        return None
-    return {"t": frame_times(solution).tolist(), "bodies": shapes(mechanism, solution)}
 
 
 def _tables(

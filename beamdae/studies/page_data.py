@@ -13,6 +13,7 @@ from beamdae.report.page.tabled import curves_of, rows_a_curve
 from beamdae.results.files import versions
 from beamdae.results.headers import Header
 from beamdae.studies.case import Case
+from beamdae.studies.definition import Study
 from beamdae.studies.deviations import common_rows, deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
@@ -63,7 +64,6 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
         table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
     columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
-    most = _most_rows(results)
     rest = distinct([*results.references, results.study.name])[-1]
     return {
         "title": results.study.name,
@@ -75,13 +75,7 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": [
-            {"id": str(number), **_case(results, case, row, [c[0] for c in columns], rest)}
-            | {"curves": _curves(results, case, row, most) if number < _MOST_CURVES else None}
-            for number, (case, (_, row)) in enumerate(
-                zip(results.study.cases, table.iterrows(), strict=True)
-            )
-        ],
+        "cases": _cases(results, table, [c[0] for c in columns], rest),
     }
 
 
@@ -143,19 +137,45 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
     }
 
 
-def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], rest: str
-) -> dict[str, Any]:
-    study, group = results.study, str(row["group"])
-    reference = results.references.get(group)
-    told = reference is not None or isinstance(study, Sweep)
+def _cases(
+    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+) -> list[dict[str, Any]]:
+    study, ranks, most = results.study, _ranks(results.study), _most_rows(results)
+    found = []
+    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
+        group = str(row["group"])
+        reference = results.references.get(group)
+        told = reference is not None or isinstance(study, Sweep)
+        where = {
+            "group": rest if reference is None else group,
+            "label": study.tag(case) if told else f"{group}, {case.label}",
+        }
+        curves = _curves(results, case, row, most) if k < _MOST_CURVES else None
+        own = _case(case, row, keys)
+        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
+    return found
+
+
+def _ranks(study: Study) -> list[int]:
+    """The place of each case by series, and in a series from coarse to fine."""
+
+    def place(k: int) -> tuple[str, float]:
+        case = study.cases[k]
+        coarse = -case.integrator.accuracy.value
+        return case.series, coarse if study.over is None else case.parameters[study.over]
+
+    order = sorted(range(len(study.cases)), key=place)
+    return np.argsort(order).tolist()
+
+
+def _case(case: Case, row: pd.Series, keys: list[str]) -> dict[str, Any]:
+    status = str(row["reason"]) or "ok"
+    values = {key: _entry(row[key]) for key in keys}
     return {
-        "group": rest if reference is None else group,
-        "label": study.tag(case) if told else f"{group}, {case.label}",
         "series": case.series,
         "family": case.integrator.method,
-        "status": str(row["reason"]) or "ok",
-        "values": {key: _entry(row[key]) for key in keys} | {"status": str(row["reason"]) or "ok"},
+        "status": status,
+        "values": values | {"status": status},
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),

@@ -21,8 +21,10 @@ def page_of_sweep(swept: SweepResults) -> dict[str, Any]:
         return made
     x = axis_of(swept, None)
     for family, rows in families_of(swept, x).items():
-        for case in (made["cases"][row] for row in rows):
+        for row in rows:
+            case, at = made["cases"][row], swept.sweep.settings[row][x]
             case |= {"family": family or case["family"], "series": family}
+            case["rank"] = at if isinstance(at, (int, float)) else row
     numbers = {column["key"] for column in made["columns"] if column["kind"] == "number"}
     told = [key for key in map(told_key, swept.told) if key in numbers]
     made["axes"] = {"x": told_key(parameter_column(swept.sweep, x)), "y": next(iter(told), None)}

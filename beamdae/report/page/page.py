@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import html
-import json
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from importlib.resources import files
-from importlib.resources.abc import Traversable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.letters import plain
 from beamdae.report.page.stored import stored_curves, stored_frames
+from beamdae.report.page.template import filled
 from beamdae.results.files import write_text
 
 # Each once in the page, one after the other: what they define is known to all of them.
@@ -48,6 +45,7 @@ _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
     "series": None,
+    "rank": None,
     "status": "ok",
     "values": {},
     "error": None,
@@ -83,7 +81,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "groups", cases that are looked at together, such as those of the same parameters: "id",
           "label"; "reference", what their errors are measured against, with "methods",
           "uncertainty" (the least error it resolves), "accepted" and "sentence", or None;
-          "frames", what moves, as `beamdae.results.shapes` has it, with times "t" and "bodies".
+          "frames", what moves, as `beamdae.report.scene.frames.frames_of` gives it.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
           "status", "error" and "cost"; the last two show the entries of a case with these names.
           The label of a case (key "label") and its status come first, named or not.
@@ -91,8 +89,9 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           they can be. Default: error over cost, where there are any.
         - "tables" of facts: "title", "head" (names of columns) and "rows".
         - "cases": "id", "group", "label", "family" (its color and its entry in the legend, such as
-          the integrator or other parameters), "series" (cases of the same are joined by a line in
-          the order they have; default none), "status" ("ok" or a sentence), "values" by column,
+          the integrator or other parameters), "series" (cases of the same are joined by a line;
+          default none), "rank" (a number: the order in which they are, and in which they are sorted
+          by their label), "status" ("ok" or a sentence), "values" by column,
           "error", "cost" [s], "below" (the error is less than the reference resolves), "limited"
           (stopped by a limit), "curves" as `beamdae.report.page.tabled.curves_of` has them: "t" [s]
           and over it "observed" by name, "error", "energy" by name ("imbalance" is drawn by its
@@ -117,21 +116,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
 def _rendered(page: Mapping[str, Any]) -> str:
     """The template with everything it refers to in it."""
-    folder = files("beamdae.report.page")
-    data = json.dumps(page, allow_nan=False, separators=(",", ":"))
-    parts = {
-        "title": html.escape(plain(page["title"])),
-        "style": _joined(folder / "style", _STYLES, ".css"),
-        "script": _joined(folder / "script", _SCRIPTS, ".js"),
-        # No tag can begin within the data.
-        "data": data.replace("<", "\\u003c"),
-    }
-    template = folder.joinpath("page.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
-
-
-def _joined(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
+    title = html.escape(plain(page["title"]))
+    return filled("page", _STYLES, _SCRIPTS, page, title=title)
 
 
 def _completed(page: Mapping[str, Any]) -> dict[str, Any]:

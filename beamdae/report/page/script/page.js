@@ -28,7 +28,6 @@ function drawHeader() {
   if (!scatters()) byId("selected-title").textContent = "Over time";
   byId("motion").hidden = !page.groups.some((group) => group.frames);
   document.querySelector("main").classList.toggle("still", byId("motion").hidden);
-  byId("speed").replaceChildren(...SPEEDS.map((speed) => html("option", {}, `× ${speed}`)));
 }
 
 function drawReference() {
@@ -51,7 +50,7 @@ function showGroup(group) {
   drawUnplotted();
   drawFacts();
   drawTable();
-  drawMotion();
+  drawMotion(state.group.frames);
   selectFirst();
   showSelection();
 }
@@ -60,8 +59,7 @@ function listen() {
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
   byId("filter").addEventListener("input", filterTable);
   byId("clear").addEventListener("click", clearSelection);
-  byId("play").addEventListener("click", () => (motion.playing ? pause() : play()));
-  byId("frame").addEventListener("input", (event) => showTime(motion.frames.t[event.target.value]));
+  listenToPlayer();
 }
 
 function start() {

@@ -120,10 +120,10 @@ function resolutionLine(box, y) {
   ];
 }
 
-// Cases of a series are joined in the order they have.
+// Cases of a series are joined in the order of their ranks.
 function seriesLines(cases, place, measured) {
   return distinct(known(cases.map((one) => one.series))).flatMap((series) => {
-    const members = cases.filter((one) => one.series === series);
+    const members = cases.filter((one) => one.series === series).sort((one, other) => one.rank - other.rank);
     return members.slice(1).map((one, k) => joined(members[k], one, place, measured));
   });
 }
