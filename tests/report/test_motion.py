@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
+from beamdae.parts.part import Drawing
 from beamdae.report.scene.frames import frames_of
 from beamdae.report.scene.of_run import scene_of_run
 from beamdae.results.shapes import frame_times
@@ -69,3 +70,29 @@ def test_trails_are_where_the_point_has_been():
         bd.BeamdaeError, match=r"trail must be .*'top' is none \(did you mean 'tip'"
     ):
         seen(solution, trail=["top"])
+
+
+class Strap(bd.Part):
+    """A part of one's own, drawn through points of several bodies."""
+
+    def __init__(self, name, kind, *ends):
+        self.name, self.kind, self.ends = name, kind, ends
+
+    def forces(self, gravity):
+        return bd.Spring(self.name, *self.ends, 1.0).forces(gravity)
+
+    def draw(self, attached, points):
+        return Drawing(self.kind, list(self.ends))
+
+
+@pytest.mark.parametrize("kind", ["strap", "rigid"])
+def test_a_part_of_ones_own_is_drawn_through_points_of_several_bodies(kind):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(Strap("strap", kind, mech.ground.at(0.0, 1.0), ball.point))
+    mech.observe("ball", ball.point)
+    solution = run(mech)
+    line = seen(solution)["strap", kind]
+    assert_allclose(line[:, 0], [(0.0, 1.0)] * FRAMES, atol=0)
+    assert_allclose(line[:, 1], solution.observed[["ball.x [m]", "ball.y [m]"]], atol=1e-12)
+    assert mech.draw().figure.axes
