@@ -11,6 +11,7 @@ from beamdae.cli import interrupts, run_work
 from beamdae.cli.asked import configured, integrator_of
 from beamdae.cli.options import (
     EndTime,
+    IntegratorName,
     ModelFile,
     ModelName,
     Out,
@@ -35,9 +36,7 @@ def run_command(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[
-        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
-    ] = "auto",
+    integrator: IntegratorName = "auto",
     rtol: Annotated[
         float | None,
         typer.Option(help="Relative tolerance (generalized-alpha: adaptive steps)."),
