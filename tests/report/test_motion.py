@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
@@ -96,3 +97,16 @@ def test_a_part_of_ones_own_is_drawn_through_points_of_several_bodies(kind):
     assert_allclose(line[:, 0], [(0.0, 1.0)] * FRAMES, atol=0)
     assert_allclose(line[:, 1], solution.observed[["ball.x [m]", "ball.y [m]"]], atol=1e-12)
     assert mech.draw().figure.axes
+
+
+def test_films_go_to_ffmpeg_frame_by_frame(tmp_path):
+    """It is a program of its own: here one that counts the bytes it is given."""
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
+    program.chmod(0o755)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    with rc_context({"animation.ffmpeg_path": str(program)}):
+        path = run(mech).animate(tmp_path / "run.mp4", frames=4)
+    width, height = 200, 600
+    assert int(path.read_text()) == 4 * 4 * width * height
