@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _WIDTH, _HEIGHT = 8.0, (2.5, 8.0)
+# For the numbers of the axes: on the left, below, on the right and above [inch].
+_AROUND = (0.8, 0.5, 0.2, 0.22)
 # Of the size of the drawing: how near names share a place, and what is free around it.
 _NEAR, _MARGIN = 0.012, 0.09
 _MOST = 30
@@ -85,9 +87,12 @@ def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, An
 
     width, height = extent / np.max(extent)
     tall = float(np.clip(_WIDTH * (height + 0.25) / (width + 0.25), *_HEIGHT))
-    figure = Figure(figsize=size or (_WIDTH, tall), layout="constrained")
+    wide, tall = size or (_WIDTH, tall)
+    figure = Figure(figsize=(wide, tall))
     FigureCanvasAgg(figure)
-    axis = figure.add_subplot()
+    left, below, right, above = _AROUND
+    room = (1.0 - (left + right) / wide, 1.0 - (below + above) / tall)
+    axis = figure.add_axes((left / wide, below / tall, *room))
     axis.set_aspect("equal", adjustable="datalim")
     axis.spines[["top", "right"]].set_visible(False)
     axis.set_xlabel("x [m]")

@@ -25,6 +25,7 @@ def seen(solution, **settings):
     return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_parts_are_seen_while_they_are_active():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
@@ -43,6 +44,7 @@ def test_parts_are_seen_while_they_are_active():
     solution.animate(frames=3)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_a_run_that_failed_at_once_is_drawn(tmp_path):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))
