@@ -105,9 +105,12 @@ from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate
 from .studies import Case as Case
 from .studies import Study as Study
+from .studies import Sweep as Sweep
+from .studies import SweepResults as SweepResults
 from .studies import compare as compare
 from .studies import grid as grid
 from .studies import study as study
+from .studies import sweep as sweep
 from .verification import error_estimate as error_estimate
 from .verification import verify as verify
 

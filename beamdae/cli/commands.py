@@ -21,6 +21,7 @@ from beamdae.cli.modes import modes_command
 from beamdae.cli.run import run_command
 from beamdae.cli.saying import complain
 from beamdae.cli.static import static_command
+from beamdae.cli.sweep import sweep_command
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from beamdae.report.letters import plain
 
@@ -78,6 +79,7 @@ app = typer.Typer(
 
 app.command("run", cls=_Command)(run_command)
 app.command("compare", cls=_Command)(compare_command)
+app.command("sweep", cls=_Command)(sweep_command)
 app.command("check", cls=_Command)(check_command)
 app.command("draw", cls=_Command)(draw_command)
 app.command("static", cls=_Command)(static_command)

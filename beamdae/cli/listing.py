@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from beamdae.studies import Study
 
 # What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study", "load_model"}
+_DEFINING = {"model", "study", "Study", "sweep", "load_model"}
 
 
 def list_command(

@@ -194,6 +194,16 @@ def summary_table(summary: pd.DataFrame) -> FittedTable:
     return FittedTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
 
 
+def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> FittedTable:
+    """The table of a sweep: parameters, what is told of each run, how it ended."""
+    columns = [Column(name) for name in parameters[1:]]
+    columns.append(Column("status", 1))
+    columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(told)]
+    names = [*parameters, "status", *told]
+    rows = [tuple(number(row[name], 5) for name in names) for _, row in table.iterrows()]
+    return FittedTable(parameters[0], columns, rows, "sweep.csv")
+
+
 def failures(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]

@@ -9,13 +9,15 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.files import versions
-from beamdae.results.headers import observed_columns
+from beamdae.results.headers import Header, observed_columns
 from beamdae.studies.case import Case
+from beamdae.studies.definition import Study
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
 from beamdae.studies.references import Reference
+from beamdae.studies.sweeps import Sweep
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.told import SPREAD
 from beamdae.studies.work import Outcome
@@ -23,6 +25,8 @@ from beamdae.studies.work import Outcome
 _ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
+# Before the names of columns that may be called as others are.
+_TOLD = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -47,12 +51,20 @@ _ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
 _ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
-def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`."""
+def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+    """The page of a study; see `beamdae.report.page.write_page`.
+
+    `told` has a row a case as well: what stands in the place of the parameters.
+    """
     table = results.table
-    parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
+    if told is None:
+        parameters = list(table)[1 : list(table).index("group")]
+        further = [(str(p), str(p), "", "text") for p in parameters]
+    else:
+        further = [_told(told, str(name)) for name in told]
+        table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
+    columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
     rest = distinct([*results.references, results.study.name])[-1]
     return {
@@ -65,13 +77,15 @@ def page(results: Results) -> dict[str, Any]:
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": [
-            _case(results, case, row, [c[0] for c in columns], number, rest)
-            for number, (case, (_, row)) in enumerate(
-                zip(results.study.cases, table.iterrows(), strict=True)
-            )
-        ],
+        "cases": _cases(results, [c[0] for c in columns], rest),
     }
+
+
+def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
+    """Key, label, unit and kind of a column on the page."""
+    unit = Header.of(name).unit if name.endswith("]") else ""
+    is_number = pd.api.types.is_numeric_dtype(table[name])
+    return _TOLD + name, name.removesuffix(f" [{unit}]"), unit, "number" if is_number else "text"
 
 
 def _notes(results: Results) -> list[str]:
@@ -121,26 +135,49 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
     }
 
 
+def _cases(results: Results, keys: list[str], rest: str) -> list[dict[str, Any]]:
+    study, ranks = results.study, _ranks(results.study)
+    found = []
+    for k, (case, (_, row)) in enumerate(zip(study.cases, results.table.iterrows(), strict=True)):
+        group = str(row["group"])
+        reference = results.references.get(group)
+        told = reference is not None or isinstance(study, Sweep)
+        where = {
+            "group": rest if reference is None else group,
+            "label": study.tag(case) if told else f"{group}, {case.label}",
+        }
+        curves = _curves(results.outcome(case), reference) if k < _MOST_CURVES else None
+        own = _case(case, row, keys, reference)
+        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
+    return found
+
+
+def _ranks(study: Study) -> list[int]:
+    """The place of each case by series, and in a series from coarse to fine."""
+
+    def place(k: int) -> tuple[str, float]:
+        case = study.cases[k]
+        coarse = -case.integrator.accuracy.value
+        return case.series, coarse if study.over is None else case.parameters[study.over]
+
+    order = sorted(range(len(study.cases)), key=place)
+    return np.argsort(order).tolist()
+
+
 def _case(
-    results: Results, case: Case, row: pd.Series, keys: list[str], number: int, rest: str
+    case: Case, row: pd.Series, keys: list[str], reference: Reference | None
 ) -> dict[str, Any]:
-    outcome, study, group = results.outcome(case), results.study, str(row["group"])
-    reference = results.references.get(group)
+    status = str(row["reason"]) or "ok"
+    values = {key: _entry(row[key]) for key in keys}
     return {
-        "id": str(number),
-        "group": rest if reference is None else group,
-        "label": f"{group}, {case.label}" if reference is None else study.tag(case),
         "series": case.series,
         "family": case.integrator.method,
-        "status": str(row["reason"]) or "ok",
-        "values": {key: _entry(row[key]) for key in keys}
-        | {"status": str(row["reason"]) or "ok"}
-        | _unresolved(row, reference),
+        "status": status,
+        "values": values | {"status": status} | _unresolved(row, reference),
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
         "limited": row["status"] == "limited",
-        "curves": _curves(outcome, reference) if number < _MOST_CURVES else None,
     }
 
 

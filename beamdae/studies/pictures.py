@@ -16,6 +16,7 @@ from beamdae.results.headers import observed_columns
 from beamdae.studies.deviations import deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.tables import COST, ERROR, REFINED
+from beamdae.studies.told import SPREAD
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,11 +53,13 @@ def plots(results: Results) -> dict[str, Plot]:
 
 def _of_one_group(results: Results) -> list[Path]:
     """What the runs of a single group say of the same columns, and their errors over time."""
-    agreed = [r for r in results.references.values() if r.table is not None]
-    if len(results.references) != 1 or not agreed or len(results.study.cases) > _MOST_RUNS:
+    groups = set(results.table["group"])
+    if len(groups) != 1 or len(results.study.cases) > _MOST_RUNS:
         return []
-    truth, columns, uncertainty = agreed[0].table, agreed[0].columns, agreed[0].uncertainty
-    assert truth is not None
+    reference = results.references[groups.pop()]
+    truth, columns, uncertainty = reference.table, reference.columns, reference.uncertainty
+    if truth is None:
+        return []
     runs = {}
     for case in results.study.cases:
         table = results.outcome(case).table
@@ -75,7 +78,10 @@ def _columns(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _work_precision(results: Results) -> list[Path]:
-    """Error over wall time, a panel a group; hollow where the reference cannot tell."""
+    """Error over wall time, a panel a group; hollow where the reference cannot tell.
+
+    Thin lines go from the fastest to the slowest of repeated runs.
+    """
     rows = _measured(results)
     styles = _styles(rows["series"], [""] * len(rows))
     figure, axes = _panels(list(rows["group"].unique()))
@@ -88,12 +94,17 @@ def _work_precision(results: Results) -> list[Path]:
             told, hidden = runs[~runs["hidden"]], runs[runs["hidden"]]
             axis.loglog(told[COST], told["height"], **style)
             axis.loglog(hidden[COST], hidden["height"], **style | {"mfc": "none", "ls": "none"})
+            least, most = SPREAD
+            wide = runs[runs[least] < runs[most]]
+            if len(wide):
+                axis.hlines(wide["height"], wide[least], wide[most], colors=style["color"], lw=0.7)
         low, high = _padded(here["height"])
         resolved = results.references[group].resolves
         if low / 10.0 < resolved < high:
             low = min(low, resolved / 2.0)
             axis.axhspan(low, resolved, color="0.92", zorder=0)
-        _powers(axis, here[COST], "wall time [s]", (low, high), "error / amplitude [-]")
+        times = pd.concat([here[name] for name in (COST, *SPREAD)])
+        _powers(axis, times, "wall time [s]", (low, high), "error / amplitude [-]")
     return _saved(figure, styles, results.folder / "work_precision")
 
 
@@ -105,6 +116,7 @@ def _measured(results: Results) -> pd.DataFrame:
     limits = rows["group"].map({g: r.resolves for g, r in results.references.items()})
     height = rows[ERROR].where(~hidden, limits)
     rows = rows.assign(hidden=hidden, height=height.astype(float))
+    rows = rows.assign(**{end: rows.get(end, rows[COST]) for end in SPREAD})
     return rows[_positive(rows[COST]) & _positive(rows["height"])]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time as clock
 import warnings
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -26,7 +27,7 @@ from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
-from beamdae.studies.told import by_time, timings, values
+from beamdae.studies.told import by_time, output_values, timings, values
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ class Task:
         `Case.mechanism`, if that is known.
     name
         For files, of this task alone in its study.
+    outputs
+        Functions of its solution that are told of, by name.
     """
 
     key: str
@@ -76,6 +79,7 @@ class Task:
     animated: bool = False
     mechanism: str = ""
     name: str = ""
+    outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
     def packed(self, known: Packed) -> bytes:
         """The task for another process, the source of its model included; models once."""
@@ -83,7 +87,7 @@ class Task:
         # What else a user defines may refer to what the model does, and has to go along with it.
         own = type(case.integrator).__module__.startswith("beamdae.")
         values = (*case.parameters.values(), *vars(case.integrator).values())
-        apart = own and all(map(is_plain, values))
+        apart = own and not self.outputs and all(map(is_plain, values))
         return packed_around(self, case.model, known) if apart else packed(self)
 
 
@@ -186,6 +190,12 @@ def _performed(task: Task, reads: Reads) -> Outcome:
         solution = solutions[-1]
         times = [s.statistics.wall_time for s in solutions]
         found = values(solution) | timings(times)
+        status = solution.status
+        if status.success:
+            try:
+                found |= output_values(task.outputs, solution)
+            except BeamdaeError as problem:
+                status = Status("failed", str(problem))
         table = by_time(solution)
         text = to_text(table)
         frames = _frames(task, solution) if task.animated else None
@@ -194,7 +204,7 @@ def _performed(task: Task, reads: Reads) -> Outcome:
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
-    return Outcome(solution.status, found, table, frames, text=text)
+    return Outcome(status, found, table, frames, text=text)
 
 
 def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:

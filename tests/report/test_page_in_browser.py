@@ -71,6 +71,23 @@ def test_lines_join_the_runs_of_a_series(show):
     ]
 
 
+def test_lines_and_labels_are_in_the_order_of_ranks_whatever_the_result(show):
+    """A finer run that is less accurate by chance stays between its neighbors."""
+    page = study()
+    page["cases"] = [
+        case(k, f"Ida(rtol={label})", error, cost, rank=rank, group=page["groups"][0]["id"])
+        for k, (label, error, cost, rank) in enumerate(
+            [("1e-05", 1e-3, 1.0, 1), ("0.001", 1e-2, 0.1, 0), ("1e-06", 3e-3, 10.0, 2)]
+        )
+    ]
+    tab = show(page)
+    at = [float(x.get_attribute("x1")) for x in tab.locator("#precision-plot .series").all()]
+    assert len(at) == 2
+    assert at == sorted(at), "from the cheapest on"
+    tab.get_by_role("button", name="case", exact=True).click()
+    assert rows(tab) == ["Ida(rtol=0.001)", "Ida(rtol=1e-05)", "Ida(rtol=1e-06)"]
+
+
 def test_rows_are_sorted_by_a_click_as_numbers_and_failures_last(show):
     tab = show(study())
     labels = {int(c["id"].split()[1]): c["label"] for c in study()["cases"]}

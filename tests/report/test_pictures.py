@@ -180,6 +180,26 @@ def test_ticks_are_of_one_size(tmp_path, figure_of):
         assert {label.get_fontsize() for label in labels if label.get_text()} == {8.0}
 
 
+def test_lines_join_runs_in_the_order_of_their_setting_with_the_spread_of_their_times(
+    tmp_path, figure_of
+):
+    settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
+    rows = [
+        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost,
+         "wall time min [s]": 0.5 * cost, "wall time max [s]": 10.0 * cost}
+        for x, (cost, error) in settings.items()
+    ]  # fmt: skip
+    axis = figure_of(study(tmp_path, rows), "work_precision").axes[0]
+    assert list(axis.lines[0].get_xdata()) == [0.1, 0.3, 0.2]
+    (bars,) = axis.collections
+    ends = [(*bar[:, 0], bar[0, 1]) for bar in bars.get_segments()]
+    expected = [
+        (0.5 * c, 10.0 * c, error) for c, error in (settings[x] for x in (0.1, 0.01, 0.001))
+    ]
+    np.testing.assert_allclose(ends, expected)
+    assert axis.get_xlim()[1] > 3.0
+
+
 def test_names_in_svg_are_valid_xml_whatever_they_hold(tmp_path):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]

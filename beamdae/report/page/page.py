@@ -41,6 +41,7 @@ _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
     "series": None,
+    "rank": None,
     "status": "ok",
     "values": {},
     "error": None,
@@ -77,10 +78,11 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
           and "status". The label of a case (key "label") and its status come first, named or not.
         - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
-          work-precision plot joins; default none), "status" ("ok" or a
-          sentence), "values" by column, "error", "cost" [s], "below" (the error is less than the
-          reference resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it
-          "observed" by name, "error", "energy" by name ("imbalance" is drawn by its size),
+          work-precision plot joins; default none), "rank" (a number: the order in which it joins
+          them, and in which they are sorted by their label), "status" ("ok" or a sentence),
+          "values" by column, "error", "cost" [s], "below" (the error is less than the reference
+          resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it "observed"
+          by name, "error", "energy" by name ("imbalance" is drawn by its size),
           "position drift" and "velocity drift".
 
     Returns

@@ -70,7 +70,7 @@ function resolutionLine(box, y) {
 
 function seriesLines(cases, place) {
   return distinct(known(cases.map((one) => one.series))).flatMap((series) => {
-    const members = cases.filter((one) => one.series === series);
+    const members = cases.filter((one) => one.series === series).sort((one, other) => one.rank - other.rank);
     return members.slice(1).map((one, k) => joined(members[k], one, place));
   });
 }

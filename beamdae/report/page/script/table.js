@@ -5,7 +5,7 @@ function tableColumns() {
   const sentence = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
   const others = page.columns.filter((column) => column.key !== "label" && column.kind !== "status");
   return [
-    { ...given, kind: "label", value: (one) => one.label },
+    { ...given, kind: "label", value: (one) => one.label, order: (one) => one.rank ?? one.label },
     { ...sentence, kind: "status", value: (one) => one.status },
     ...others.map((column) => ({ ...column, value: (one) => own(one.values, column.key) })),
   ];
@@ -76,7 +76,8 @@ function sortTable() {
 function compare(one, other) {
   const ends = failed(one) - failed(other);
   if (ends || !state.order) return ends;
-  const [a, b] = [one, other].map(state.order.column.value);
+  const { value, order = value } = state.order.column;
+  const [a, b] = [one, other].map(order);
   const missing = (a ?? null) === null || (b ?? null) === null;
   if (missing) return ((a ?? null) === null) - ((b ?? null) === null);
   const way = state.order.descending ? -1 : 1;
