@@ -120,7 +120,7 @@ def link_code(app, doctree):
             continue
         target = f"beamdae.{found[1]}"
         link = pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
-        link["refdoc"] = app.env.current_document.docname
+        link["refdoc"] = app.env.docname
         code.replace_self(link)
         link.append(code)
 
