@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,11 +12,14 @@ from beamdae.cli.options import (
     ModelName,
     Out,
     OutputStep,
+    Parquet,
+    Scheduler,
     Settings,
+    StudyFile,
     TimeLimit,
     assignments,
 )
-from beamdae.cli.saying import complain, console
+from beamdae.cli.saying import complain, console, record
 from beamdae.cli.study_work import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
 from beamdae.errors import BeamdaeError
 
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def compare_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
+    path: StudyFile,
     settings: Settings = None,
     model_name: ModelName = None,
     time_limit: TimeLimit = None,
@@ -37,13 +40,8 @@ def compare_command(
     workers: Annotated[
         int | None, typer.Option(help="Processes; default one a core.", metavar="N")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
-    parquet: Annotated[
-        bool,
-        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
-    ] = False,
+    scheduler: Scheduler = None,
+    parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, against a reference.
@@ -97,6 +95,7 @@ def _say(results: Results) -> None:
     from beamdae.report import terminal
     from beamdae.report.letters import plain
 
+    record(lambda: _found(results))
     screen = console()
     screen.print(results.study.name, style="bold")
     alone = results.table[~results.table["group"].isin(list(results.references))]
@@ -116,3 +115,15 @@ def _say(results: Results) -> None:
             if reference.table is None:
                 complain(f"failed: {group}: {reference.sentence}")
     say_failures(results)
+
+
+def _found(results: Results) -> dict[str, Any]:
+    """What --json tells of a study."""
+    return {
+        "study": results.study.name,
+        "folder": results.folder,
+        "interrupted": results.interrupted,
+        "references": {group: one.sentence for group, one in results.references.items()},
+        "cases": results.table.to_dict("records"),
+        "summary": results.summary.to_dict("records"),
+    }

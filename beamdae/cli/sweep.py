@@ -8,17 +8,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli import completion
 from beamdae.cli.asked import integrator_of
 from beamdae.cli.options import (
     EndTime,
+    IntegratorName,
     ModelName,
     Out,
     OutputStep,
+    Parquet,
+    Scheduler,
     Settings,
+    StudyFile,
     TimeLimit,
     assignments,
 )
-from beamdae.cli.saying import console
+from beamdae.cli.saying import console, record
 from beamdae.cli.study_work import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
 from beamdae.errors import BeamdaeError, nearest
 
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.engine import Results
+    from beamdae.studies.sweep_results import SweepResults
 
 _FORMS = "values with commas between, or START:STOP:COUNT or START:STOP:COUNT:log"
 _MOST_VALUES = 1_000_000
@@ -36,10 +42,14 @@ _DIGITS = 12
 
 
 def sweep_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Model file, or sweep file.")],
+    path: StudyFile,
     over: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=VALUES", help=f"Parameter to vary: {_FORMS}; repeat."),
+        typer.Option(
+            metavar="NAME=VALUES",
+            help=f"Parameter to vary: {_FORMS}; repeat.",
+            autocompletion=completion.parameters,
+        ),
     ] = None,
     of: Annotated[
         list[str] | None,
@@ -47,9 +57,7 @@ def sweep_command(
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[
-        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
-    ] = "auto",
+    integrator: IntegratorName = "auto",
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
     time_limit: TimeLimit = None,
@@ -59,13 +67,8 @@ def sweep_command(
         int | None,
         typer.Option("--jobs", "--workers", help="Processes; default one a core.", metavar="N"),
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
-    parquet: Annotated[
-        bool,
-        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
-    ] = False,
+    scheduler: Scheduler = None,
+    parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a model over values of its parameters, all combinations of them: a table and plots.
@@ -214,9 +217,20 @@ def _say(results: Results) -> None:
     from beamdae.studies.sweep_results import results_of
 
     swept, screen = results_of(results), console()
+    record(lambda: _found(swept))
     screen.print(results.study.name, style="bold")
     ended = int((swept.table["status"] == "ok").sum())
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
     if len(swept.table) <= MOST_ROWS:
         screen.print(terminal.sweep(swept.table, swept.parameters, swept.told))
     say_failures(results)
+
+
+def _found(swept: SweepResults) -> dict[str, Any]:
+    """What --json tells of a sweep."""
+    return {
+        "sweep": swept.sweep.name,
+        "folder": swept.results.folder,
+        "interrupted": swept.interrupted,
+        "cases": swept.table.to_dict("records"),
+    }

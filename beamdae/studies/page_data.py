@@ -77,7 +77,7 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": _cases(results, [c[0] for c in columns], rest),
+        "cases": _cases(results, table, [c[0] for c in columns], rest),
     }
 
 
@@ -135,10 +135,12 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
     }
 
 
-def _cases(results: Results, keys: list[str], rest: str) -> list[dict[str, Any]]:
+def _cases(
+    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+) -> list[dict[str, Any]]:
     study, ranks = results.study, _ranks(results.study)
     found = []
-    for k, (case, (_, row)) in enumerate(zip(study.cases, results.table.iterrows(), strict=True)):
+    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
         group = str(row["group"])
         reference = results.references.get(group)
         told = reference is not None or isinstance(study, Sweep)

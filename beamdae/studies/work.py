@@ -17,9 +17,8 @@ import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
-from beamdae.parts.mechanism import Mechanism
+from beamdae.report.scene.frames import frames_of
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
@@ -198,21 +197,13 @@ def _performed(task: Task, reads: Reads) -> Outcome:
                 status = Status("failed", str(problem))
         table = by_time(solution)
         text = to_text(table)
-        frames = _frames(task, solution) if task.animated else None
+        frames = frames_of(solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
     return Outcome(status, found, table, frames, text=text)
-
-
-def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
-    mechanism = task.case.model(**task.case.parameters)
-    if not isinstance(mechanism, Mechanism):
-        return None
-    times = [float(t) for t in frame_times(solution)]
-    return {"t": times, "bodies": shapes(mechanism, solution)}
 
 
 @dataclass(frozen=True)
