@@ -6,6 +6,7 @@ import os
 import re
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -184,19 +185,23 @@ def _say(results: Results) -> None:
         ended = int((alone["status"] == "ok").sum())
         screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
-    for group, reference in results.references.items():
+    for group, reference in islice(results.references.items(), _MOST_ROWS):
         screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
         if len(results.table) <= _MOST_ROWS:
             screen.print(terminal.comparison_table(rows))
         if group in summaries:
             screen.print(terminal.summary_table(summaries[group]))
-    if not results.interrupted:
-        for group, reference in results.references.items():
-            if reference.table is None:
-                complain(f"failed: {group}: {reference.sentence}")
+    if len(results.references) > _MOST_ROWS:
+        more = len(results.references) - _MOST_ROWS
+        screen.print(f"{more} more groups, see summary.csv and report.html", style="dim")
     tried = results.table[results.table["status"] != "interrupted"]
-    reasons = terminal.failures(tried)
+    reasons = [
+        f"{group}: {reference.sentence}"
+        for group, reference in results.references.items()
+        if reference.table is None and not results.interrupted
+    ]
+    reasons += terminal.failures(tried)
     for reason in reasons[:_MOST_ROWS]:
         complain(f"failed: {reason}")
     if len(reasons) > _MOST_ROWS:

@@ -32,8 +32,8 @@ _COLUMNS = (
     (ERROR, "error", "-", "number"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (COST, "wall time", "s", "number"),
-    (SPREAD[0], "wall time, least", "s", "number"),
-    (SPREAD[1], "wall time, largest", "s", "number"),
+    (SPREAD[0], "wall min", "s", "number"),
+    (SPREAD[1], "wall max", "s", "number"),
     ("steps", "steps", "", "number"),
     ("rejected steps", "rejected", "", "number"),
     ("residual calls", "residuals", "", "number"),
@@ -181,20 +181,15 @@ def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | N
     chosen = np.linspace(0, len(table) - 1, min(len(table), _ROWS)).round().astype(int)
     rows = table.iloc[chosen]
     curves = {
-        "t": _rounded(rows.index.to_numpy()),
-        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed_columns(table)},
-        "energy": {k: _rounded(rows[c].to_numpy()) for k, c in _ENERGIES.items() if c in rows},
-        "position drift": _rounded(rows["drift.position"].to_numpy()),
-        "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),
+        "t": rows.index.tolist(),
+        "observed": {c: rows[c].tolist() for c in observed_columns(table)},
+        "energy": {k: rows[c].tolist() for k, c in _ENERGIES.items() if c in rows},
+        "position drift": rows["drift.position"].tolist(),
+        "velocity drift": rows["drift.velocity"].tolist(),
         "error": [],
     }
     truth = None if reference is None else reference.table
     if reference is not None and truth is not None and set(reference.columns) <= set(table):
         error = deviations(table, truth, reference.columns).max(axis=1)
-        curves["error"] = _rounded(error.reindex(rows.index).to_numpy())
+        curves["error"] = error.reindex(rows.index).tolist()
     return curves
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    """Five digits are more than a curve shows."""
-    return [float(f"{v:.5g}") for v in values]

@@ -7,6 +7,7 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from operator import methodcaller
 from pathlib import Path
 from typing import Any, get_args
@@ -64,7 +65,6 @@ class Store:
         """
         rows, table = None, outcome.table
         if table is not None:
-            outcome = replace(outcome, file=self.trajectory(task).name)
             # The record has the headers as they are.
             text = outcome.text or to_text(table)
             write_bytes(self.rows(task), text)
@@ -73,6 +73,9 @@ class Store:
                 "sha256": hashlib.sha256(text).hexdigest(),
                 "columns": [str(c) for c in table],
             }
+            shown = self.trajectory(task)
+            load = partial(_table, self.rows(task), shown, rows)
+            outcome = replace(outcome, rows=load, file=shown.name)
         content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
@@ -106,13 +109,16 @@ class Store:
             content = self._content(task)
             if content is None or not _serves(task, content):
                 return None, ""
-            table = None if content["rows"] is None else self._table(task, content["rows"])
-            status = Status(**content["status"])
+            load, file, rows = None, "", content["rows"]
+            if rows is not None:
+                path, shown = self.rows(task), self.trajectory(task)
+                self._show(task, _text(path, shown, rows))
+                load, file = partial(_table, path, shown, rows), shown.name
         except _DamagedError as problem:
             return None, str(problem)
-        file = self.trajectory(task).name if content["rows"] else ""
+        status = Status(**content["status"])
         values, frames, read = (content[name] for name in ("values", "frames", "read"))
-        return Outcome(status, values, table, frames, read, file), ""
+        return Outcome(status, values, load, frames, read, file), ""
 
     def _content(self, task: Task) -> dict[str, Any] | None:
         path = self.record(task)
@@ -137,17 +143,6 @@ class Store:
             raise _DamagedError(f"{path.name} has values no record has")
         return content
 
-    def _table(self, task: Task, rows: dict[str, Any]) -> pd.DataFrame:
-        name = self.trajectory(task).name
-        try:
-            text = self.rows(task).read_bytes()
-        except OSError as problem:
-            raise _DamagedError(f"{name} cannot be read, {problem.strerror}") from None
-        if hashlib.sha256(text).hexdigest() != rows["sha256"]:
-            raise _DamagedError(f"{name} is not what was written")
-        self._show(task, text)
-        return from_text(text, rows["columns"])
-
     def _show(self, task: Task, text: bytes) -> None:
         """Have the rows of a task under its name, whatever was there before."""
         source, path = self.rows(task), self.trajectory(task)
@@ -165,6 +160,24 @@ class Store:
         """Remove what processes that have ended left unfinished."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             sweep(folder)
+
+
+def _text(path: Path, shown: Path, rows: dict[str, Any]) -> bytes:
+    """What the file of rows has, known to readers by another name, if it is what was written."""
+    try:
+        text = path.read_bytes()
+    except OSError as problem:
+        raise _DamagedError(f"{shown.name} cannot be read, {problem.strerror}") from None
+    if hashlib.sha256(text).hexdigest() != rows["sha256"]:
+        raise _DamagedError(f"{shown.name} is not what was written")
+    return text
+
+
+def _table(path: Path, shown: Path, rows: dict[str, Any]) -> pd.DataFrame:
+    try:
+        return from_text(_text(path, shown, rows), rows["columns"])
+    except _DamagedError as problem:
+        raise BeamdaeError(f"{shown.parent}: {problem}.") from None
 
 
 def _serves(task: Task, content: dict[str, Any]) -> bool:

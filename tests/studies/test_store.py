@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import platform
 import subprocess
 import sys
@@ -41,7 +42,7 @@ TABLE = pd.DataFrame(
     {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
     index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
 )
-DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, table=TABLE)
+DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, rows=TABLE)
 
 
 @pytest.fixture
@@ -83,6 +84,18 @@ def test_rows_that_are_gone_are_told(filled):
     found, problem = filled.outcome(TASK)
     assert found is None
     assert problem == "one.csv cannot be read, No such file or directory"
+
+
+def test_tables_are_read_when_they_are_asked_for(filled):
+    """Those of a thousand cases would fill the memory."""
+    for outcome in (filled.keep(TASK, DONE), filled.outcome(TASK)[0]):
+        assert callable(outcome.rows)
+        pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(outcome)).table, TABLE)
+    filled.rows(TASK).unlink()
+    with pytest.raises(
+        bd.BeamdaeError, match=rf"^{filled.folder}/trajectories: one.csv cannot be read, No such"
+    ):
+        _ = outcome.table
 
 
 def refused(*_):
