@@ -62,6 +62,8 @@ napoleon_use_rtype = False
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
+# What cells write is not left among the pages.
+nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True
@@ -84,6 +86,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "download_all_examples": False,
     "min_reported_time": 1000,
+    "write_computation_times": False,
     "show_memory": False,
     "show_signature": False,
 }
@@ -138,11 +141,12 @@ def split_attributes(app, what, name, found, options, lines):
     lines[:] = made
 
 
-def escape_bars(app, what, name, found, options, lines):
-    """Docstrings write |x| and `Law`s as they are read, not as reStructuredText has them."""
+def read_plainly(app, what, name, found, options, lines):
+    """Docstrings write |x|, a . b and `Law`s as they are read, not as reStructuredText has them."""
     for k, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             line = re.sub(r"`(\w+)`(?=s\b)", r"`\1`\\ ", line)
+            line = re.sub(r"(?<=\S) \. (?=\S)", " · ", line)
             lines[k] = re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line)
 
 
@@ -150,6 +154,6 @@ def setup(app):
     """Connect what is done before pages are read and when names are looked up."""
     app.connect("builder-inited", collect, priority=100)
     app.connect("autodoc-process-docstring", split_attributes, priority=400)
-    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-docstring", read_plainly)
     app.connect("doctree-read", link_code)
     app.connect("missing-reference", public_name)

@@ -91,8 +91,8 @@ from .report.drawing import draw as draw
 from .report.mode_pictures import animate_mode as animate_mode
 from .report.mode_pictures import draw_campbell as draw_campbell
 from .report.mode_pictures import draw_modes as draw_modes
-from .report.motion import Animation as Animation
 from .report.motion import animate as animate
+from .report.page.alone import Animation as Animation
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse
@@ -105,9 +105,12 @@ from .results.validity import BeamRange as BeamRange
 from .simulation import simulate as simulate
 from .studies import Case as Case
 from .studies import Study as Study
+from .studies import Sweep as Sweep
+from .studies import SweepResults as SweepResults
 from .studies import compare as compare
 from .studies import grid as grid
 from .studies import study as study
+from .studies import sweep as sweep
 from .verification import error_estimate as error_estimate
 from .verification import verify as verify
 

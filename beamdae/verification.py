@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, shown
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
-from beamdae.integrators.integrator import require_integrator
+from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.results.headers import Header
 from beamdae.results.solution import Solution
 
@@ -70,8 +70,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     return _table(solution, estimated(solution))
 
 
-def estimated(solution: Solution) -> Measured:
-    """The columns of `error_estimate`, as arrays."""
+def estimated(solution: Solution, progress: Progress | None = None) -> Measured:
+    """The columns of `error_estimate`, as arrays; `progress` is that of the other run."""
     integrator = _integrator_of("error_estimate", solution)
     name, value = integrator.accuracy
     factor = _COARSER[name]
@@ -79,7 +79,7 @@ def estimated(solution: Solution) -> Measured:
     too_loose = name == "rtol" and value > _LOOSE
     if too_loose or solution.integrator.get("method") == "Radau":
         factor, fraction = _TIGHTER, _OF_FINER
-    other = _again(solution, _with(integrator, factor))
+    other = _again(solution, _with(integrator, factor), progress)
     alike = other is not None and _alike(solution.trajectory.steps, other.trajectory.steps)
     return _difference(solution, None if alike else other, fraction)
 
@@ -147,8 +147,10 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     return _table(solution, verified(solution, by))
 
 
-def verified(solution: Solution, by: Integrator | None = None) -> Measured:
-    """The columns of `verify`, as arrays."""
+def verified(
+    solution: Solution, by: Integrator | None = None, progress: Progress | None = None
+) -> Measured:
+    """The columns of `verify`, as arrays; `progress` is that of the other run."""
     name, value = _integrator_of("verify", solution).accuracy
     allowed = _PROMISED * value if name == "rtol" else 1e-3
     if by is None:
@@ -158,7 +160,7 @@ def verified(solution: Solution, by: Integrator | None = None) -> Measured:
     other, loosest = require_integrator("verify", by).accuracy
     if other == "rtol":
         allowed = max(allowed, _PROMISED * loosest)
-    found = _difference(solution, _again(solution, by), 1.0)
+    found = _difference(solution, _again(solution, by, progress), 1.0)
     # Half the range is that of a whole run, or nothing is promised.
     whole = solution.status.success
     promised = [whole and _is_promised(column) for column in solution.columns]
@@ -198,14 +200,16 @@ def _integrator_of(asked: str, solution: Any) -> Integrator:
     return require_integrator(asked, solution.made_by)
 
 
-def _again(solution: Solution, integrator: Integrator) -> Solution | None:
+def _again(
+    solution: Solution, integrator: Integrator, progress: Progress | None
+) -> Solution | None:
     """Another run over what this one reached; None if it does not end.
 
     An interrupt ends both: there is nothing to tell.
     """
     if len(solution.t) < 2:
         return None
-    other = integrator.integrate(solution.equations, solution.t)
+    other = integrator.integrate(solution.equations, solution.t, progress)
     if other.status.kind == "interrupted":
         raise KeyboardInterrupt
     return other if other.status.success else None

@@ -275,6 +275,8 @@ ELSEWHERE = {
     "SectionForces",
     "Solution",
     "Study",
+    "Sweep",
+    "SweepResults",
     "animate",
     "draw",
     "animate_mode",
@@ -293,6 +295,7 @@ ELSEWHERE = {
     "plot",
     "simulate",
     "study",
+    "sweep",
     "verify",
     # Of formulas alone.
     *("positive_part", "smooth_sign"),

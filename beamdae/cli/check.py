@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Settings
-from beamdae.cli.saying import console
+from beamdae.cli.saying import console, record
 from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    from beamdae.checks import Check
 
 
 def check_command(
@@ -17,7 +21,7 @@ def check_command(
     settings: Settings = None,
     model_name: ModelName = None,
     predict: Annotated[
-        bool, typer.Option(metavar="", help="Predict steps and time by a trial of a second.")
+        bool, typer.Option(help="Predict steps and time by a trial of a second.")
     ] = True,
 ) -> None:
     """Build a model, find its consistent start, and explain what it can do and what is wrong.
@@ -36,10 +40,19 @@ def check_command(
     facts = dict(facts_of(found))
     for name, part in parts.items():
         facts |= {f"{name}, {what}": terminal.number(value) for what, value in part.facts.items()}
+    kinds = {name: type(part).__name__ for name, part in parts.items()}
+    record(lambda: {**_found(found), "parts": kinds})
     screen = console()
     screen.print(model.name, style="bold")
     if parts:
-        screen.print(terminal.parts({name: type(part).__name__ for name, part in parts.items()}))
+        screen.print(terminal.parts(kinds))
     screen.print(terminal.facts("", facts))
     if not found.ok:
         raise BeamdaeError(found.problem)
+
+
+def _found(check: Check) -> dict[str, Any]:
+    """What --json tells of a check."""
+    told = asdict(check)
+    del told["name"]
+    return {"ok": check.ok, "mobility": check.mobility, **told}

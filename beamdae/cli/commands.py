@@ -6,12 +6,12 @@ import logging
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
-from beamdae.cli import interrupts, streams
+from beamdae.cli import completion, interrupts, streams
 from beamdae.cli.check import check_command
 from beamdae.cli.compare import compare_command
 from beamdae.cli.draw import draw_command
@@ -19,72 +19,34 @@ from beamdae.cli.examples import examples_command, new_command
 from beamdae.cli.listing import list_command
 from beamdae.cli.modes import modes_command
 from beamdae.cli.run import run_command
-from beamdae.cli.saying import complain
+from beamdae.cli.saying import warned
+from beamdae.cli.spoken import EXIT_CODES, Command, Commands, spoken
 from beamdae.cli.static import static_command
-from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
-from beamdae.report.letters import plain
-
-# What a model or a command was wrong about; a run that failed ends with 1.
-_MISTAKE = 2
-_NO_MEMORY = "more memory is needed than there is; take fewer elements, or a larger output step."
-
-
-class _PlainHelp:
-    """Help that does not say of flags that they are true or false."""
-
-    def get_help_option(self, ctx: Any) -> Any:
-        option = super().get_help_option(ctx)  # type: ignore[misc]
-        if option is not None:
-            option.metavar = ""
-        return option
-
-
-class _Command(_PlainHelp, TyperCommand):
-    """A command."""
-
-
-class _Commands(_PlainHelp, TyperGroup):
-    """Commands whose users' mistakes are told in one line."""
-
-    def invoke(self, ctx: Any) -> Any:
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt as problem:
-            _interrupted(str(problem))
-        except (typer.Exit, typer.Abort):
-            raise
-        except Exception as problem:
-            if interrupts.heard():
-                # Other code took the interrupt for a failure of its own.
-                _interrupted("")
-            if isinstance(problem, MemoryError):
-                problem = BeamdaeError(_NO_MEMORY)
-            if not isinstance(problem, BeamdaeError):
-                raise
-            complain(f"error: {problem}")
-        except BaseException as problem:  # What a part or a law of a model raises to end it all.
-            complain(f"error: the model ended the run, {type(problem).__name__}({problem}).")
-        raise typer.Exit(_MISTAKE)
-
-
-def _interrupted(where: str) -> None:
-    complain(f"interrupted {where}".strip())
-    raise typer.Exit(interrupts.code())
-
+from beamdae.cli.sweep import sweep_command
+from beamdae.errors import BeamdaeWarning, KernelWarning
 
 app = typer.Typer(
-    cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+    name="beamdae",
+    cls=Commands,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    epilog=EXIT_CODES,
 )
 
-app.command("run", cls=_Command)(run_command)
-app.command("compare", cls=_Command)(compare_command)
-app.command("check", cls=_Command)(check_command)
-app.command("draw", cls=_Command)(draw_command)
-app.command("static", cls=_Command)(static_command)
-app.command("modes", cls=_Command)(modes_command)
-app.command("list", cls=_Command)(list_command)
-app.command("examples", cls=_Command)(examples_command)
-app.command("new", cls=_Command)(new_command)
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run_command,
+    "compare": compare_command,
+    "sweep": sweep_command,
+    "check": check_command,
+    "draw": draw_command,
+    "static": static_command,
+    "modes": modes_command,
+    "list": list_command,
+    "examples": examples_command,
+    "new": new_command,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name, cls=Command)(spoken(_name, _command))
 
 
 def main() -> None:
@@ -93,7 +55,8 @@ def main() -> None:
     try:
         streams.secure()
         _quiet()
-        app(prog_name="beamdae")
+        with completion.words_as_typed():
+            app(prog_name="beamdae")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:
@@ -121,7 +84,7 @@ _formatted = warnings.formatwarning
 def _in_a_line(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
     """Warnings of beamdae's own are sentences; of others it matters where they come from."""
     if issubclass(category, (BeamdaeWarning, KernelWarning)):
-        return f"warning: {plain(str(message))}\n"
+        return f"warning: {warned(str(message))}\n"
     return _formatted(message, category, *place, **more)
 
 
@@ -137,9 +100,7 @@ def _say_version(wanted: bool) -> None:
 def beamdae(
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", metavar="", callback=_say_version, is_eager=True, help="Say the version."
-        ),
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say the version."),
     ] = False,
 ) -> None:
     """Simulate curved beams in flexible multibody systems."""

@@ -2,47 +2,37 @@
 
 from __future__ import annotations
 
-import os
-import re
-from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import interrupts
 from beamdae.cli.options import (
     EndTime,
     ModelName,
     Out,
     OutputStep,
+    Parquet,
+    Scheduler,
     Settings,
+    StudyFile,
     TimeLimit,
     assignments,
-    require_writable,
 )
-from beamdae.cli.progress import study_progress
-from beamdae.cli.saying import complain, console, say_written
-from beamdae.cli.work import Written
-from beamdae.errors import BeamdaeError, count, positive
+from beamdae.cli.saying import complain, console, record
+from beamdae.cli.study_work import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
+from beamdae.errors import BeamdaeError
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
+    from beamdae.cli.study_work import Draws
     from beamdae.studies import Study
-    from beamdae.studies.engine import Results, Standing
-
-# More rows than these are for the page, not for the screen.
-_MOST_ROWS = 16
-# Processes a core that are still of use, where some of them wait.
-_MOST_WORKERS = 16
-_LONGEST_NAME = 100
-_GO_ON = "start the same command again and it goes on"
+    from beamdae.studies.engine import Results
 
 
 def compare_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
+    path: StudyFile,
     settings: Settings = None,
     model_name: ModelName = None,
     time_limit: TimeLimit = None,
@@ -51,13 +41,8 @@ def compare_command(
     workers: Annotated[
         int | None, typer.Option(help="Processes; default one a core.", metavar="N")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
-    parquet: Annotated[
-        bool,
-        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
-    ] = False,
+    scheduler: Scheduler = None,
+    parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, against a reference.
@@ -67,81 +52,20 @@ def compare_command(
     a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM.
     """
     study = _study(path, model_name, assignments(settings))
-    require_writable(out / study.name / "outcomes")
-    if parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
-        raise BeamdaeError("--parquet: it needs an engine, pip install 'beamdae[parquet]'.")
-    if time_limit is not None:
-        limit = positive("compare", "--time-limit", time_limit)
-        study = replace(study, limits=replace(study.limits, time=limit))
-    if t_end is not None:
-        study = replace(study, t_end=t_end)
-    if output_step is not None:
-        study = replace(study, output_step=output_step)
-    work = _Work(study, out / study.name)
-    try:
-        _do(work, _executor(workers, scheduler), parquet)
-    except KeyboardInterrupt:
-        if work.results is None:
-            raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
-    results = work.results
-    assert results is not None
-    _say(results)
-    say_written(console(), work.written.paths)
-    if results.interrupted or interrupts.heard():
-        done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
-        complain(f"stopped, {done} of {work.runs} done: {_GO_ON}")
-        raise typer.Exit(interrupts.code())
-    if results.failed or work.written.failed:
-        raise typer.Exit(1)
+    study = limited("compare", study, time_limit, t_end, output_step)
+    from beamdae.studies.pool import pool_of
+
+    work = Work(study, out / study.name, _draws, parquet)
+    carry_out(work, lambda: pool_of("compare", "--workers", workers, scheduler), _say)
 
 
-@dataclass
-class _Work:
-    """A study and what has become of it, as far as it got."""
-
-    study: Study
-    folder: Path
-    results: Results | None = None
-    runs: int = 0
-    written: Written = field(default_factory=Written)
-
-
-def _do(work: _Work, executor: Any, parquet: bool) -> None:
-    """Run a study and write its files, the page before the pictures, until an interrupt."""
+def _draws(results: Results) -> tuple[Draws, Draws]:
     from beamdae.report.page.page import write_page
-    from beamdae.studies import engine
     from beamdae.studies.page_data import page
     from beamdae.studies.pictures import plots
 
-    if interrupts.heard():
-        # One that was lost, as in a callback of other code, is made up for.
-        raise KeyboardInterrupt
-    with interrupts.held(through=1):
-        with study_progress() as progress:
-
-            def heard(standing: Standing) -> None:
-                work.runs = standing.total
-                progress(standing)
-
-            results = work.results = engine.run(work.study, work.folder, executor, heard)
-        work.written.paths += [results.folder / "cases.csv", results.folder / "summary.csv"]
-        path = results.folder / "report.html"
-        work.written.draw(path.name, lambda: [write_page(path, page(results))])
-    if parquet:
-        work.written.draw("trajectories", results.to_parquet)
-    for name, plot in plots(results).items():
-        work.written.draw(name, plot)
-
-
-def _executor(workers: int | None, scheduler: str | None) -> Any:
-    from beamdae.studies.pool import DaskPool, LocalPool
-
-    most = _MOST_WORKERS * (os.cpu_count() or 1)
-    if workers is not None and count("compare", "--workers", workers) > most:
-        raise BeamdaeError(
-            f"compare: --workers must be at most {most}, {_MOST_WORKERS} a core, got {workers}."
-        )
-    return DaskPool(scheduler) if scheduler else LocalPool(workers)
+    path = results.folder / "report.html"
+    return {path.name: lambda: [write_page(path, page(results))]}, plots(results)
 
 
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
@@ -149,7 +73,6 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     from beamdae.cli.model_file import contents, load_model
     from beamdae.errors import nearest
     from beamdae.studies import Case, Study, default_integrators
-    from beamdae.studies.fingerprints import digest
 
     models, studies = contents(path)
     if name in studies or (studies and name is None):
@@ -165,12 +88,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     model = load_model(path, name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())
-    # A folder for each choice of parameters.
-    chosen = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{k}={v}") for k, v in values.items()]
-    folder = "_".join([model.name, "compare", *chosen])
-    if len(folder) > _LONGEST_NAME:
-        folder = f"{folder[:_LONGEST_NAME]}_{digest(values)[:8]}"
-    return Study(folder, cases)
+    return Study(folder_name(f"{model.name}_compare", values), cases)
 
 
 def _say(results: Results) -> None:
@@ -178,6 +96,7 @@ def _say(results: Results) -> None:
     from beamdae.report import terminal
     from beamdae.report.letters import plain
 
+    record(lambda: _found(results))
     screen = console()
     screen.print(results.study.name, style="bold")
     alone = results.table[~results.table["group"].isin(list(results.references))]
@@ -185,24 +104,31 @@ def _say(results: Results) -> None:
         ended = int((alone["status"] == "ok").sum())
         screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
-    for group, reference in islice(results.references.items(), _MOST_ROWS):
+    for group, reference in islice(results.references.items(), MOST_ROWS):
         screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
-        if len(results.table) <= _MOST_ROWS:
+        if len(results.table) <= MOST_ROWS:
             screen.print(terminal.comparison_table(rows))
         if group in summaries:
             screen.print(terminal.summary_table(summaries[group]))
-    if len(results.references) > _MOST_ROWS:
-        more = len(results.references) - _MOST_ROWS
+    if len(results.references) > MOST_ROWS:
+        more = len(results.references) - MOST_ROWS
         screen.print(f"{more} more groups, see summary.csv and report.html", style="dim")
-    tried = results.table[results.table["status"] != "interrupted"]
-    reasons = [
-        f"{group}: {reference.sentence}"
-        for group, reference in results.references.items()
-        if reference.table is None and not results.interrupted
+    lacking = [
+        f"{group}: {x.sentence}" for group, x in results.references.items() if x.table is None
     ]
-    reasons += terminal.failures(tried)
-    for reason in reasons[:_MOST_ROWS]:
-        complain(f"failed: {reason}")
-    if len(reasons) > _MOST_ROWS:
-        complain(f"failed: {len(reasons) - _MOST_ROWS} more, see cases.csv")
+    for sentence in () if results.interrupted else lacking[:MOST_ROWS]:
+        complain(f"failed: {sentence}")
+    say_failures(results)
+
+
+def _found(results: Results) -> dict[str, Any]:
+    """What --json tells of a study."""
+    return {
+        "study": results.study.name,
+        "folder": results.folder,
+        "interrupted": results.interrupted,
+        "references": {group: one.sentence for group, one in results.references.items()},
+        "cases": results.table.to_dict("records"),
+        "summary": results.summary.to_dict("records"),
+    }

@@ -8,7 +8,7 @@ import typer
 
 from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.saying import console, say_written
+from beamdae.cli.saying import console, record, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError
 
@@ -33,10 +33,11 @@ def draw_command(
         raise BeamdaeError(f"draw: {model.name} states equations, which have no shape.")
     file = out / f"{model.name}_drawing.png"
     require_writable(out, (file.name,))
+    kinds = {name: type(part).__name__ for name, part in mechanism.parts.items()}
+    record(lambda: {"parts": kinds})
     screen = console()
     screen.print(model.name, style="bold")
-    parts = mechanism.parts
-    screen.print(terminal.parts({name: type(part).__name__ for name, part in parts.items()}))
+    screen.print(terminal.parts(kinds))
     written = Written()
     written.draw(model.name, lambda: [draw(mechanism).save(file)])
     say_written(screen, written.paths)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli.examples import as_file
+from beamdae.cli.example_files import as_file
 from beamdae.cli.mistakes import explained
 from beamdae.errors import BeamdaeError, may_be_path, nearest, shown
 from beamdae.model_functions import Model, beside

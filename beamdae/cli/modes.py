@@ -10,20 +10,26 @@ import typer
 
 from beamdae.cli.asked import configured
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.saying import console, say_warnings, say_written
+from beamdae.cli.saying import console, record, say_warnings, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, count, one_of
+
+# What modes are about.
+_STATES = ("reference", "equilibrium")
 
 
 def modes_command(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: Annotated[str, typer.Option(help="reference or equilibrium.")] = "reference",
+    about: Annotated[
+        str,
+        typer.Option(
+            metavar="STATE", help="reference or equilibrium.", autocompletion=lambda: _STATES
+        ),
+    ] = "reference",
     number: Annotated[int, typer.Option("-n", "--number", help="How many modes.")] = 10,
-    damping: Annotated[
-        bool, typer.Option(metavar="", help="Damped modes, or undamped ones.")
-    ] = True,
+    damping: Annotated[bool, typer.Option(help="Damped modes, or undamped ones.")] = True,
     speed: Annotated[
         list[float] | None,
         typer.Option(
@@ -43,7 +49,7 @@ def modes_command(
     Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
     """
     model = configured(path, model_name, settings)
-    one_of("modes", "--about", about, ("reference", "equilibrium"))
+    one_of("modes", "--about", about, _STATES)
     speeds, animated = speed or [], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")
@@ -77,11 +83,15 @@ def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -
 
     table = found.table()
     written = Written([write_text(files["csv"], guarded(table).to_csv(index=False))])
+    one_state = isinstance(found, Modes)
+    rows = "modes" if one_state else "speeds"
+    about = found.about if one_state else "rotations"
+    record(lambda: {"about": about, rows: table.to_dict("records")})
     screen = console()
     screen.print(name, style="bold")
-    screen.print(terminal.modes(table) if isinstance(found, Modes) else terminal.campbell(table))
+    screen.print(terminal.modes(table) if one_state else terminal.campbell(table))
     say_warnings(screen, found.warnings)
-    if not isinstance(found, Modes):
+    if not one_state:
         title = f"{name}, Campbell diagram"
         written.draw(name, lambda: [saved(figure_of_campbell(found, title), files["png"])])
     elif found.mechanism is not None and len(found):

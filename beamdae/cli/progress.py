@@ -1,82 +1,147 @@
-"""Bars of what is under way, on standard error: how far it is, and how long it still takes."""
+"""What is under way, on standard error: a bar in a terminal, lines now and then elsewhere."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING
 
 import typer
 
-from beamdae.cli.saying import progress_console
-from beamdae.report.letters import plain
+from beamdae.cli.saying import hushed, progress_console
+from beamdae.report.letters import shortened
 
 if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderResult
+
     from beamdae.studies.engine import Standing
 
-_BAR = 14
+# Letters of a bar: more are of no use, and with fewer it says nothing.
+_WIDEST, _NARROWEST = 14, 3
+# A label in fewer letters says nothing either.
+_LEAST_LABEL = 8
+# Where there is no terminal a run says how far it is after so many seconds [s].
+_SILENT = 10.0
+
+
+@dataclass(frozen=True)
+class Reached:
+    """How far something is.
+
+    Attributes
+    ----------
+    share
+        Done of all, 0 to 1.
+    done
+        The same in numbers, such as "3/12".
+    left
+        Seconds it still takes; None if that is not known.
+    label
+        What is under way.
+    """
+
+    share: float
+    done: str
+    left: float | None
+    label: str
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """One line: numbers whole, a bar as wide as it can be, a label in the rest."""
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        width = options.max_width
+        told = f"{self.done} {clock(self.left)}"
+        longer = f"{told} left"
+        told = longer if len(longer) + 1 + _NARROWEST <= width else shortened(told, width)
+        bar = max(min(_WIDEST, width - len(told) - 1), 0)
+        room = width - bar - len(told) - 2
+        line = Table.grid(padding=(0, 1, 0, 0))
+        cells: list[ProgressBar | Text] = [Text(told, no_wrap=True)]
+        if bar >= _NARROWEST:
+            cells.insert(0, ProgressBar(1.0, min(max(self.share, 0.0), 1.0), width=bar))
+        if room >= _LEAST_LABEL:
+            cells.append(Text(shortened(self.label, room), no_wrap=True))
+        line.add_row(*cells)
+        yield line
 
 
 @contextmanager
-def run_progress(t_end: float) -> Iterator[Callable[[str, float], None]]:
-    """A bar of the time reached, if there is a terminal."""
-    from rich.progress import TimeElapsedColumn
+def run_progress(t_end: float, what: str = "") -> Iterator[Callable[[str, float], None]]:
+    """How far a run is, by the time it has reached; `what` it is, if it is not the run itself."""
+    course = _Course(t_end)
+    with _shown() as show:
+        say = show or _Lines()
 
-    with _bar(TimeElapsedColumn()) as update:
-        yield lambda label, t: update(t, t_end, f"t = {t:.3g} of {t_end:.3g} s", label)
+        def reached(label: str, t: float) -> None:
+            label = ", ".join(filter(None, [what, label]))
+            say(Reached(course.share(t), f"{t:.3g}/{t_end:.3g} s", course.left(t), label))
+
+        if show:
+            show(Reached(0.0, f"0/{t_end:.3g} s", None, what or "starting"))
+        yield reached
 
 
 @contextmanager
 def study_progress() -> Iterator[Callable[[Standing], None]]:
-    """A bar of the runs done; lines now and then where there is no terminal."""
-    if progress_console() is None:
-        yield _Lines()
-        return
-    begin = time.perf_counter()
-    with _bar() as update:
+    """How far a study is, by the runs done."""
+    begin = monotonic()
+    with _shown() as show:
+        if show is None:
+            yield (lambda _: None) if hushed() else _StudyLines()
+            return
 
         def progress(standing: Standing) -> None:
-            left = _clock(_seconds_left(standing, begin))
-            done = f"{standing.done}/{standing.total} {left}"
+            done = f"{standing.done}/{standing.total}"
             label = ", ".join(filter(None, [_counts(standing), standing.last]))
-            update(standing.done, standing.total, done, label)
+            share = standing.done / max(standing.total, 1)
+            show(Reached(share, done, seconds_left(standing, begin), label))
 
         yield progress
 
 
 @contextmanager
-def _bar(*further: Any) -> Iterator[Callable[[float, float, str, str], None]]:
-    """A bar, what is done, further columns, and a label in the room that is left."""
-    screen = progress_console()
+def _shown() -> Iterator[Callable[[Reached], None] | None]:
+    """What shows a line that changes; None where there is no terminal, or nothing to be said."""
+    screen = None if hushed() else progress_console()
     if screen is None:
-        yield lambda *_: None
+        yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn
-    from rich.table import Column
+    from rich.live import Live
 
-    rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
-    columns = (
-        BarColumn(_BAR),
-        TextColumn("{task.fields[done]}", markup=False, table_column=Column(no_wrap=True)),
-        *further,
-        TextColumn("{task.fields[label]}", markup=False, table_column=rest),
-    )
-    with Progress(
-        *columns,
+    with Live(
         console=screen,
         transient=True,
-        expand=True,
+        refresh_per_second=10,
         redirect_stdout=False,
         redirect_stderr=False,
-    ) as bar:
-        task = bar.add_task("", total=None, done="", label="")
+        vertical_overflow="crop",
+    ) as live:
+        yield live.update
 
-        def update(completed: float, total: float, done: str, label: str) -> None:
-            bar.update(task, completed=completed, total=total, done=done, label=plain(label))
 
-        yield update
+class _Course:
+    """The time a run still takes, from what it has taken since it left its start."""
+
+    def __init__(self, t_end: float) -> None:
+        self._end = t_end
+        self._first: tuple[float, float] | None = None
+
+    def share(self, t: float) -> float:
+        return t / self._end if self._end > 0.0 else 1.0
+
+    def left(self, t: float) -> float | None:
+        """Seconds, once there is a rate to tell them from."""
+        # What goes ahead of a run is at its start.
+        if self._first is None or t <= self._first[0]:
+            self._first = (t, monotonic())
+            return None
+        start, begin = self._first
+        return (monotonic() - begin) * max(self._end - t, 0.0) / (t - start)
 
 
 def _counts(standing: Standing) -> str:
@@ -89,7 +154,7 @@ def _counts(standing: Standing) -> str:
     return ", ".join(f"{number} {what}" for what, number in counts.items() if number)
 
 
-def _seconds_left(standing: Standing, begin: float) -> float | None:
+def seconds_left(standing: Standing, begin: float) -> float | None:
     """What the study says of the time it still takes, or what its runs have taken so far."""
     told = getattr(standing, "left", None)
     fresh, missing = standing.done - standing.kept, standing.total - standing.done
@@ -97,27 +162,41 @@ def _seconds_left(standing: Standing, begin: float) -> float | None:
         return 0.0
     if told is not None or not fresh:
         return told
-    return (time.perf_counter() - begin) / fresh * missing
+    return (monotonic() - begin) / fresh * missing
 
 
-def _clock(seconds: float | None) -> str:
-    """The time left in hours, minutes and seconds."""
+def clock(seconds: float | None) -> str:
+    """A time in minutes and seconds, and hours if there are any."""
     if seconds is None or not math.isfinite(seconds):
-        return "-:--:--"
-    whole = max(round(seconds), 0)
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d} left"
+        return "-:--"
+    minutes, rest = divmod(max(round(seconds), 0), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 class _Lines:
+    """A line of a run now and then."""
+
+    def __init__(self) -> None:
+        self._last = monotonic()
+
+    def __call__(self, now: Reached) -> None:
+        if monotonic() - self._last < _SILENT or hushed():
+            return
+        typer.echo(f"{now.label}: {now.done}, {clock(now.left)} left", err=True)
+        self._last = monotonic()
+
+
+class _StudyLines:
     """A line at every tenth of the runs."""
 
     def __init__(self) -> None:
         self._next = 0.0
-        self._begin = time.perf_counter()
+        self._begin = monotonic()
 
     def __call__(self, standing: Standing) -> None:
         if standing.done >= self._next or standing.done == standing.total:
-            seconds = _seconds_left(standing, self._begin)
+            seconds = seconds_left(standing, self._begin)
             rest = f", about {seconds:.0f} s left" if seconds else ""
             typer.echo(
                 f"{standing.done} of {standing.total} runs, {standing.running} running, "

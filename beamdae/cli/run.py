@@ -11,6 +11,7 @@ from beamdae.cli import interrupts, run_work
 from beamdae.cli.asked import configured, integrator_of
 from beamdae.cli.options import (
     EndTime,
+    IntegratorName,
     ModelFile,
     ModelName,
     Out,
@@ -22,7 +23,7 @@ from beamdae.cli.options import (
     start_of,
 )
 from beamdae.cli.run_work import Run
-from beamdae.cli.saying import complain, console, say_written
+from beamdae.cli.saying import complain, console, record, say_written
 from beamdae.errors import BeamdaeError
 
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
@@ -35,9 +36,7 @@ def run_command(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[
-        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
-    ] = "auto",
+    integrator: IntegratorName = "auto",
     rtol: Annotated[
         float | None,
         typer.Option(help="Relative tolerance (generalized-alpha: adaptive steps)."),
@@ -59,13 +58,11 @@ def run_command(
     output_step: OutputStep = None,
     out: Out = Path("results"),
     estimate: Annotated[
-        bool, typer.Option(metavar="", help="Estimate the error of every column by a second run.")
+        bool, typer.Option(help="Estimate the error of every column by a second run.")
     ] = True,
     verify: Annotated[
         bool,
-        typer.Option(
-            "--verify", metavar="", help="Compare with another method at a tighter tolerance."
-        ),
+        typer.Option("--verify", help="Compare with another method at a tighter tolerance."),
     ] = False,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write where the run ended to this file.")
@@ -80,9 +77,7 @@ def run_command(
     ] = None,
     accept_changes: Annotated[
         bool,
-        typer.Option(
-            "--accept-changes", metavar="", help="Go on also if the model is another than before."
-        ),
+        typer.Option("--accept-changes", help="Go on also if the model is another than before."),
     ] = False,
 ) -> None:
     """Simulate one model and write its CSV, JSON and PNG.
@@ -143,6 +138,7 @@ def _end(run: Run, status: Status) -> None:
     """Tell of the files, and end with the code of what became of the run."""
     say_written(console(), run.written.paths)
     if run.end is not None and run_work.can_go_on(status):
+        record(lambda: {"continue": run.end})
         console().print(f"to go on: --continue {run.end}", style="dim", soft_wrap=True)
     if status.kind == "interrupted" or run.cut_short or interrupts.heard():
         reason = status.sentence if status.kind == "interrupted" else "interrupted after the run"

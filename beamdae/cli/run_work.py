@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli import interrupts
 from beamdae.cli.progress import run_progress
-from beamdae.cli.saying import console, say_warnings
+from beamdae.cli.saying import console, record, say_warnings
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeWarning
 
@@ -115,25 +115,35 @@ def write(run: Run, parts: Parts, solution: Solution, checkpoint: Path | None) -
 
 def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     """Find how far the observed columns are off, and write that beside the table."""
-    import numpy as np
-
     from beamdae import verification
     from beamdae.results.files import write_beside
 
     if not solution.columns:
         return
-    errors = (verification.verified if verify else verification.estimated)(solution)
+    what = "verification" if verify else "estimate of errors"
+    with run_progress(float(solution.t[-1]), what) as progress:
+        told = partial(progress, run.method.label)
+        if verify:
+            errors = verification.verified(solution, progress=told)
+        else:
+            errors = verification.estimated(solution, told)
     # The second run takes an interrupt for its own.
     if interrupts.heard():
         return
     run.errors, run.beyond = errors, verification.exceeded(solution, errors)
-    rows = zip(*(np.asarray(values).tolist() for values in errors.values()), strict=True)
-    known = {
-        column: {name: None if x != x else x for name, x in zip(errors, row, strict=True)}
+    with interrupts.held():
+        write_beside(table, solution.beside(errors=_by_column(run, solution)))
+
+
+def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
+    """What is known of the error of each observed column."""
+    import numpy as np
+
+    rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
+    return {
+        column: {name: None if x != x else x for name, x in zip(run.errors, row, strict=True)}
         for column, row in zip(solution.columns, rows, strict=True)
     }
-    with interrupts.held():
-        write_beside(table, solution.beside(errors=known))
 
 
 def draw(run: Run, solution: Solution) -> None:
@@ -150,6 +160,7 @@ def say(run: Run, solution: Solution) -> None:
     from beamdae.report import terminal
     from beamdae.results.occurrences import counted
 
+    record(lambda: _found(run, solution))
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
@@ -162,3 +173,14 @@ def say(run: Run, solution: Solution) -> None:
     say_warnings(screen, [*filter(None, [run.beyond]), *solution.warnings])
     # Whoever reads a pipe has it now as well.
     sys.stdout.flush()
+
+
+def _found(run: Run, solution: Solution) -> dict[str, Any]:
+    """What --json tells of a run: what is beside its table, and its observed columns."""
+    from beamdae.report import terminal
+
+    told = solution.beside()
+    del told["equations"], told["warnings"]
+    errors = {} if run.errors is None else _by_column(run, solution)
+    observed = terminal.extremes(solution.columns).items()
+    return told | {"observed": {name: x | errors.get(name, {}) for name, x in observed}}

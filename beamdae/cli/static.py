@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +21,7 @@ from beamdae.cli.options import (
     require_writable,
     start_of,
 )
-from beamdae.cli.saying import complain, console, say_warnings, say_written
+from beamdae.cli.saying import complain, console, record, say_warnings, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
@@ -113,6 +114,7 @@ def _say(found: Equilibrium, name: str) -> None:
     """Tables and sentences of a path on the screen."""
     from beamdae.report import terminal
 
+    record(lambda: _found(found))
     screen = console()
     screen.print(terminal.facts(name, path_facts(found)))
     if found.columns:
@@ -121,6 +123,15 @@ def _say(found: Equilibrium, name: str) -> None:
         screen.print(terminal.validity(found.validity))
     say_warnings(screen, found.warnings)
     sys.stdout.flush()
+
+
+def _found(found: Equilibrium) -> dict[str, Any]:
+    """What --json tells of a path: what is beside its table, and its observed columns."""
+    from beamdae.report import terminal
+
+    told = found.beside(validity=[asdict(beam) for beam in found.validity])
+    del told["warnings"]
+    return told | {"points": len(found.q), "observed": terminal.extremes(found.columns)}
 
 
 def path_facts(found: Equilibrium) -> dict[str, str]:

@@ -6,6 +6,8 @@ import errno
 import io
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, TextIO
 
 # What cannot be written in the encoding of a stream is told by its code.
@@ -43,6 +45,28 @@ def secure() -> None:
         os.set_inheritable(free, True)
     os.close(free)
     sys.stdout, sys.stderr = _secured(sys.stdout, 1), _secured(sys.stderr, 2)
+
+
+@contextmanager
+def output_set_apart() -> Iterator[None]:
+    """Keep standard output for what is said after this: what is said in here is not part of it.
+
+    It goes to standard error, also what other code writes past Python.
+    """
+    apart = None
+    sys.stdout.flush()
+    with suppress(OSError):  # What stands in for it has no number.
+        if sys.stdout.fileno() == 1:
+            apart = os.dup(1)
+            os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        if apart is not None:
+            sys.stdout.flush()
+            os.dup2(apart, 1)
+            os.close(apart)
 
 
 def _secured(stream: TextIO | None, number: int) -> TextIO:

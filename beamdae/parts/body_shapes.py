@@ -11,7 +11,7 @@ from beamdae.errors import BeamdaeError, entries, point, positive
 Array = np.ndarray
 
 # Corners a circle is drawn through.
-_CORNERS = 24
+_CORNERS = 48
 
 
 class Shape(NamedTuple):

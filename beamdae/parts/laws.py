@@ -195,8 +195,9 @@ def _risen(t: Any, numbers: Any) -> Any:
 
 
 def run_up(speed: float, duration: float) -> Law:
-    """Angle of a smooth run-up to a constant angular speed (eq. 28).
+    """Angle of a smooth run-up to a constant angular speed.
 
+    Eq. (28) of the paper:
     speed / duration * (t^2/2 + (duration/2 pi)^2 (cos(2 pi t/duration) - 1)) up to t = duration,
     then speed * (t - duration/2); speed in rad/s, duration in s.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,21 +10,25 @@ from beamdae.errors import BeamdaeError, shown
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report import pictures
 from beamdae.report.curves import Plot
+from beamdae.report.labels import place_names
 from beamdae.report.letters import shortened
-from beamdae.report.pen import Pen
-from beamdae.report.symbols import symbol
-from beamdae.results.shapes import drawn_through, outlines
+from beamdae.report.scene import poses
+from beamdae.report.scene.bodies import scene_of
+from beamdae.report.scene.looks import LOOKS
+from beamdae.report.scene.scene import Scene
+from beamdae.report.scene.stage import Stage
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = np.ndarray
-# Name, kind and points (k, 2) of a part.
-Outline = tuple[str, str, Array]
 
-_POINTS = 41
 _WIDTH, _HEIGHT = 8.0, (2.5, 8.0)
-# Of the size of the drawing: a symbol, and how near names share a place.
-_SYMBOL, _NEAR = 0.022, 0.035
-_MARGIN = 0.09
+# Of the size of the drawing: how near names share a place, and what is free around it.
+_NEAR, _MARGIN = 0.012, 0.09
 _MOST = 30
+# Points of lines that names do not cover, a line.
+_DENSE = 25
 
 
 def draw(mechanism: Mechanism) -> Plot:
@@ -54,56 +58,34 @@ def draw(mechanism: Mechanism) -> Plot:
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"draw: expected a mechanism, got {shown(mechanism)}.")
-    bodies = _bodies(mechanism)
-    low, high = _corners(mechanism, bodies)
-    figure, axis = _canvas(high - low)
-    size = float(np.max(high - low))
-    pen = Pen(axis, _SYMBOL * size)
-    for body in bodies:
-        _body(*body, pen)
-    drawn = {name for name, _, _ in bodies}
-    for part in mechanism.parts.values():
-        if part.name not in drawn:
-            symbol(part, pen)
+    return Plot(figure_of_drawing(mechanism))
+
+
+def figure_of_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
+    """The drawing as a figure of a size [inch], by default one that fits."""
+    scene = scene_of(mechanism, poses.drawn, np.zeros(1))
+    low, high = scene.extent()
+    figure, axis = _canvas(high - low, size)
+    Stage(axis, scene)
+    names = _names(scene, _NEAR * float(np.max(high - low)))
     if np.any(mechanism.gravity):
-        _gravity(mechanism.gravity, low, high, pen)
-    _names(pen, _NEAR * size)
+        names.append(_gravity(mechanism.gravity, low, high, scene.size, axis))
+        high = np.add(high, (4.0 * scene.size, 0.0))
+    axis.dataLim.set_points(np.array([low, high]))
     axis.margins(_MARGIN)
+    axis.autoscale_view()
+    place_names(axis, names, _dense(scene))
     pictures.as_written(figure)
-    return Plot(figure)
+    return figure
 
 
-def _bodies(mechanism: Mechanism) -> list[Outline]:
-    """What has a shape, its kind and the points it is drawn through."""
-    found = []
-    for name, drawing in outlines(mechanism, _POINTS):
-        if drawing.kind != "ground":
-            points = np.array([place.point for place in drawing.places])
-            found.append((name, drawing.kind, points[drawn_through(drawing.kind, len(points))]))
-    return found
-
-
-def _corners(mechanism: Mechanism, bodies: list[Outline]) -> tuple[Array, Array]:
-    points = [points for _, _, points in bodies]
-    points += [
-        np.reshape(a.point, (1, 2)) for part in mechanism.parts.values() for a in part.attachments
-    ]
-    if not points:
-        raise BeamdaeError("draw: the mechanism has no parts that could be drawn.")
-    every = np.concatenate(points)
-    low, high = every.min(axis=0), every.max(axis=0)
-    if not np.any(high > low):
-        return low - 0.5, high + 0.5
-    return low, high
-
-
-def _canvas(extent: Array) -> tuple[Any, Any]:
+def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     width, height = extent / np.max(extent)
     tall = float(np.clip(_WIDTH * (height + 0.25) / (width + 0.25), *_HEIGHT))
-    figure = Figure(figsize=(_WIDTH, tall), layout="constrained")
+    figure = Figure(figsize=size or (_WIDTH, tall), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.add_subplot()
     axis.set_aspect("equal", adjustable="datalim")
@@ -116,44 +98,36 @@ def _canvas(extent: Array) -> tuple[Any, Any]:
     return figure, axis
 
 
-def _body(name: str, kind: str, points: Array, pen: Pen) -> None:
-    if kind == "point":
-        pen.dot(points[0], "o", ms=8, mfc=pictures.COLORS[3], color=pictures.COLORS[3])
-        pen.name(points[0], name)
-        return
-    color = pictures.COLORS[0] if kind == "beam" else pictures.COLORS[1]
-    pen.line(points, color=color, lw=2.2 if kind == "beam" else 3.0, zorder=2)
-    pen.name(points[len(points) // 2] if kind == "beam" else points.mean(axis=0), name)
-
-
-def _gravity(gravity: Array, low: Array, high: Array, pen: Pen) -> None:
+def _gravity(gravity: Array, low: Array, high: Array, size: float, axis: Any) -> tuple[Array, str]:
     """An arrow in the corner above, with its size."""
     along = gravity / np.hypot(*gravity)
-    middle = np.array([high[0] + 3.0 * pen.size, high[1]])
-    pen.arrow(middle - 2.0 * pen.size * along, middle + 2.0 * pen.size * along, color="0.55")
-    pen.name(middle, f"{np.hypot(*gravity):g} m/s²")
+    middle = np.array([high[0] + 3.0 * size, high[1]])
+    start, end = middle - 2.0 * size * along, middle + 2.0 * size * along
+    look = {"arrowstyle": "-|>", "color": "0.55", "lw": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+    axis.annotate("", tuple(end.tolist()), tuple(start.tolist()), arrowprops=look)
+    return middle, f"{np.hypot(*gravity):g} m/s²"
 
 
-def _names(pen: Pen, near: float) -> None:
-    """Names beside their places, those of one place below each other."""
+def _names(scene: Scene, near: float) -> list[tuple[Array, str]]:
+    """Names and their places, those of one place below each other."""
     groups: list[tuple[Array, list[str]]] = []
-    for place, text in pen.names:
-        at = np.array(place, float)
+    for row, text in scene.names:
+        at = scene.poses[row, 0, :2]
         for other, texts in groups:
             if np.hypot(*(at - other)) < near:
-                texts.append(text)
+                texts.append(shortened(text, _MOST))
                 break
         else:
-            groups.append((at, [text]))
-    for at, texts in groups:
-        pen.axis.annotate(
-            "\n".join(shortened(text, _MOST) for text in texts),
-            (float(at[0]), float(at[1])),
-            xytext=(7.0, 6.0),
-            textcoords="offset points",
-            fontsize=8,
-            color="0.25",
-            parse_math=False,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.65, "pad": 0.5},
-            zorder=6,
-        )
+            groups.append((at, [shortened(text, _MOST)]))
+    return [(at, "\n".join(texts)) for at, texts in groups]
+
+
+def _dense(scene: Scene) -> Array:
+    """Points along all lines but hatches, near to each other."""
+    found = []
+    for glyph, line in scene.lines():
+        if LOOKS.get(glyph.kind, LOOKS["beam"]).order > 1:
+            points = line[0][np.isfinite(line[0]).all(axis=1)]
+            at = np.linspace(0.0, len(points) - 1.0, max(len(points), _DENSE))
+            found.append(np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1))
+    return np.concatenate(found)

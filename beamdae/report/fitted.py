@@ -1,8 +1,8 @@
-"""Tables that fit a terminal: what matters least is left out, and what stays stays whole."""
+"""Tables that fit a terminal: what matters least is left out, and numbers stay whole."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich import box
@@ -11,12 +11,15 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from beamdae.report.letters import plain
+from beamdae.report.letters import plain, shortened
 
-# The first column is not folded below this or half the width, nor one of sentences below that.
-_LEAST_FIRST, _LEAST_SENTENCES = 28, 24
+# Columns are left out before the first one is cut below this or half the width, and it is never
+# cut below the least; no column of sentences is folded below that.
+_FIRST, _LEAST_FIRST, _LEAST_SENTENCES = 28, 6, 24
 # Blanks between two columns, and at both ends of a row.
 _GAP, _EDGES = 2, 2
+# What facts are about takes this part of the width at most: half of it.
+_TOPICS = 2
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class FittedTable:
     Parameters
     ----------
     first
-        Header of the first column, which is folded if it has to be and never left out.
+        Header of the first column, which is never left out; its texts lose their middles where they
+        have to.
     columns
         The others.
     rows
@@ -71,7 +75,8 @@ class FittedTable:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, and a line on the columns that are left out."""
         kept = self._kept(options.max_width)
-        yield self._table(kept)
+        room = options.max_width - self._others(kept)
+        yield self._table(kept, max(_LEAST_FIRST, min(self._widest(self._first, 0), room)))
         gone = [column.title for column in self._columns if column not in kept]
         if gone:
             wider = " or ".join(filter(None, ("a wider terminal", self._elsewhere)))
@@ -86,8 +91,12 @@ class FittedTable:
 
     def _least(self, columns: Sequence[Column], width: int) -> int:
         """The least these take of a width."""
-        first = min(self._widest(self._first, 0), max(_LEAST_FIRST, width // 2))
-        return _EDGES + first + sum(_GAP + self._narrowest(column) for column in columns)
+        first = min(self._widest(self._first, 0), max(_FIRST, width // 2))
+        return first + self._others(columns)
+
+    def _others(self, columns: Sequence[Column]) -> int:
+        """The least all but the first column take."""
+        return _EDGES + sum(_GAP + self._narrowest(column) for column in columns)
 
     def _narrowest(self, column: Column) -> int:
         natural = self._widest(column.header, self._place(column))
@@ -99,9 +108,9 @@ class FittedTable:
     def _widest(self, header: str, k: int) -> int:
         return max(map(cell_len, [*header.split("\n"), *(row[k] for row in self._rows)]))
 
-    def _table(self, columns: Sequence[Column]) -> Table:
+    def _table(self, columns: Sequence[Column], first: int) -> Table:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        table.add_column(Text(self._first), overflow="fold")
+        table.add_column(Text(shortened(self._first, first)), no_wrap=True, width=first)
         for column in columns:
             if column.sentences:
                 table.add_column(Text(column.header), overflow="fold")
@@ -111,5 +120,35 @@ class FittedTable:
                     Text(column.header), justify="right", no_wrap=True, min_width=whole
                 )
         for row in self._rows:
-            table.add_row(Text(row[0]), *(Text(row[self._place(column)]) for column in columns))
+            texts = (row[self._place(column)] for column in columns)
+            table.add_row(Text(shortened(row[0], first)), *map(Text, texts))
         return table
+
+
+class Facts:
+    """Two columns, laid out when they are printed: what, cut in its middle where it has to be.
+
+    Parameters
+    ----------
+    title
+        A line above them, or "".
+    rows
+        What there is to say, by topic.
+    """
+
+    def __init__(self, title: str, rows: Mapping[str, str]) -> None:
+        self._title = plain(title)
+        self._rows = {plain(topic): plain(said) for topic, said in rows.items()}
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The rows."""
+        if self._title:
+            yield Text(self._title, style="bold")
+        table = Table(box=None, show_header=False, pad_edge=False)
+        most = options.max_width // _TOPICS
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(overflow="fold")
+        for topic, said in self._rows.items():
+            table.add_row(Text(shortened(topic, most)), Text(said))
+        if self._rows:
+            yield table

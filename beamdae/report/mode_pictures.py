@@ -3,63 +3,70 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.analysis.campbell import Campbell
 from beamdae.analysis.modes import Modes
-from beamdae.equations.owners import positions
 from beamdae.errors import BeamdaeError, count, shown
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.curves import Plot
-from beamdae.report.motion import Animation, frame_of, look, moving_pictures
+from beamdae.report.films import Film
+from beamdae.report.page.alone import Animation, animation
 from beamdae.report.pictures import COLORS, as_written, dressed, wrapped
-from beamdae.results.shapes import drawn_through, outlines
+from beamdae.report.scene.bodies import scene_of, sections_of
+from beamdae.report.scene.frames import plain_frames
+from beamdae.report.scene.poses import Moved, Poses, Vibrating
+from beamdae.report.scene.scene import Scene
+from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
+from beamdae.results.shapes import outlines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = np.ndarray
-Body = dict[str, Any]
 
-_PANELS, _SECTIONS, _COLUMNS = 12, 41, 3
+_PANELS, _COLUMNS = 12, 3
 # Of the extent of the drawing: how far the largest displacement is drawn.
 _AMPLITUDE = 0.12
-# Step of the derivative of places by coordinates, in their natural sizes.
-_STEP = 1e-5
 # Multiples of the speed in a Campbell diagram.
 _ORDERS = (1, 2, 3, 4)
 # What a panel measures [inch], and for how long a period is shown [s].
 _WIDTH, _LOWEST, _HIGHEST, _CAPTION, _PERIOD = 3.2, 0.8, 3.6, 0.35, 2.0
-_STILL = {"color": "0.75", "zorder": 1}
 
 
-class _Shapes(NamedTuple):
-    """What is drawn of modes: kinds of parts, where their points begin, places and ways."""
+class _Shapes:
+    """Scenes of modes about a state, each as large as can be seen."""
 
-    kinds: list[str]
-    starts: list[int]
-    rest: Array
-    ways: Array
+    def __init__(self, part: str, modes: Modes) -> None:
+        self._modes, self._mechanism = modes, _of_mechanism(part, modes)
+        self.still = self._scene(Moved(self._mechanism, modes.q[None]), 1)
+        low, high = self.still.extent()
+        self._largest = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
-    def still(self) -> list[Body]:
-        """The state they are about, but for the ground."""
-        bodies = self._bodies(self.rest[None])
-        return [{**body, "look": _STILL} for body in bodies if body["kind"] != "ground"]
-
-    def moved(self, k: int, phases: Array) -> list[Body]:
+    def moved(self, k: int, phases: Array) -> Scene:
         """A mode at some phases of its period, a frame each."""
-        return self._bodies(self.rest + (self.ways[k] * phases[:, None, None]).real)
+        shape = self._modes.shapes[k]
+        return self._scene(self._vibrating(k, self._scale(k) * shape, phases), len(phases))
 
-    def _bodies(self, places: Array) -> list[Body]:
-        found = []
-        for kind, (first, last) in zip(self.kinds, pairwise(self.starts), strict=True):
-            points = first + np.array(drawn_through(kind, last - first))
-            found.append({"kind": kind, "x": places[:, points, 0], "y": places[:, points, 1]})
-        return found
+    def _vibrating(self, k: int, shape: Array, phases: Array) -> Vibrating:
+        return Vibrating(self._mechanism, self._modes.q, shape, phases)
+
+    def _scale(self, k: int) -> float:
+        """How far its largest displacement is drawn, over what it is."""
+        poses = self._vibrating(k, self._modes.shapes[k], np.array([0.0, 1.0, 1j]))
+        drawn = outlines(self._mechanism, sections_of(self._mechanism))
+        found = [poses(drawing.places)[..., :2] for _, drawing in drawn]
+        rest, real, imaginary = np.concatenate(found, axis=1)
+        largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
+        return self._largest / largest if largest > 0.0 else 0.0
+
+    def _scene(self, poses: Poses, frames: int) -> Scene:
+        return scene_of(
+            self._mechanism, poses, np.zeros(frames), left_out=lambda part: part.is_load
+        )
 
 
 def draw_modes(modes: Modes) -> Plot:
@@ -87,11 +94,9 @@ def draw_modes(modes: Modes) -> Plot:
 
 def figure_of_modes(modes: Modes, title: str = "") -> Figure:
     """The shapes of modes as a figure."""
-    shapes = _shapes("draw_modes", modes)
-    chosen = range(min(len(modes), _PANELS))
-    still = shapes.still()
-    panels = [shapes.moved(k, np.ones(1)) for k in chosen]
-    low, high = frame_of([*still, *(body for bodies in panels for body in bodies)])
+    shapes = _Shapes("draw_modes", modes)
+    panels = [shapes.moved(k, np.ones(1)) for k in range(min(len(modes), _PANELS))]
+    low, high = frame_of([shapes.still, *panels])
     columns = min(len(panels), _COLUMNS)
     rows = math.ceil(len(panels) / columns)
     width, height = high - low
@@ -99,13 +104,13 @@ def figure_of_modes(modes: Modes, title: str = "") -> Figure:
     figure = _figure(
         (max(_WIDTH * columns, 5.0), own * rows + 0.5), title or f"modes about {modes.about}"
     )
-    for k, bodies in enumerate(panels):
+    for k, scene in enumerate(panels):
         axis = figure.add_subplot(rows, columns, k + 1)
         axis.set_aspect("equal")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axis.set_axis_off()
-        for body in [*still, *bodies]:
-            axis.plot(body["x"][0], body["y"][0], **look(body))
+        Stage(axis, shapes.still, pale=True)
+        Stage(axis, scene)
         axis.set_title(_told(modes, k), fontsize=9)
     as_written(figure)
     return figure
@@ -133,17 +138,30 @@ def animate_mode(
         If there is no such mode, nothing can be drawn, or the file is of another kind or cannot be
         written.
     """
-    shapes = _shapes("animate_mode", modes)
+    shapes = _Shapes("animate_mode", modes)
     k = count("animate_mode", "mode", mode, most=len(modes)) - 1
     number = count("animate_mode", "frames", frames, least=2, most=500)
-    bodies = shapes.moved(k, np.exp(2j * np.pi * np.arange(number) / number))
-    still = [
-        {**body, "x": np.repeat(body["x"], number, 0), "y": np.repeat(body["y"], number, 0)}
-        for body in shapes.still()
-    ]
-    captions = [f"mode {_told(modes, k)}"] * number
-    rate = max(round(number / _PERIOD), 1)
-    return moving_pictures("animate_mode", [*still, *bodies], captions, rate, path)
+    # From rest on, as far as the shape is real.
+    phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
+    scene = shapes.moved(k, phases)
+    if path is None:
+        return _in_notebook(scene, number, modes, k)
+    figure, axis = plain_stage(frame_of([shapes.still, scene]))
+    Stage(axis, shapes.still, pale=True)
+    caption(axis).set_text(f"mode {_told(modes, k)}")
+    film = Film(figure, Stage(axis, scene).show, number, max(round(number / _PERIOD), 1))
+    return film.written("animate_mode", path)
+
+
+def _in_notebook(scene: Scene, frames: int, modes: Modes, k: int) -> Animation:
+    """A period, or two seconds of what has none."""
+    frequency = float(modes.frequencies[k])
+    period = 1.0 / frequency if frequency > 0.0 else _PERIOD
+    low, high = scene.extent()
+    width, height = (high - low).tolist()
+    times = np.arange(frames) * period / frames
+    shown_as = plain_frames(scene, times)
+    return animation(shown_as, (width, height), f"mode {_told(modes, k)}", period / _PERIOD, False)
 
 
 def draw_campbell(found: Campbell) -> Plot:
@@ -186,30 +204,9 @@ def _of_mechanism(part: str, modes: Any) -> Mechanism:
         raise BeamdaeError(f"{part}: modes must be what modes gives, got {shown(modes)}.")
     if modes.mechanism is None or not len(modes):
         raise BeamdaeError(f"{part}: modes must be those of a mechanism, there is nothing to draw.")
-    return modes.mechanism
-
-
-def _shapes(part: str, modes: Any) -> _Shapes:
-    mechanism = _of_mechanism(part, modes)
-    parts = outlines(mechanism, _SECTIONS)
-    if not parts:
+    if not outlines(modes.mechanism, 2):
         raise BeamdaeError(f"{part}: modes must be those of parts that are drawn, there are none.")
-    where = positions(mechanism, [place for _, x in parts for place in x.places])
-    rest = where(modes.q[None]).reshape(-1, 2)
-    ways = np.array([_way(where, modes.q, shape) for shape in modes.shapes])
-    largest = np.max(np.hypot(*np.moveaxis(np.abs(ways), -1, 0)), axis=1)
-    extent = float(np.max(np.ptp(rest, axis=0))) or 1.0
-    ways *= (_AMPLITUDE * extent / np.where(largest > 0.0, largest, 1.0))[:, None, None]
-    starts = np.cumsum([0, *(len(x.places) for _, x in parts)]).tolist()
-    return _Shapes([x.kind for _, x in parts], starts, rest, ways)
-
-
-def _way(where: Any, q: Array, shape: Array) -> Array:
-    """Displacements (points, 2) complex of the points in a shape."""
-    step = _STEP / max(float(np.max(np.abs(shape))), 1e-300)
-    ends = [step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
-    found = where(q + np.array(ends)).reshape(4, -1, 2)
-    return (found[0] - found[1] + 1j * (found[2] - found[3])) / (2.0 * step)
+    return modes.mechanism
 
 
 def _told(modes: Modes, k: int) -> str:

@@ -8,10 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
-from beamdae.report.fitted import Column, FittedTable
+from beamdae.report.fitted import Column, Facts, FittedTable
 from beamdae.report.letters import plain
 from beamdae.results.headers import Header
 from beamdae.results.validity import BeamRange
@@ -69,21 +67,10 @@ def number(value: Any, digits: int = 3) -> str:
         return "-"
 
 
-def facts(title: str, rows: Mapping[str, Any]) -> Table:
+def facts(title: str, rows: Mapping[str, Any]) -> Facts:
     """Two columns: what, and how much."""
-    table = Table(
-        title=Text(plain(title), style="bold") if title else None,
-        title_justify="left",
-        box=None,
-        show_header=False,
-        pad_edge=False,
-    )
-    table.add_column(style="dim", overflow="fold")
-    table.add_column(overflow="fold")
-    for name, value in rows.items():
-        said = value if isinstance(value, str) else number(value)
-        table.add_row(Text(plain(name)), Text(plain(said)))
-    return table
+    said = {name: x if isinstance(x, str) else number(x) for name, x in rows.items()}
+    return Facts(title, said)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
@@ -138,16 +125,28 @@ def ranges(observed: Columns, errors: Columns | None = None) -> FittedTable:
     # The first of what is told is the error, the last the verdict.
     kept = (told[0], told[-1]) if told else ()
     columns += [Column(textwrap.fill(x, _HEADER), 0 if x in kept else 4) for x in told]
-    rounding = _rounding(observed)
-    rows = []
     values_told = [] if errors is None else [np.asarray(errors[x]).tolist() for x in told]
-    for k, name in enumerate(map(str, observed)):
-        values = np.asarray(observed[name])
-        numbers = (*_extremes(values), float(values[-1]))
-        said = [number(values[k], 2) for values in values_told]
-        least = rounding[Header.of(name).kind]
-        rows.append((name, *(number(0.0 if abs(x) < least else x, 5) for x in numbers), *said))
-    return FittedTable("observed", columns, rows)
+    rows = [
+        (
+            name,
+            *(number(x, 5) for x in values.values()),
+            *(number(known[k], 2) for known in values_told),
+        )
+        for k, (name, values) in enumerate(extremes(observed).items())
+    ]
+    return FittedTable("observed", columns, rows, "--json")
+
+
+def extremes(observed: Columns) -> dict[str, dict[str, float]]:
+    """Smallest, largest and last value of each column; what rounding leaves of zero is zero."""
+    rounding = _rounding(observed)
+    found = {}
+    for name in map(str, observed):
+        values, least = np.asarray(observed[name]), rounding[Header.of(name).kind]
+        smallest, largest = _extremes(values)
+        known = {"min": smallest, "max": largest, "end": float(values[-1])}
+        found[name] = {k: 0.0 if abs(x) < least else x for k, x in known.items()}
+    return found
 
 
 def _extremes(values: np.ndarray) -> tuple[float, float]:
@@ -192,6 +191,16 @@ def summary_table(summary: pd.DataFrame) -> FittedTable:
     shown = [name for name in _SUMMARIZED if name in told and (told[name] != "").any()]
     rows = [tuple(row) for row in told[["answer", *shown]].to_numpy()]
     return FittedTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
+
+
+def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> FittedTable:
+    """The table of a sweep: parameters, what is told of each run, how it ended."""
+    columns = [Column(name) for name in parameters[1:]]
+    columns.append(Column("status", 1))
+    columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(told)]
+    names = [*parameters, "status", *told]
+    rows = [tuple(number(row[name], 5) for name in names) for _, row in table.iterrows()]
+    return FittedTable(parameters[0], columns, rows, "sweep.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:
@@ -243,23 +252,29 @@ def parts(kinds: Mapping[str, str]) -> FittedTable:
     return FittedTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
-def models(rows: Iterable[Sequence[str]]) -> FittedTable:
-    """Name, end time, file, parameters and first line of models."""
+def models(found: Iterable[Mapping[str, Any]]) -> FittedTable:
+    """Models that files define, with their parameters."""
     columns = [
         Column("t_end\n[s]", 3),
         Column("file", 1, sentences=True),
         Column("parameters", 2, sentences=True),
         Column("about", 4, sentences=True),
     ]
-    return FittedTable("model", columns, rows)
+    rows = []
+    for one in found:
+        values = ", ".join(f"{name}={value}" for name, value in one["parameters"].items())
+        rows.append((one["name"], f"{one['t_end']:g}", one["file"], values, one["about"]))
+    return FittedTable("model", columns, rows, "--json")
 
 
-def studies(rows: Iterable[Sequence[str]]) -> FittedTable:
-    """Name, number of cases, file and models of studies."""
+def studies(found: Iterable[Mapping[str, Any]]) -> FittedTable:
+    """Studies that files define, with the models they are of."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
-    return FittedTable("study", columns, rows)
+    rows = [(x["name"], str(x["cases"]), x["file"], ", ".join(x["models"])) for x in found]
+    return FittedTable("study", columns, rows, "--json")
 
 
-def problems(rows: Iterable[Sequence[str]]) -> FittedTable:
+def problems(found: Iterable[Mapping[str, Any]]) -> FittedTable:
     """Files and what is wrong with them."""
+    rows = [(one["file"], one["problem"]) for one in found]
     return FittedTable("file", [Column("cannot be listed", sentences=True)], rows)

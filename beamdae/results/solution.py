@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.report.curves import Plot
-    from beamdae.report.motion import Animation
+    from beamdae.report.page.alone import Animation
 
 Array = np.ndarray
 
@@ -114,12 +114,17 @@ class Solution(Run, Tabulated):
         return replace(self, equations=observing(self.equations, name, what))
 
     def animate(
-        self, path: str | Path | None = None, speed: float = 1.0, frames: int | None = None
+        self,
+        path: str | Path | None = None,
+        speed: float = 1.0,
+        frames: int | None = None,
+        color: str | None = None,
+        trail: Any = False,
     ) -> Animation | Path:
         """Moving pictures of the run, see `beamdae.animate`."""
         from beamdae.report.motion import animate
 
-        return animate(self, path, speed, frames)
+        return animate(self, path, speed, frames, color, trail)
 
     @property
     def events(self) -> pd.DataFrame:

@@ -7,5 +7,18 @@ Next: a column of the case table in `tables`, a place where runs are done in `po
 from beamdae.studies.case import Case, default_integrators, grid
 from beamdae.studies.comparison import compare
 from beamdae.studies.definition import Study, study
+from beamdae.studies.sweep_results import SweepResults
+from beamdae.studies.sweeping import sweep
+from beamdae.studies.sweeps import Sweep
 
-__all__ = ["Case", "Study", "compare", "default_integrators", "grid", "study"]
+__all__ = [
+    "Case",
+    "Study",
+    "Sweep",
+    "SweepResults",
+    "compare",
+    "default_integrators",
+    "grid",
+    "study",
+    "sweep",
+]

@@ -118,19 +118,19 @@ class Case:
             can tell again: a lock, a generator, an open file.
         """
         known = {} if known is None else known
-        return _once(known, self, lambda: self._mechanism(known))
+        return once(known, self, lambda: self._mechanism(known))
 
     def _mechanism(self, known: Known) -> str:
         parameters = self.model.complete(dict(self.parameters))
         found = {name: _of_parameter(self.model, name, x, known) for name, x in parameters.items()}
-        of_model = _once(known, self.model.build, lambda: _of_model(self.model))
+        of_model = once(known, self.model.build, lambda: _of_model(self.model))
         return _joined([of_model, sorted(found.items()), _of_files(self.model), _surroundings()])
 
     def fingerprint(self, t_end: float, output_step: float, known: Known | None = None) -> str:
         """Hash of all the result depends on, but files it reads while it runs: see `mechanism`."""
         known = {} if known is None else known
         kind = type(self.integrator)
-        code = _once(known, kind, lambda: _of_integrator(kind))
+        code = once(known, kind, lambda: _of_integrator(kind))
         settings = asdict(self.integrator)  # type: ignore[call-overload]
         return _joined([self.mechanism(known), code, settings, t_end, output_step])
 
@@ -139,7 +139,7 @@ def _joined(content: Any) -> str:
     return digest(content)[:20]
 
 
-def _once(known: Known, value: Any, find: Any) -> str:
+def once(known: Known, value: Any, find: Any) -> str:
     """What `find` gives, unless it is known of this very object."""
     if id(value) not in known:
         known[id(value)] = (value, find())
@@ -157,7 +157,7 @@ def _of_parameter(model: Model, name: str, value: Any, known: Known) -> str:
             ) from None
 
     # Defaults live as long as the model does.
-    return _once(known, value, find) if value is model.parameters[name] else find()
+    return once(known, value, find) if value is model.parameters[name] else find()
 
 
 def _of_model(model: Model) -> str:

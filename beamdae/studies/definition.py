@@ -218,7 +218,7 @@ def study(
             raise BeamdaeError(f"study: it must decorate a function, got {shown(function)}.")
         return Study(
             function.__name__,
-            _stated(function),
+            listed_by(function, "cases"),
             references,
             columns,  # type: ignore[arg-type]
             t_end,
@@ -232,8 +232,8 @@ def study(
     return decorate
 
 
-def _stated(function: Callable[[], Iterable[Case]]) -> Any:
-    """What the function of a study lists; its mistakes are told as such."""
+def listed_by(function: Callable[[], Any], what: str) -> Any:
+    """What the function of a study or a sweep lists; its mistakes are told as such."""
     try:
         found = function()
         # A generator is a function still to be run.
@@ -242,5 +242,5 @@ def _stated(function: Callable[[], Iterable[Case]]) -> Any:
         raise
     except BaseException as problem:  # Whatever a user's function does, sys.exit included.
         raise BeamdaeError(
-            f"{function.__name__}: it cannot list its cases, {mistake(problem, 'it')}."
+            f"{function.__name__}: it cannot list its {what}, {mistake(problem, 'it')}."
         ) from problem

@@ -10,6 +10,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, iterated, nearest, shown
 from beamdae.results.headers import Header, observed_columns
+from beamdae.results.selecting import selected
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6
@@ -26,14 +27,19 @@ def column_names(part: str, value: Any) -> tuple[str, ...]:
     return tuple(found)
 
 
-def require_columns(part: str, columns: Sequence[str], present: Sequence[str]) -> None:
-    """Refuse a column that is not observed."""
-    for name in columns:
-        if name not in present:
+def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
+    """The observed columns of such names, see `selected`; refuses what is not observed."""
+    found: dict[str, None] = {}
+    for name in names:
+        try:
+            found |= dict.fromkeys(selected(present, name))
+        except BeamdaeError:
+            known = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
-                f"{part}: no observed column {shown(name)}{nearest(name, present)}, "
+                f"{part}: no observed column {shown(name)}{nearest(name, known)}, "
                 f"the columns are {', '.join(present) or 'none'}."
-            )
+            ) from None
+    return list(found)
 
 
 def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
@@ -48,8 +54,11 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
         If a column does not exist or does not move.
     """
     present = observed_columns(reference)
-    require_columns("compare", columns, present)
-    candidates = list(columns) or [c for c in present if Header.of(c).unit in _POSITIONS] or present
+    candidates = (
+        named_columns("compare", columns, present)
+        or [c for c in present if Header.of(c).unit in _POSITIONS]
+        or present
+    )
     if not candidates:
         raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
     moving = _moving(reference, candidates, 0.0 if columns else _AT_REST)

@@ -17,7 +17,7 @@ from beamdae.results.headers import observed_columns
 from beamdae.results.outcome import Status
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import require_columns
+from beamdae.studies.deviations import named_columns
 from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.plan import Plan
 from beamdae.studies.pool import Executor
@@ -79,6 +79,12 @@ class Results:
     def _task(self, case: Case) -> Task:
         # By identity: what a model refers to may have changed since.
         return self.keys.get(id(case)) or self.study.task(case)
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """By the names of their files; where no error can be asked for there is no summary."""
+        asked = self.study.measures(len(self.study.cases))
+        return {"cases.csv": self.table} | ({"summary.csv": self.summary} if asked else {})
 
     @property
     def failed(self) -> bool:
@@ -242,10 +248,10 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
     if table is not None:
-        require_columns(study.name, study.columns, observed_columns(table))
+        named_columns(study.name, study.columns, observed_columns(table))
 
 
 def _write(results: Results) -> None:
-    for name, table in (("cases", results.table), ("summary", results.summary)):
+    for name, table in results.tables.items():
         text = guarded(table).to_csv(index=False, lineterminator="\n")
-        write_text(results.folder / f"{name}.csv", text)
+        write_text(results.folder / name, text)

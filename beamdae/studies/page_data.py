@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.files import versions
-from beamdae.results.headers import observed_columns
+from beamdae.results.headers import Header, observed_columns
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import deviations
@@ -17,6 +17,7 @@ from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
 from beamdae.studies.references import Reference
+from beamdae.studies.sweeps import Sweep
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.told import SPREAD
 from beamdae.studies.work import Outcome
@@ -24,6 +25,8 @@ from beamdae.studies.work import Outcome
 _ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
+# Before the names of columns that may be called as others are.
+_TOLD = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -48,12 +51,20 @@ _ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
 _ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
-def page(results: Results) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`."""
+def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+    """The page of a study; see `beamdae.report.page.write_page`.
+
+    `told` has a row a case as well: what stands in the place of the parameters.
+    """
     table = results.table
-    parameters = list(table)[1 : list(table).index("group")]
     shown = [c for c in _COLUMNS if c[0] in table]
-    columns = [shown[0], *((str(p), str(p), "", "text") for p in parameters), *shown[1:]]
+    if told is None:
+        parameters = list(table)[1 : list(table).index("group")]
+        further = [(str(p), str(p), "", "text") for p in parameters]
+    else:
+        further = [_told(told, str(name)) for name in told]
+        table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
+    columns = [shown[0], *further, *shown[1:]]
     failed = int((table["status"] != "ok").sum())
     rest = distinct([*results.references, results.study.name])[-1]
     return {
@@ -66,8 +77,15 @@ def page(results: Results) -> dict[str, Any]:
             {"key": k, "label": label, "unit": unit, "kind": kind}
             for k, label, unit, kind in columns
         ],
-        "cases": _cases(results, [c[0] for c in columns], rest),
+        "cases": _cases(results, table, [c[0] for c in columns], rest),
     }
+
+
+def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
+    """Key, label, unit and kind of a column on the page."""
+    unit = Header.of(name).unit if name.endswith("]") else ""
+    is_number = pd.api.types.is_numeric_dtype(table[name])
+    return _TOLD + name, name.removesuffix(f" [{unit}]"), unit, "number" if is_number else "text"
 
 
 def _notes(results: Results) -> list[str]:
@@ -117,17 +135,22 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
     }
 
 
-def _cases(results: Results, keys: list[str], rest: str) -> list[dict[str, Any]]:
+def _cases(
+    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+) -> list[dict[str, Any]]:
     study, ranks = results.study, _ranks(results.study)
     found = []
-    for k, (case, (_, row)) in enumerate(zip(study.cases, results.table.iterrows(), strict=True)):
+    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
         group = str(row["group"])
         reference = results.references.get(group)
-        alone = {"group": rest, "label": f"{group}, {case.label}"}
-        where = alone if reference is None else {"group": group, "label": study.tag(case)}
+        told = reference is not None or isinstance(study, Sweep)
+        where = {
+            "group": rest if reference is None else group,
+            "label": study.tag(case) if told else f"{group}, {case.label}",
+        }
         curves = _curves(results.outcome(case), reference) if k < _MOST_CURVES else None
-        told = _case(case, row, keys, reference)
-        found.append({"id": str(k), "rank": ranks[k], **where, **told, "curves": curves})
+        own = _case(case, row, keys, reference)
+        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
     return found
 
 

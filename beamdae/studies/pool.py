@@ -6,9 +6,10 @@ import os
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
-from typing import Protocol
+from typing import Any, Protocol
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, count, reason, shown
+from beamdae.report.letters import shortened
 from beamdae.results.outcome import Status
 from beamdae.studies.interrupts import Interrupts
 from beamdae.studies.packing import Packed
@@ -19,10 +20,14 @@ from beamdae.studies.workers import Worker, WorkerError, ready
 # A run that has not ended by its own time limit after so many seconds more is killed.
 _GRACE = 60.0
 _TRIES = 2
+# Processes a core that are still of use, where some of them wait.
+_MOST_WORKERS = 16
 # How long outcomes are waited for before interrupts and time limits are looked at [s].
 _MOMENT = 0.1
 # How long a scheduler may take to answer [s].
 _PATIENCE = 10.0
+# Letters of an address that are told.
+_LONGEST_ADDRESS = 80
 
 
 # A task, its outcome, and whether that is to be kept.
@@ -148,21 +153,20 @@ class DaskPool:
     """The workers of a Dask scheduler; a task whose worker dies goes to another one."""
 
     def __init__(self, address: str) -> None:
+        named = f"--scheduler {shortened(address, _LONGEST_ADDRESS)}"
         try:
             from distributed import Client
         except ImportError:
-            raise BeamdaeError(
-                f"--scheduler {address}: it needs Dask, pip install 'beamdae[cluster]'."
-            ) from None
+            raise BeamdaeError(f"{named}: it needs Dask, pip install 'beamdae[cluster]'.") from None
         try:
             self._client = Client(address, timeout=_PATIENCE)
         except (OSError, ValueError) as problem:
             raise BeamdaeError(
-                f"--scheduler {address}: no Dask scheduler answers there ({problem})."
+                f"{named}: no Dask scheduler answers there ({reason(problem)})."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
-            raise BeamdaeError(f"--scheduler {address}: the scheduler has no workers.")
+            raise BeamdaeError(f"{named}: the scheduler has no workers.")
 
     def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
         """(task, outcome, whether it is to be kept) of each task."""
@@ -188,6 +192,26 @@ class DaskPool:
         finally:
             self._client.cancel(list(futures))
             self._client.close()
+
+
+def pool_of(part: str, name: str, workers: Any, scheduler: Any) -> Executor:
+    """The workers of a Dask scheduler, if there is its address, or so many processes here.
+
+    Raises
+    ------
+    BeamdaeError
+        If no scheduler answers there, or `workers`, told as `name`, are none or too many.
+    """
+    if scheduler is not None and not isinstance(scheduler, str):
+        raise BeamdaeError(
+            f"{part}: scheduler must be the address of a Dask scheduler, got {shown(scheduler)}."
+        )
+    most = _MOST_WORKERS * (os.cpu_count() or 1)
+    if workers is not None and count(part, name, workers) > most:
+        raise BeamdaeError(
+            f"{part}: {name} must be at most {most}, {_MOST_WORKERS} a core, got {workers}."
+        )
+    return DaskPool(scheduler) if scheduler else LocalPool(workers)
 
 
 def _cores() -> int:

@@ -7,7 +7,7 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property
 from operator import methodcaller
 from pathlib import Path
 from typing import Any, get_args
@@ -73,9 +73,7 @@ class Store:
                 "sha256": hashlib.sha256(text).hexdigest(),
                 "columns": [str(c) for c in table],
             }
-            shown = self.trajectory(task)
-            load = partial(_table, self.rows(task), shown, rows)
-            outcome = replace(outcome, rows=load, file=shown.name)
+            outcome = replace(outcome, file=self.trajectory(task).name)
         content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
@@ -109,16 +107,16 @@ class Store:
             content = self._content(task)
             if content is None or not _serves(task, content):
                 return None, ""
-            load, file, rows = None, "", content["rows"]
-            if rows is not None:
-                path, shown = self.rows(task), self.trajectory(task)
-                self._show(task, _text(path, shown, rows))
-                load, file = partial(_table, path, shown, rows), shown.name
+            kept = None
+            if content["rows"] is not None:
+                kept = _Kept(self.rows(task), self.trajectory(task), **content["rows"])
+                self._show(task, kept.text())
         except _DamagedError as problem:
             return None, str(problem)
         status = Status(**content["status"])
         values, frames, read = (content[name] for name in ("values", "frames", "read"))
-        return Outcome(status, values, load, frames, read, file), ""
+        file = kept.shown.name if kept else ""
+        return Outcome(status, values, kept, frames, read, file), ""
 
     def _content(self, task: Task) -> dict[str, Any] | None:
         path = self.record(task)
@@ -162,22 +160,36 @@ class Store:
             sweep(folder)
 
 
-def _text(path: Path, shown: Path, rows: dict[str, Any]) -> bytes:
-    """What the file of rows has, known to readers by another name, if it is what was written."""
-    try:
-        text = path.read_bytes()
-    except OSError as problem:
-        raise _DamagedError(f"{shown.name} cannot be read, {problem.strerror}") from None
-    if hashlib.sha256(text).hexdigest() != rows["sha256"]:
-        raise _DamagedError(f"{shown.name} is not what was written")
-    return text
+@dataclass(frozen=True)
+class _Kept:
+    """Rows in a file, known to readers by another name; they are read when they are asked for."""
 
+    path: Path
+    shown: Path
+    sha256: str
+    columns: list[str]
 
-def _table(path: Path, shown: Path, rows: dict[str, Any]) -> pd.DataFrame:
-    try:
-        return from_text(_text(path, shown, rows), rows["columns"])
-    except _DamagedError as problem:
-        raise BeamdaeError(f"{shown.parent}: {problem}.") from None
+    def text(self) -> bytes:
+        """What the file has, if it is what was written."""
+        try:
+            text = self.path.read_bytes()
+        except OSError as problem:
+            raise _DamagedError(f"{self.shown.name} cannot be read, {problem.strerror}") from None
+        if hashlib.sha256(text).hexdigest() != self.sha256:
+            raise _DamagedError(f"{self.shown.name} is not what was written")
+        return text
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The rows."""
+        try:
+            return from_text(self.text(), self.columns)
+        except _DamagedError as problem:
+            raise BeamdaeError(f"{self.shown.parent}: {problem}.") from None
+
+    def __call__(self) -> pd.DataFrame:
+        """See `Outcome.rows`."""
+        return self.table
 
 
 def _serves(task: Task, content: dict[str, Any]) -> bool:
@@ -211,7 +223,7 @@ def _is_record(content: dict[str, Any]) -> bool:
         known
         and status["kind"] in get_args(Kind)
         and all(isinstance(x, plain) for x in content["values"].values())
-        and (rows is None or {"sha256", "columns"} <= set(rows))
+        and (rows is None or set(rows) == {"sha256", "columns"})
     )
 
 

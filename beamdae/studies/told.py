@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from beamdae.errors import BeamdaeError, number, shown, told, unboxed
 from beamdae.results.solution import Solution
 from beamdae.studies.event_columns import event_values
 
@@ -46,6 +47,37 @@ def values(solution: Solution) -> dict[str, Any]:
         "warnings": " ".join(solution.warnings),
         **event_values(solution),
     }
+
+
+def output_values(
+    outputs: Mapping[str, Callable[[Solution], Any]], solution: Solution
+) -> dict[str, Any]:
+    """What functions of a solution, which are a user's own, return by column of the case table.
+
+    Raises
+    ------
+    BeamdaeError
+        If one of them fails, or returns what no table has room for.
+    """
+    found = {}
+    for name, function in outputs.items():
+        try:
+            value = unboxed(function(solution))
+        except Exception as problem:
+            raise BeamdaeError(f"the output {name!r} failed, {told(problem)}.") from problem
+        size = number(value)
+        if size is None and not isinstance(value, (bool, str, type(None))):
+            raise BeamdaeError(
+                f"the output {name!r} must be a number, a truth value, a text or None, "
+                f"got {shown(value)}."
+            )
+        found[output_column(name)] = value if size is None else size
+    return found
+
+
+def output_column(name: str) -> str:
+    """Column of the case table for an output of a sweep."""
+    return f"output {name}"
 
 
 def timings(times: Sequence[float]) -> dict[str, float]:

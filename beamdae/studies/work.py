@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time as clock
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -17,9 +17,8 @@ import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
-from beamdae.parts.mechanism import Mechanism
+from beamdae.report.scene.frames import frames_of
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.shapes import frame_times, shapes
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
@@ -27,7 +26,7 @@ from beamdae.studies.memory import bounded, forget_peak, peak_memory
 from beamdae.studies.packing import Packed, is_plain, packed, packed_around
 from beamdae.studies.reads import Reads, digests, reading, unchanged
 from beamdae.studies.rows import to_text
-from beamdae.studies.told import by_time, timings, values
+from beamdae.studies.told import by_time, output_values, timings, values
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,8 @@ class Task:
         `Case.mechanism`, if that is known.
     name
         For files, of this task alone in its study.
+    outputs
+        Functions of its solution that are told of, by name.
     """
 
     key: str
@@ -77,6 +78,7 @@ class Task:
     animated: bool = False
     mechanism: str = ""
     name: str = ""
+    outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
     def packed(self, known: Packed) -> bytes:
         """The task for another process, the source of its model included; models once."""
@@ -84,7 +86,7 @@ class Task:
         # What else a user defines may refer to what the model does, and has to go along with it.
         own = type(case.integrator).__module__.startswith("beamdae.")
         values = (*case.parameters.values(), *vars(case.integrator).values())
-        apart = own and all(map(is_plain, values))
+        apart = own and not self.outputs and all(map(is_plain, values))
         return packed_around(self, case.model, known) if apart else packed(self)
 
 
@@ -120,10 +122,7 @@ class Outcome:
 
     @property
     def table(self) -> pd.DataFrame | None:
-        """Observed columns, energies and drift by time; None if there was no consistent start.
-
-        Read each time where it is kept: those of a large study would fill the memory.
-        """
+        """Observed columns, energies and drift by time; None if there was no consistent start."""
         return self.rows() if callable(self.rows) else self.rows
 
     @classmethod
@@ -195,23 +194,21 @@ def _performed(task: Task, reads: Reads) -> Outcome:
         solution = solutions[-1]
         times = [s.statistics.wall_time for s in solutions]
         found = values(solution) | timings(times)
+        status = solution.status
+        if status.success:
+            try:
+                found |= output_values(task.outputs, solution)
+            except BeamdaeError as problem:
+                status = Status("failed", str(problem))
         table = by_time(solution)
         text = to_text(table)
-        frames = _frames(task, solution) if task.animated else None
+        frames = frames_of(solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()
     kernels = [str(x.message) for x in seen if issubclass(x.category, KernelWarning)]
     found["warnings"] = " ".join([found["warnings"], *kernels]).strip()
-    return Outcome(solution.status, found, table, frames, text=text)
-
-
-def _frames(task: Task, solution: Solution) -> dict[str, Any] | None:
-    mechanism = task.case.model(**task.case.parameters)
-    if not isinstance(mechanism, Mechanism):
-        return None
-    times = [float(t) for t in frame_times(solution)]
-    return {"t": times, "bodies": shapes(mechanism, solution)}
+    return Outcome(status, found, table, frames, text=text)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as _wait
+from types import ModuleType
 from typing import Any
 
 from beamdae.studies.work import Outcome, perform
@@ -36,7 +37,7 @@ class Worker:
         context = get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), name="beamdae worker")
-        with _no_interrupts(), theirs:
+        with _no_interrupts(), _no_main(), theirs:
             self._process.start()
         self.task: Any = None
         self.deadline: float | None = None
@@ -113,6 +114,17 @@ def _no_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _no_main() -> Iterator[None]:
+    """What is started inside does not run the main program, of which tasks bring what they need."""
+    own = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = own
 
 
 def _ending(code: int | None) -> str:

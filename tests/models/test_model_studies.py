@@ -71,3 +71,24 @@ def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
     (study,) = studies(tmp_path / "mine.py").values()
     assert study.cases[0].model.name == "pendulum"
     assert isinstance(study, bd.Study)
+
+
+@pytest.mark.slow(reason="six runs of the four-bar linkage")
+def test_a_bowed_coupler_bends_more_and_the_torque_grows_with_the_speed(tmp_path):
+    (sweep,) = studies(FOLDER / "crank_speeds.py").values()
+    assert isinstance(sweep, bd.Sweep)
+    assert len(sweep.cases) == 21
+    chosen = [k for k, said in enumerate(sweep.settings) if said["speed"] in (2.0, 5.0, 8.0)]
+    chosen = [k for k in chosen if sweep.settings[k]["rise"] != 0.06]
+    few = replace(
+        sweep,
+        cases=tuple(sweep.cases[k] for k in chosen),
+        settings=tuple(sweep.settings[k] for k in chosen),
+    )
+    table = few(tmp_path).table
+    # As stored, of Radau(1e-7); with the sweep's own rtol they are off by up to 4e-4.
+    torque = [4.44425, 4.40233, 5.01146, 4.80437, 6.03602, 6.04581]
+    deflection = [1.08907e-3, 6.40187e-3, 1.23658e-3, 6.19137e-3, 1.83339e-3, 9.11380e-3]
+    assert_allclose(table["peak torque [N m]"], torque, rtol=1e-3)
+    assert_allclose(table["peak deflection [m]"], deflection, rtol=1e-3)
+    assert np.all(np.diff(table["peak torque [N m]"].to_numpy()[1::2]) > 0.0)

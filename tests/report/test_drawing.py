@@ -7,11 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
+from matplotlib.text import Text
 from numpy.testing import assert_allclose
 from support import ARC, SOFT
 
 import beamdae as bd
+from beamdae.report.scene import poses
+from beamdae.report.scene.bodies import scene_of
 
+SLOW = pytest.mark.slow(reason="half a second and more")
 EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
 
 
@@ -29,8 +33,8 @@ def names(mech):
 
 def arrows(mech):
     """From where to where each arrow goes."""
-    (axis,) = mech.draw().figure.axes
-    return [(np.array(t.xyann), np.array(t.xy)) for t in axis.texts if t.arrow_patch is not None]
+    scene = scene_of(mech, poses.drawn, np.zeros(1))
+    return [line[0] for glyph, line in scene.lines() if glyph.kind == "load"]
 
 
 @pytest.mark.parametrize("make", EVERYTHING.values(), ids=EVERYTHING)
@@ -47,16 +51,15 @@ def test_forces_point_where_they_push_and_end_where_they_act():
     for axes, law, along in [
         ("inertial", (3.0, 0.0), (1.0, 0.0)),
         ("inertial", (lambda t: -t, 0.0), (-1.0, 0.0)),
-        ("body", (0.0, 2.0), None),
+        # The axes of a body are those of the drawing, as it turns them.
+        ("body", (0.0, 2.0), (0.0, 1.0)),
     ]:
         mech, _, beam = mechanism(gravity=(0.0, 0.0))
         place = beam.at(0.7)
         mech.add(bd.Force("load", place, law, axes))
         ((start, end),) = arrows(mech)
         assert_allclose(end, place.point, atol=1e-12)
-        c, s = np.cos(place.inclination), np.sin(place.inclination)
-        wanted = along or (-s, c)
-        assert_allclose((end - start) / np.hypot(*(end - start)), wanted, atol=1e-12)
+        assert_allclose((end - start) / np.hypot(*(end - start)), along, atol=1e-12)
 
 
 def test_names_of_one_place_stand_below_each_other():
@@ -80,9 +83,41 @@ def test_drawings_of_any_size_are_of_one_look():
         bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (scale, 0.0)))
         mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
         figure = mech.draw().figure
-        sizes.append((*figure.get_size_inches(), np.ptp(figure.axes[0].get_xlim()) / scale))
-    # Limits are rounded by nothing but the margins.
+        extent = figure.axes[0].dataLim.get_points() / scale
+        sizes.append((*figure.get_size_inches(), *extent.ravel()))
     assert_allclose(sizes, [sizes[1]] * 3, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "governor",
+        pytest.param("leaf_spring_vehicle", marks=SLOW),
+        pytest.param("quick_return", marks=SLOW),
+    ],
+)
+def test_names_do_not_lie_on_each_other(name):
+    figure = bd.load_model(f"example:{name}")().draw().figure
+    (axis,) = figure.axes
+    figure.draw_without_rendering()
+    # Without the lines that lead to what they name.
+    boxes = [Text.get_window_extent(text) for text in axis.texts if text.get_text()]
+    boxes = np.array([(*box.min, *box.max) for box in boxes])
+    assert len(boxes) >= 9
+    low, high = boxes[:, None, :2], boxes[:, None, 2:]
+    common = np.minimum(high, boxes[None, :, 2:]) - np.maximum(low, boxes[None, :, :2])
+    assert np.array_equal(np.all(common > 0.0, axis=-1), np.eye(len(boxes), dtype=bool))
+    # All are within the picture.
+    assert np.all(boxes[:, :2] > 0.0)
+    assert np.all(boxes[:, 2:] < figure.get_size_inches() * figure.dpi)
+
+
+def test_as_many_names_as_there_are_parts_in_a_dense_drawing():
+    mech = bd.Mechanism()
+    for k in range(20):
+        place = 0.1 * np.cos(k), 0.1 * np.sin(2.0 * k)
+        mech.add(bd.PointMass(f"point number {k}", 1.0, at=place))
+    assert names(mech) == {f"point number {k}" for k in range(20)}
 
 
 def test_what_has_nothing_to_draw_is_refused():

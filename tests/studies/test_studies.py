@@ -623,4 +623,4 @@ def test_frames_of_the_reference_are_kept_for_the_animation(swings):
     assert set(swings.frames) == keys
     frames = swings.frames[SWINGS[0].mechanism()]
     assert json.dumps(frames)
-    assert {body["name"] for body in frames["bodies"]} >= {"bob"}
+    assert {symbol["name"] for symbol in frames["symbols"]} >= {"bob"}

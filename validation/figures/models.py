@@ -9,10 +9,12 @@ import io
 from pathlib import Path
 
 import matplotlib.image as mpimg
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import beamdae as bd
+from beamdae.report.drawing import figure_of_drawing
 
 NAMES = (
     "four_bar",
@@ -27,8 +29,7 @@ COLUMNS = 3
 
 def drawing(name: str):
     """Of a model, as an image."""
-    figure = bd.load_model(f"example:{name}")().draw().figure
-    figure.set_size_inches(5.0, 3.6)
+    figure = figure_of_drawing(bd.load_model(f"example:{name}")(), size=(5.0, 3.6))
     found = io.BytesIO()
     figure.savefig(found, dpi=110, format="png")
     found.seek(0)
@@ -46,8 +47,11 @@ def main() -> None:
         axis.set_axis_off()
     folder = Path(__file__).parent
     figure.savefig(folder / "models.png", dpi=80)
-    run = bd.simulate(bd.load_model("example:four_bar"))
-    run.animate(folder / "four_bar.gif", speed=0.8, frames=50)
+    four_bar = bd.load_model("example:four_bar")
+    # Of a coupler half as thick, which bends far.
+    thin = four_bar(height=0.002, speed=3.0 * np.pi, stiffness=60.0, formulation="exact")
+    run = bd.simulate(thin, bd.Radau(1e-6), t_end=3.0)
+    run.animate(folder / "four_bar.gif", speed=0.6, color="stress", trail="rocker")
 
 
 if __name__ == "__main__":

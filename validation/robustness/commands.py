@@ -173,6 +173,32 @@ COMMANDS: tuple[str, ...] = (
     "compare FILE --out out/model.py",
     "compare FILE --out /proc/nowhere",
     "compare FILE --time-limit -1",
+    "sweep",
+    "sweep nowhere.py",
+    "sweep FILE",
+    "sweep FILE --model sway",
+    "sweep FILE --over mass",
+    "sweep FILE --over mass=",
+    "sweep FILE --over mass=heavy",
+    "sweep FILE --over mass=1,2 --over mass=3",
+    "sweep FILE --over mass=1,2 --set mass=3",
+    "sweep FILE --over mass=1:2",
+    "sweep FILE --over mass=1:2:0",
+    "sweep FILE --over mass=1:2:3:4",
+    "sweep FILE --over mass=1:2:3:4:5",
+    "sweep FILE --over mass=1:nan:3",
+    "sweep FILE --over mass=-1:2:3:log",
+    "sweep FILE --over mass=1:2:99999999999",
+    "sweep FILE --over weight=1",
+    "sweep FILE --over mass=-1,-2",
+    "sweep FILE --over mass=1 --of nothing",
+    "sweep FILE --over mass=1 --integrator euler",
+    "sweep FILE --over mass=1 --step 1e-3",
+    "sweep FILE --over mass=1 --jobs 0",
+    "sweep FILE --over mass=1 --jobs 99999",
+    "sweep FILE --over mass=1 --scheduler nowhere",
+    "sweep FILE --over mass=1 --t-end -1",
+    "sweep FILE --rtol 1e-3",
 )
 
 
@@ -187,7 +213,7 @@ def _run(line: str) -> Seen:
 
     _folder()
     arguments = [FILE if word == "FILE" else word for word in shlex.split(line)]
-    if arguments[:1] in (["run"], ["compare"]) and "--out" not in arguments:
+    if arguments[:1] in (["run"], ["compare"], ["sweep"]) and "--out" not in arguments:
         arguments[1:1] = ["--out", "out"]
     return invoked(arguments)
 

@@ -15,6 +15,7 @@ from robustness.places_periodic import PERIODIC
 from robustness.places_solutions import SOLUTIONS, deep
 from robustness.places_statics import STATICS
 from robustness.places_stresses import STRESSES
+from robustness.places_sweeps import SWEEPS
 from robustness.places_systems import SYSTEMS
 from robustness.world import (
     OUTPUT_STEP,
@@ -230,7 +231,7 @@ RESULTS: dict[str, Base] = {
 
 
 BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
-BASES |= MODELS | INTEGRATING | RESULTS | SOLUTIONS | STATICS | STRESSES | PERIODIC | MODES
+BASES |= MODELS | INTEGRATING | RESULTS | SOLUTIONS | STATICS | STRESSES | PERIODIC | MODES | SWEEPS
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
@@ -246,6 +247,8 @@ NOT_CALLED = {
     "CriticalPoint": "a row of Equilibrium.critical",
     "EquationsOfMotion": "what equations_of_motion gives",
     "Plot": "what plot gives",
+    "Sweep": "what sweep decorates",
+    "SweepResults": "what sweep gives",
     "SavedRun": "what load gives",
 }
 # Arguments users do not give.

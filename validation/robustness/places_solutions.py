@@ -32,6 +32,8 @@ SOLUTIONS: dict[str, Base] = {
             "path": w.folder / "run.gif",
             "speed": 1.0,
             "frames": 3,
+            "color": "M",
+            "trail": True,
         },
         itself,
     ),

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import html
-import json
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from importlib.resources import files
-from importlib.resources.abc import Traversable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.letters import plain
 from beamdae.report.page.stored import stored_curves, stored_frames
+from beamdae.report.page.template import filled
 from beamdae.results.files import write_text
 
 # Each once in the page, one after the other: what they define is known to all of them.
@@ -73,8 +70,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
         - "title", "subtitle"; "made", versions by name; "notes", sentences.
         - "groups", cases that share a reference: "id", "label", "reference" with "methods",
-          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" with
-          times "t" and "bodies" as `beamdae.results.shapes.shapes` gives them.
+          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" as
+          `beamdae.report.scene.frames.frames_of` gives them.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
           and "status". The label of a case (key "label") and its status come first, named or not.
         - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
@@ -100,21 +97,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
 def _rendered(page: Mapping[str, Any]) -> str:
     """The template with everything it refers to in it."""
-    folder = files("beamdae.report.page")
-    data = json.dumps(page, allow_nan=False, separators=(",", ":"))
-    parts = {
-        "title": html.escape(plain(page["title"])),
-        "style": _joined(folder / "style", _STYLES, ".css"),
-        "script": _joined(folder / "script", _SCRIPTS, ".js"),
-        # No tag can begin within the data.
-        "data": data.replace("<", "\\u003c"),
-    }
-    template = folder.joinpath("page.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
-
-
-def _joined(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
+    title = html.escape(plain(page["title"]))
+    return filled("page", _STYLES, _SCRIPTS, page, title=title)
 
 
 def _completed(page: Mapping[str, Any]) -> dict[str, Any]:

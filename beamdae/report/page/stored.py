@@ -24,16 +24,36 @@ _LOGARITHMIC: dict[str, tuple[str, ...]] = {
 
 
 def stored_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Times, and the points of each body in all frames."""
+    """Times, what is seen in all frames, and what colors it may have."""
     if not frames or not frames["t"]:
         return None
-    return {"t": _packed(frames["t"]), "bodies": [_body(body) for body in frames["bodies"]]}
+    return {
+        "t": _packed(frames["t"]),
+        "bodies": [_body(body) for body in frames["bodies"]],
+        "poses": [
+            {axis: _packed(x) for axis, x in pose.items()} for pose in frames.get("poses", ())
+        ],
+        "symbols": list(frames.get("symbols", ())),
+        "colors": [_colors(one) for one in frames.get("colors", ())],
+        "extent": frames.get("extent"),
+    }
+
+
+def _colors(colors: Mapping[str, Any]) -> dict[str, Any]:
+    """A color of beams with the values of all frames one after the other."""
+    values = [
+        {"name": name, "values": _packed(np.ravel(along).tolist())}
+        for name, along in colors["values"].items()
+    ]
+    return {**colors, "values": values}
 
 
 def _body(body: Mapping[str, Any]) -> dict[str, Any]:
     """A body with the points of all frames one after the other."""
     places = {axis: _packed(np.ravel(body[axis]).tolist()) for axis in ("x", "y")}
-    return {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0]), **places}
+    told = {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0])}
+    # Of a trail there is one list of points, seen as far as it has come.
+    return told | places | ({"frames": body["frames"]} if "frames" in body else {})
 
 
 def stored_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -5,14 +5,21 @@ const MISSING = 65535;
 // Where they are is known by their place: names of users may be any.
 function unpackedPage(data) {
   for (const { frames } of data.groups.filter((group) => group.frames)) {
-    unpackIn(frames, ["t"]);
-    for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
+    unpackFrames(frames);
   }
   for (const { curves } of data.cases.filter((one) => one.curves)) {
     unpackIn(curves, ["t"]);
     for (const { key } of PANELS) unpackIn(curves[key], Object.keys(curves[key]));
   }
   return data;
+}
+
+function unpackFrames(frames) {
+  unpackIn(frames, ["t"]);
+  for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
+  for (const pose of frames.poses) unpackIn(pose, ["x", "y", "turn"]);
+  for (const color of frames.colors) for (const along of color.values) unpackIn(along, ["values"]);
+  return frames;
 }
 
 function unpackIn(object, names) {

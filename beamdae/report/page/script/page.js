@@ -13,7 +13,6 @@ function drawHeader() {
     .map((entry) => entry.join(" "))
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
-  byId("speed").replaceChildren(...SPEEDS.map((speed) => html("option", {}, `× ${speed}`)));
 }
 
 function drawReference() {
@@ -33,7 +32,7 @@ function showGroup(group) {
   drawPrecision();
   drawUnplotted();
   drawTable();
-  drawMotion();
+  drawMotion(state.group.frames);
   selectFirst();
   showSelection();
 }
@@ -42,8 +41,7 @@ function listen() {
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
   byId("filter").addEventListener("input", filterTable);
   byId("clear").addEventListener("click", clearSelection);
-  byId("play").addEventListener("click", () => (motion.playing ? pause() : play()));
-  byId("frame").addEventListener("input", (event) => showTime(motion.frames.t[event.target.value]));
+  listenToPlayer();
 }
 
 function start() {

@@ -1,0 +1,60 @@
+"""Where points of bodies are: in the reference drawing, at rows of coordinates, in a mode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from beamdae.equations.owners import owners_of
+from beamdae.equations.section_motions import At, evaluated, place_and_turn
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.mechanism import Mechanism
+
+Array = np.ndarray
+
+# Step of the derivative of places by coordinates, in their natural sizes.
+_STEP = 1e-5
+
+
+class Poses(Protocol):
+    """Places of one body -> (frames, places, 3): x, y [m] and turn since the drawing [rad]."""
+
+    def __call__(self, places: Sequence[Attachment]) -> Array:
+        """Where they are."""
+
+
+def drawn(places: Sequence[Attachment]) -> Array:
+    """One frame: the reference drawing."""
+    return np.array([[(*place.point, 0.0) for place in places]], float).reshape(1, -1, 3)
+
+
+class Moved:
+    """A frame for each row of coordinates of a mechanism."""
+
+    def __init__(self, mechanism: Mechanism, q: Array) -> None:
+        self._owners, self._q = owners_of(mechanism), q
+
+    def __call__(self, places: Sequence[Attachment]) -> Array:
+        """Where they are."""
+        if not sum(place.size for place in places):
+            return np.repeat(drawn(places), len(self._q), axis=0)
+        q = self._q[:, self._owners.slice(places[0].body)]
+        at = [At(place.operator, place.moved) for place in places]
+        return evaluated(place_and_turn, at, q, np.zeros_like(q), np.zeros_like(q))
+
+
+class Vibrating:
+    """Frames of small motions about a state: its poses and Re(phase d/dq poses . shape) more."""
+
+    def __init__(self, mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> None:
+        self._step = _STEP / max(float(np.max(np.abs(shape))), 1e-300)
+        ends = [self._step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
+        self._moved, self._phases = Moved(mechanism, np.concatenate([q[None], q + ends])), phases
+
+    def __call__(self, places: Sequence[Attachment]) -> Array:
+        """Where they are."""
+        rest, *found = self._moved(places)
+        way = (found[0] - found[1] + 1j * (found[2] - found[3])) / (2.0 * self._step)
+        return rest + (way * self._phases[:, None, None]).real

@@ -1,0 +1,293 @@
+"""What became of a sweep: its table, its runs by parameters, its pictures and its page."""
+
+from __future__ import annotations
+
+import html
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    may_be_path,
+    nearest,
+    number,
+    shown,
+    told,
+    unboxed,
+)
+from beamdae.results.files import file_path, guarded, write_text
+from beamdae.studies import engine
+from beamdae.studies.case import text_of
+from beamdae.studies.pool import SerialPool, pool_of
+from beamdae.studies.standing import Standing
+from beamdae.studies.sweep_tables import (
+    REASON,
+    STATUS,
+    TRAJECTORY,
+    Panel,
+    characteristic,
+    observed,
+    panels_of,
+    parameter_column,
+    sweep_table,
+)
+from beamdae.studies.sweeps import Sweep
+from beamdae.studies.swept_run import SweptRun
+
+if TYPE_CHECKING:
+    from beamdae.report.curves import Plot
+
+TABLE = "sweep.csv"
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResults:
+    """What became of a sweep; a notebook shows its table.
+
+    Attributes
+    ----------
+    sweep
+        What was run.
+    results
+        Costs, quality and files of its runs, as those of studies.
+    table
+        One row a case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
+        columns over the run, such as "tip.y max [m]"; wall time, the reason where it did not reach
+        its end, and the file of its rows.
+    """
+
+    sweep: Sweep
+    results: engine.Results
+    table: pd.DataFrame
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether there was an interrupt; a sweep with a folder goes on when it is run again."""
+        return self.results.interrupted
+
+    @cached_property
+    def runs(self) -> list[SweptRun]:
+        """The runs that have rows, in the order of the table, such as for `bd.plot`."""
+        found = []
+        for case, said in zip(self.sweep.cases, self.sweep.settings, strict=True):
+            outcome = self.results.outcome(case)
+            if outcome.table is not None:
+                tag = self.sweep.tag(case)
+                found.append(SweptRun(tag, said, outcome.status, outcome.table))
+        return found
+
+    def run(self, **parameters: Any) -> SweptRun:
+        """The run of such parameters; those that do not vary may be left out.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none with these values, or several, or it has no rows.
+        """
+        known = self.sweep.parameters
+        for name in parameters:
+            if name not in known:
+                raise BeamdaeError(
+                    f"{self.sweep.name}: no parameter {shown(name)}{nearest(name, known)} is "
+                    f"swept, but {', '.join(known)}."
+                )
+        asked = ", ".join(f"{name}={shown(value)}" for name, value in parameters.items())
+        settings = self.sweep.settings
+        rows = [k for k, said in enumerate(settings) if _fits(said, parameters)]
+        if not rows:
+            raise BeamdaeError(
+                f"{self.sweep.name}: no case has {asked}, `table` has all there are."
+            )
+        if len(rows) > 1:
+            raise BeamdaeError(
+                f"{self.sweep.name}: {len(rows)} cases have {asked or 'any values'}, give "
+                f"values of {', '.join(self.sweep.varied)}."
+            )
+        case = self.sweep.cases[rows[0]]
+        outcome = self.results.outcome(case)
+        if outcome.table is None:
+            raise BeamdaeError(
+                f"{self.sweep.name}: the case with {asked} has no rows, "
+                f"{outcome.status.sentence.removesuffix('.')}."
+            )
+        return SweptRun(self.sweep.tag(case), settings[rows[0]], outcome.status, outcome.table)
+
+    def panels(self, *names: str) -> list[Panel]:
+        """What pictures show of names; default what tells most."""
+        headers = observed(self.results, self.sweep)
+        chosen = names or characteristic(self.results, self.sweep)
+        return [panel for name in chosen for panel in panels_of(self.sweep, headers, name)]
+
+    @property
+    def parameters(self) -> list[str]:
+        """Columns of the parameters."""
+        return [parameter_column(self.sweep, name) for name in self.sweep.parameters]
+
+    @property
+    def told(self) -> list[str]:
+        """Columns of what tells most of the runs."""
+        return [column for panel in self.panels() for column in panel.lines.values()]
+
+    def plot(self, *names: str, x: str | None = None) -> Plot:
+        """Draw what is told of the runs over a parameter, a curve for each choice of the others.
+
+        Parameters
+        ----------
+        names
+            Of outputs, of observed columns ("tip.y", all that is told of it), or of one measure
+            ("tip.y max"); default the outputs, or the columns that tell most.
+        x
+            The parameter on the axis; default the one with most values that are numbers.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of a name, or nothing varies.
+        """
+        from beamdae.studies.sweep_pictures import curves
+
+        return curves(self, self.panels(*names), x)
+
+    def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
+        """Draw what is told of the runs in color over two parameters; see `plot`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of a name, or other than two parameters vary.
+        """
+        from beamdae.studies.sweep_pictures import maps
+
+        return maps(self, self.panels(*names), x, y)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table as CSV; headers and texts no spreadsheet takes for formulas.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        text = guarded(self.table).to_csv(index=False, lineterminator="\n")
+        return write_text(file_path("to_csv", path), text)
+
+    def page(self, path: str | Path) -> Path:
+        """Write a page for any browser: the table, and the runs over each other.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        from beamdae.report.page.page import write_page
+        from beamdae.studies.page_data import page
+
+        table = self.table[[*self.parameters, *self.told]]
+        return write_page(file_path("page", path), page(self.results, table))
+
+    def __repr__(self) -> str:
+        return f"<SweepResults of {self._summary}>"
+
+    def _repr_html_(self) -> str:
+        table = self.table.drop(columns=[c for c in self.table if self._empty(str(c))])
+        return f"<b>{html.escape(self._summary)}</b>{table.to_html(max_rows=20, max_cols=16)}"
+
+    def _empty(self, column: str) -> bool:
+        return column in (REASON, TRAJECTORY) and not self.table[column].any()
+
+    @property
+    def _summary(self) -> str:
+        done = int((self.table[STATUS] == "ok").sum())
+        over = ", ".join(self.sweep.varied) or "nothing"
+        return f"{self.sweep.name} over {over}: {len(self.table)} cases, {done} reached their end"
+
+
+def _fits(said: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
+    return all(_same(said[name], unboxed(value)) for name, value in parameters.items())
+
+
+def _same(said: Any, value: Any) -> bool:
+    size, wanted = number(said), number(value)
+    if size is not None and wanted is not None:
+        return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
+    return bool(said == (value if isinstance(value, (bool, str)) else text_of(value)))
+
+
+def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:
+    """The function of a user's own, whose mistakes are told as such."""
+    if progress is None:
+        return None
+    if not callable(progress):
+        raise BeamdaeError(f"{part}: progress must be a function, got {shown(progress)}.")
+
+    def hear(standing: Standing) -> None:
+        try:
+            progress(standing)
+        except Exception as problem:
+            raise BeamdaeError(f"{part}: progress failed, {told(problem)}.") from problem
+
+    return hear
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: str | Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    progress: Callable[[Standing], None] | None,
+) -> SweepResults:
+    """Run a sweep from Python, see `bd.sweep`."""
+    alone = scheduler is None and number(jobs) == 1.0
+    executor = SerialPool() if alone else pool_of(sweep.name, "jobs", jobs, scheduler)
+    hear = _heard(sweep.name, progress)
+    if folder is None:
+        # Kept in memory alone, once it has run.
+        with TemporaryDirectory(prefix="beamdae-") as scratch:
+            found = engine.run(sweep, Path(scratch), executor, hear)
+    else:
+        found = engine.run(sweep, _folder(sweep.name, folder), executor, hear)
+    swept = results_of(found)
+    if folder is None:
+        swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
+    else:
+        swept.to_csv(found.folder / TABLE)
+    sentence = _failures(swept)
+    if sentence:
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
+    return swept
+
+
+def _folder(part: str, given: Any) -> Path:
+    if not isinstance(given, (str, Path)) or not may_be_path(str(given)) or not str(given).strip():
+        raise BeamdaeError(
+            f"{part}: folder must be the path of a folder of results, got {shown(given)}."
+        )
+    return Path(given)
+
+
+def results_of(found: engine.Results) -> SweepResults:
+    """What the engine made of a sweep."""
+    assert isinstance(found.study, Sweep)
+    return SweepResults(found.study, found, sweep_table(found, found.study))
+
+
+def _failures(swept: SweepResults) -> str:
+    """A sentence on the runs that did not reach their end, if there are any."""
+    wrong = swept.table[swept.table[STATUS] != "ok"]
+    if not len(wrong):
+        return ""
+    case = swept.sweep.cases[int(wrong.index[0])]
+    first = f"{swept.sweep.tag(case)}: {str(wrong[REASON].iloc[0]).removesuffix('.')}"
+    return (
+        f"{swept.sweep.name}: {len(wrong)} of {len(swept.table)} runs did not reach their end, "
+        f"the first of them {first}; the table has all reasons."
+    )

@@ -1,0 +1,454 @@
+"""`bd.sweep`: a model over values of its parameters, its table, runs and pictures."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.commands import app
+from beamdae.cli.sweep import listed
+from beamdae.report.page.page import write_page
+from beamdae.studies.page_data import page
+from beamdae.studies.sweep_pictures import Scale
+from beamdae.studies.sweep_tables import MEASURES
+
+ALPHA = bd.GeneralizedAlpha(step=0.02)
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+THIN, THICK = (bd.Section.rectangle(STEEL, width=0.02, height=h) for h in (0.001, 0.002))
+
+
+@bd.model(t_end=0.4)
+def turning(speed=1.0, radius=1.0, section=THIN, color="red", turns=1):
+    """A point that is turned at `speed` [rad/s] from rest, told as x = r cos(w t)."""
+    if radius <= 0.0:
+        raise bd.BeamdaeError(f"turning: radius must be positive, got {radius}.")
+    mech = bd.Mechanism()
+    arm = mech.add(bd.RigidBody("arm", section.area * 1e4, inertia=0.1))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0), lambda t: speed * t))
+    mech.observe("tip", arm.at(radius, 0.0))
+    return mech
+
+
+def swept(over, **settings):
+    given = {"of": "tip.x", "integrator": ALPHA} | settings
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        return bd.sweep(turning, over, **given)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return swept({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
+
+
+# The table ----------------------------------------------------------------------------------------
+
+
+def test_all_combinations_are_rows_and_failures_tell_their_reason(found):
+    assert list(found.table["speed"]) == [4.0] * 3 + [1.0] * 3 + [2.0] * 3
+    assert list(found.table["radius"]) == [0.5, 0.0, 2.0] * 3
+    assert list(found.table["status"]) == ["ok", "failed", "ok"] * 3
+    assert found.table["reason"][1] == "turning: radius must be positive, got 0.0."
+    assert found.table["tip.x max [m]"][[1, 4, 7]].isna().all()
+    assert repr(found) == (
+        "<SweepResults of turning_sweep over speed, radius: 9 cases, 6 reached their end>"
+    )
+    assert "turning_sweep over speed, radius" in found._repr_html_()
+
+
+def test_measures_are_those_of_the_motion(found):
+    ended = found.table[found.table["status"] == "ok"]
+    w, r, t = ended["speed"].to_numpy(), ended["radius"].to_numpy(), 0.4
+    # The driver holds the angle to rounding; the mean is one by trapezoids of 1 ms.
+    assert_allclose(ended["tip.x end [m]"], r * np.cos(w * t), atol=1e-9)
+    assert_allclose(ended["tip.x max [m]"], r, atol=1e-9)
+    assert_allclose(ended["tip.x min [m]"], r * np.cos(w * t), atol=1e-9)
+    mean = r**2 * (0.5 + np.sin(2.0 * w * t) / (4.0 * w * t))
+    assert_allclose(ended["tip.x RMS [m]"], np.sqrt(mean), rtol=1e-6)
+    assert not any(c.startswith("tip.y") for c in found.table)
+
+
+def test_a_root_mean_square_is_one_over_time_and_not_over_rows():
+    t, x = np.array([0.0, 1.0, 1.0, 1.0, 3.0]), np.array([1.0, 1.0, 5.0, 1.0, 1.0])
+    assert MEASURES["RMS"](t, x) == pytest.approx(1.0)
+    assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0
+
+
+def test_functions_of_a_solution_are_columns_of_their_own():
+    outputs = {
+        "swing [m]": lambda run: np.ptp(run["tip.y"]),
+        "far": lambda run: bool(run["tip.x"].iloc[-1] < 0.9),
+        "label": lambda run: run.label,
+        "nothing": lambda run: None,
+    }
+    found = swept({"speed": [1.0, 3.0]}, outputs=outputs, of=())
+    assert list(found.table)[:6] == ["speed", "status", *outputs]
+    assert_allclose(found.table["swing [m]"], np.sin(np.array([0.4, 1.2])), atol=1e-9)
+    assert list(found.table["far"]) == [False, True]
+    assert set(found.table["label"]) == {ALPHA.label}
+    assert found.table["nothing"].isna().all()
+    assert {"tip.y_dot max [m/s]", "tip.angle RMS [rad]"} <= set(found.table)
+
+
+@pytest.mark.parametrize(
+    ("output", "reason"),
+    [
+        (lambda run: run["tipp"], "the output 'peak' failed, BeamdaeError: "),
+        (lambda run: 1 / 0, "the output 'peak' failed, ZeroDivisionError: division by zero."),
+        (lambda run: run["tip.x"], "the output 'peak' must be a number, a truth value, a text or"),
+    ],
+)
+def test_an_output_that_fails_is_a_failed_row(output, reason):
+    table = swept({"speed": [1.0]}, outputs={"peak": output}).table
+    assert table["status"][0] == "failed"
+    assert table["reason"][0].startswith(reason)
+    assert np.isnan(table["peak"][0])
+
+
+# Values -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_values_of_any_kind_are_swept_and_told_by_names():
+    sections = {"thin": THIN, "thick": THICK}
+    found = swept({"section": sections, "turns": [1, 2], "color": ["red"]})
+    assert list(found.table["section"]) == ["thin", "thin", "thick", "thick"]
+    assert found.table["turns"].dtype == int
+    assert found.sweep.varied == ["section", "turns"]
+    assert found.run(section="thick", turns=2).label == "section=thick, turns=2"
+    unnamed = swept({"section": [THIN, THICK]})
+    assert all(x.startswith("Section #") for x in unnamed.table["section"])
+    assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
+
+
+def test_combinations_may_be_listed_and_what_they_leave_open_is_the_models():
+    found = swept([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
+    assert found.table[["speed", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
+    assert swept(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
+
+
+def test_a_function_with_defaults_is_a_model():
+    def plain(speed=1.0):
+        return turning.build(speed)
+
+    found = bd.sweep(plain, {"speed": np.linspace(1.0, 2.0, 2)}, integrator=ALPHA, t_end=0.1)
+    assert found.sweep.name == "plain_sweep"
+    assert list(found.table["status"]) == ["ok", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"over": {"sped": [1.0]}}, "turning: no parameter 'sped' .did you mean 'speed'.., the"),
+        ({"over": {"speed": []}}, "turning_sweep: speed must have at least one value, got none."),
+        ({"over": {"speed": "1,2"}}, "turning_sweep: speed must be a list of values, or a dict"),
+        ({"over": {"speed": 1.0}}, "turning_sweep: speed must be a list of values, or a dict of"),
+        ({"over": {"speed": {1.0, 2.0}}}, "turning_sweep: speed must be a list of values, or a"),
+        ({"over": {"speed": ["fast"]}}, "turning: speed must be of type float, got 'fast'."),
+        ({"over": {"turns": [1.5]}}, "turning: turns must be of type int, got 1.5."),
+        ({"over": {}}, "turning_sweep: over must be a dict of values by parameter, or a list of"),
+        ({"over": [1.0]}, "turning_sweep: over must be a dict of values by parameter, or a list"),
+        ({"of": "tipp"}, "turning_sweep: no observed column 'tipp' .did you mean 'tip"),
+        ({"of": 3}, "turning_sweep: columns must be a list of names of observed columns, got"),
+        ({"outputs": {"speed": len}}, "turning_sweep: 'speed' is a column of its own, name the"),
+        ({"outputs": {"a": 1}}, "turning_sweep: outputs must be a dict of functions of a sol"),
+        ({"outputs": [len]}, "turning_sweep: outputs must be a dict of functions of a solution"),
+        ({"integrator": "ida"}, "sweep: integrator must be Ida"),
+        ({"time_limit": 0.0}, "sweep: time_limit must be positive, got 0."),
+        ({"jobs": 0}, "turning_sweep: jobs must be a whole number of at least 1, got 0."),
+        ({"jobs": 10**6}, "turning_sweep: jobs must be at most"),
+        ({"folder": 3}, "turning_sweep: folder must be the path of a folder of results, got 3."),
+        ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
+        ({"model": 3}, "sweep: model must be a function with parameters that builds a mechanism"),
+        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no end time of its own, give"),
+        ({"over": None, "jobs": 2}, "sweep: folder, jobs, scheduler and progress say how it is"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(given, sentence):
+    call = {"model": turning, "over": {"speed": [1.0]}, "integrator": ALPHA} | given
+    with pytest.raises(bd.BeamdaeError, match=sentence):
+        bd.sweep(**call)
+
+
+# Runs ---------------------------------------------------------------------------------------------
+
+
+def test_runs_are_found_by_their_parameters(found):
+    run = found.run(speed=2, radius=0.5)
+    assert run["tip.x"].iloc[0] == 0.5
+    assert run.label == "speed=2, radius=0.5"
+    assert [one.label for one in found.runs][:2] == ["speed=4, radius=0.5", "speed=4, radius=2"]
+    assert len(found.runs) == 6
+    other = found.run(speed=2.0, radius=2.0)
+    assert_allclose(run.difference(other, "tip.x").iloc[0], -1.5)
+    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0, give values of speed, rad"):
+        found.run(speed=2.0)
+    with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
+        found.run(speed=9.0)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"no parameter 'sped' .did you mean 'speed'.. is swe"
+    ):
+        found.run(sped=9.0)
+    with pytest.raises(bd.BeamdaeError, match=r"has no rows, turning: radius must .*, got 0.0.$"):
+        found.run(speed=2.0, radius=0.0)
+
+
+def test_failures_are_warned_of_once():
+    with pytest.warns(
+        bd.BeamdaeWarning, match="1 of 2 runs did not .* radius=-1: turning: ra"
+    ) as x:
+        bd.sweep(turning, {"radius": [1.0, -1.0]}, integrator=ALPHA)
+    assert len(x) == 1
+    assert x[0].filename == __file__
+
+
+# A decorated sweep, and a folder ------------------------------------------------------------------
+
+
+@bd.sweep(turning, of=["tip.y"], integrator=ALPHA, outputs={"rows": lambda run: len(run.t)})
+def speeds():
+    return {"speed": [1.0, 2.0, 3.0]}
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_a_decorated_function_is_a_sweep_that_runs_when_it_is_called():
+    assert isinstance(speeds, bd.Sweep)
+    assert speeds.name == "speeds"
+    assert list(speeds().table["rows"]) == [401.0] * 3
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path):
+    done = []
+
+    def stop(standing):
+        done.append(standing.done)
+        if standing.done == 2:
+            raise KeyboardInterrupt
+
+    first = speeds(tmp_path, progress=stop)
+    assert first.interrupted
+    assert list(first.table["status"]) == ["ok", "ok", "interrupted"]
+    again = []
+    second = speeds(tmp_path, progress=lambda standing: again.append(standing.done))
+    assert (done, again) == ([0, 1, 2], [2, 3])
+    assert list(second.table["status"]) == ["ok"] * 3
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    assert_allclose(table["tip.y max [m]"], np.sin(0.4 * table["speed"]), atol=1e-9)
+    assert all((tmp_path / name).is_file() for name in table["trajectory"])
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_another_output_is_another_result(tmp_path):
+    speeds(tmp_path)
+    other = replace(speeds, outputs={"rows": lambda run: -len(run.t)})
+    assert list(other(tmp_path).table["rows"]) == [-401.0] * 3
+
+
+SCRIPT = """
+import beamdae as bd
+
+def fall(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0))).point)
+    return mech
+
+deep = {"deep": lambda run: run["ball.y"].min()}
+found = bd.sweep(fall, {"mass": [1.0, 2.0, 3.0]}, t_end=1.0, outputs=deep, jobs=2)
+print(found.table["deep"].round(3).tolist())
+"""
+
+
+@pytest.mark.slow(reason="processes of their own")
+def test_a_script_needs_no_guard_to_run_in_processes(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    ran = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert ran.stdout.splitlines() == ["[-4.905, -4.905, -4.905]"]
+    assert "Traceback" not in ran.stderr
+
+
+# Pictures and the page ----------------------------------------------------------------------------
+
+
+def lines(plot):
+    return [
+        [line for line in axes.lines if line.get_label().startswith("_child")]
+        for axes in plot.figure.axes
+    ]
+
+
+def test_curves_are_joined_in_the_order_of_the_parameter():
+    found = swept({"speed": [4.0, 1.0, 2.0]}, of="tip")
+    plot = found.plot("tip.y")
+    (axes,) = plot.figure.axes
+    assert axes.get_title() == "tip.y"
+    assert len(axes.lines) == len(MEASURES) + 1
+    assert_allclose(axes.lines[1].get_xdata(), [1.0, 2.0, 4.0])
+    assert_allclose(axes.lines[1].get_ydata(), np.sin([0.4, 0.8, 1.6]), atol=2e-3)
+    assert axes.get_xscale() == "log"
+    assert [x.get_title() for x in found.plot("tip.x max", "tip.y end").figure.axes] == [
+        "tip.x max",
+        "tip.y end",
+    ]
+    with pytest.raises(bd.BeamdaeError, match="it tells of nothing called 'tipp'"):
+        found.plot("tipp")
+    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies, but speed"):
+        found.plot(x="radius")
+    with pytest.raises(bd.BeamdaeError, match="a map is drawn over two parameters, and 1 vary"):
+        found.map()
+
+
+def test_two_parameters_are_a_family_of_curves_and_a_map(found):
+    plot = found.plot("tip.x max")
+    (axes,) = plot.figure.axes
+    heights = [line.get_ydata() for line in axes.lines[:3]]
+    assert_allclose(heights[0], [0.5] * 3, atol=1e-9)
+    assert np.isnan(heights[1]).all()
+    # Marks at all speeds, for a radius of 0 is refused at each.
+    assert_allclose(axes.lines[3].get_xdata(), [1.0, 2.0, 4.0])
+    names = [text.get_text() for text in plot.figure.legends[0].get_texts()]
+    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach its end"]
+    colored = found.map("tip.x max").figure.axes[0].collections[0].get_array()
+    assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_what_is_no_number_has_its_place_in_order_and_is_not_joined():
+    found = swept({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
+    (axes,) = found.plot("tip.x max", x="section").figure.axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["thick", "thin"]
+    assert {line.get_linestyle() for line in axes.lines} == {"None"}
+    assert found.map("tip.x max").figure.axes[0].get_xlabel() == "color"
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_ratios_make_a_logarithmic_axis_and_few_pairs_are_dots():
+    found = swept([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
+    assert Scale.of(found, "speed").log
+    assert_allclose(Scale.of(found, "speed").edges(), 10.0 ** np.arange(-1.5, 2.0))
+    (dots,) = found.map("tip.x max").figure.axes[0].collections
+    assert_allclose(dots.get_offsets()[:, 0], [0.1, 1.0, 10.0])
+
+
+def test_pages_lay_the_runs_over_each_other(found, tmp_path):
+    assert found.page(tmp_path / "report.html").stat().st_size > 10_000
+    shown = page(found.results, found.table[["speed", "radius", "tip.x max [m]"]])
+    assert [group["label"] for group in shown["groups"]] == ["turning_sweep"]
+    assert [case["label"] for case in shown["cases"]][:2] == [
+        "speed=4, radius=0.5",
+        "speed=4, radius=0",
+    ]
+    columns = {c["label"]: c for c in shown["columns"]}
+    assert columns["tip.x max"]["unit"] == "m"
+    assert columns["tip.x max"]["kind"] == "number"
+    assert shown["cases"][0]["values"][columns["tip.x max"]["key"]] == pytest.approx(0.5)
+    assert write_page(tmp_path / "again.html", shown).is_file()
+
+
+# The command --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("speed", "1,2.5", [1.0, 2.5]),
+        ("speed", "0.1:0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
+        ("speed", "1e-3:10:5:log", [1e-3, 1e-2, 0.1, 1.0, 10.0]),
+        ("speed", "3:3:1", [3.0]),
+        ("turns", "4:16:4", [4, 8, 12, 16]),
+        ("color", "red, a:b", ["red", "a:b"]),
+        ("at", "(1, 0), (2.0, 3)", [(1, 0), (2.0, 3)]),
+        ("lists", "[[1, 2], [3]],[]", [[[1, 2], [3]], []]),
+    ],
+)
+def test_values_of_the_command_line(name, text, values):
+    more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
+    assert listed(replace(turning, parameters=more), name, text) == values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--over", "speed=1:2"], "--over speed=1:2: values must have the form values with comm"),
+        (["--over", "speed=0:2:3:log"], "both ends must be positive for :log."),
+        (["--over", "turns=1:2:4"], "turns must be of type int, got 1.3333333"),
+        (["--over", "speed"], "--over speed: it must have the form name=value."),
+        (["--over", "speed=1", "--over", "speed=2"], "--over: each parameter once, got speed=1, s"),
+        (["--over", "speed=1", "--set", "speed=2"], "--over speed: it is set by --set as well"),
+        (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
+        ([], "it holds no sweep, say what to vary with --over NAME=VALUES, of the parameters spe"),
+        (["--rtol", "1e-3"], "sweep: --rtol goes with --over, a sweep in a file says that itself"),
+    ],
+)
+def test_mistakes_of_the_command_are_told(arguments, sentence, tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    result = CliRunner().invoke(app, ["sweep", str(path), *arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert sentence in result.output
+
+
+MODEL = """
+import beamdae as bd
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+
+@bd.model(t_end=0.1)
+def swing(speed=1.0, turns=1, section=bd.Section.rectangle(STEEL, width=0.02, height=0.001)):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.RigidBody("bob", 1.0, inertia=0.1, angular_velocity=speed))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    if speed > 5.0:
+        raise ValueError("too fast")
+    return mech
+"""
+SWEEP = """
+
+@bd.sweep(swing, of="bob.y", integrator=bd.GeneralizedAlpha(step=5e-3))
+def speeds():
+    return {"speed": [1.0, 9.0]}
+"""
+
+
+@pytest.mark.slow(reason="processes of their own")
+def test_the_command_writes_table_plots_and_page(tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
+    arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
+    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 0
+    assert "6 cases, 4 of them reached their end" in result.output
+    assert "too fast" in result.output
+    folder = tmp_path / "swing_sweep_speed_turns"
+    files = {file.name for file in folder.iterdir() if file.is_file()}
+    pictures = {f"{name}.{kind}" for name in ("response", "map") for kind in ("png", "svg")}
+    assert files == {"cases.csv", "sweep.csv", "report.html", *pictures}
+    table = pd.read_csv(folder / "sweep.csv")
+    assert list(table["speed"]) == [1.0, 1.0, 5.0, 5.0, 9.0, 9.0]
+    assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
+
+
+@pytest.mark.slow(reason="processes of their own")
+def test_the_command_runs_the_sweep_of_a_file(tmp_path):
+    path = tmp_path / "sweep.py"
+    path.write_text(MODEL + SWEEP)
+    arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
+    assert list(table["status"]) == ["ok", "failed"]
+    again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
+    assert "2 kept from before" in again.output
+    assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")
