@@ -190,10 +190,9 @@ class SweepResults:
             If it cannot be written.
         """
         from beamdae.report.page.page import write_page
-        from beamdae.studies.page_data import page
+        from beamdae.studies.sweep_page import page_of_sweep
 
-        table = self.table[[*self.parameters, *self.told]]
-        return write_page(file_path("page", path), page(self.results, table))
+        return write_page(file_path("page", path), page_of_sweep(self))
 
     def __repr__(self) -> str:
         return f"<SweepResults of {self._summary}>"
