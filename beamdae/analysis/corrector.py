@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from beamdae.analysis.controls import Control, Way
 from beamdae.analysis.loading import LoadedEquations
 from beamdae.analysis.stability import Stability, stability
+from beamdae.equations.travel import Travel
 from beamdae.symbolic.factorizations import Factorization, SingularMatrixError, factorization
 from beamdae.symbolic.sparse_sums import column_of
 
@@ -55,6 +56,11 @@ class Corrector:
 
     system: LoadedEquations
     iterations: int = 0
+
+    @cached_property
+    def travel(self) -> Travel:
+        """How far changes carry things."""
+        return Travel.of(self.system.equations)
 
     @cached_property
     def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
@@ -152,5 +158,4 @@ class Corrector:
         return found
 
     def _size(self, change: Array) -> float:
-        e = self.system.equations
-        return float(np.max(np.abs(change[: e.n] / e.position_scales), initial=0.0))
+        return self.travel.farthest(change[: self.system.equations.n])

@@ -119,8 +119,7 @@ def _unloaded(corrector: Corrector, q: Array) -> Point:
     x = np.append(q, np.zeros(system.equations.m))
     try:
         found = corrector.corrected(LoadControl(), 0.0, x, 0.0)
-        moved = np.abs(found.x - x)[: len(q)] / system.equations.position_scales
-        if np.max(moved, initial=0.0) <= _NEAR:
+        if corrector.travel.farthest((found.x - x)[: len(q)]) <= _NEAR:
             return found
     except StepError:
         pass

@@ -16,6 +16,8 @@ import beamdae
 from beamdae.errors import nearest, reason, shown
 
 _UNEXPECTED = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
+# From Python 3.13 on arguments are suggested as well.
+_SUGGESTED = re.compile(r"\. Did you mean '\w+'\?$")
 
 
 def explained(problem: BaseException, path: Path) -> str:
@@ -26,7 +28,9 @@ def explained(problem: BaseException, path: Path) -> str:
         for frame in traceback.extract_tb(problem.__traceback__)
         if Path(frame.filename) in own
     ]
-    message = reason(problem).replace(".__init__()", "()")
+    message, hint = reason(problem).replace(".__init__()", "()"), _hint(problem)
+    if hint:
+        message = _SUGGESTED.sub("", message)
     if isinstance(problem, SystemExit):
         code = "" if problem.code is None else shown(problem.code)
         message = f"it called sys.exit({code})"
@@ -37,7 +41,7 @@ def explained(problem: BaseException, path: Path) -> str:
         lines, message = [problem.lineno or 1], f"{problem.msg}{where}"
     line = f" at line {lines[-1]}" if lines else ""
     words = f": {message}" if message else ""
-    return f"{type(problem).__name__}{line}{words}{_hint(problem)}"
+    return f"{type(problem).__name__}{line}{words}{hint}"
 
 
 def _hint(problem: BaseException) -> str:

@@ -24,6 +24,7 @@ from beamdae.equations.given_start import started
 from beamdae.equations.owners import Owners, owners_of, places_at
 from beamdae.equations.poles import laws_of
 from beamdae.errors import BeamdaeError, shown
+from beamdae.parts.extent import extent_of
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.memory import require_memory
@@ -80,7 +81,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
         require_pieces_fit(name, quantity.pieces, owners.sizes)
-    length = _extent(np.concatenate(drawn))
+    length = extent_of(np.concatenate(drawn)) or 1.0
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
@@ -121,12 +122,6 @@ def _as_it_is(mechanism: Mechanism) -> Mechanism:
     return kept
 
 
-def _extent(points: Array, otherwise: float = 1.0) -> float:
-    """Largest extent of points (k, 2), or another length where they have none."""
-    extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
-    return extent if extent > 0.0 else otherwise
-
-
 def _part_coordinates(
     parts: Sequence[Part], owners: Owners, length: float
 ) -> tuple[PartCoordinates, ...]:
@@ -135,7 +130,7 @@ def _part_coordinates(
     for part in parts:
         first, count = owners.offsets[id(part)], owners.sizes[id(part)]
         if count:
-            size = _extent(np.asarray(part.outline, float), length)
+            size = extent_of(np.asarray(part.outline, float)) or length
             found.append(PartCoordinates(part.name, slice(first, first + count), size))
     return tuple(found)
 

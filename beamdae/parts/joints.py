@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, keep, one_of
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.parts.extent import extent_of
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, combined_kernel
 from beamdae.symbolic.statements import (
@@ -31,8 +32,7 @@ _MEETING_TOLERANCE = 1e-6
 def allowed_gap(a: Attachment, b: Attachment) -> float:
     """How far apart two points that meet may be drawn [m]: rounding, by their bodies' size."""
     points = np.concatenate([[a.point, b.point], a.body.outline, b.body.outline])
-    extent = float(np.max(np.ptp(points, axis=0)))
-    return _MEETING_TOLERANCE * (extent or max(1.0, float(np.max(np.abs(points)))))
+    return _MEETING_TOLERANCE * (extent_of(points) or max(1.0, float(np.max(np.abs(points)))))
 
 
 def require_meeting(part: str, a: Attachment, b: Attachment) -> None:

@@ -350,7 +350,8 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
     for solver in ("symmetric_problem", "quadratic_problem"):
         monkeypatch.setattr(f"beamdae.analysis.{solver}.ALL_AT_ONCE", 10)
     sparse = bd.modes(mech, n=8)
-    assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-9)
+    # Stretching is 1e9 times as stiff as the lowest mode: rounding of it makes 1e-7 of that.
+    assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-8)
     assert_allclose(np.diag(sparse.mac(dense)), 1.0, rtol=1e-9)
 
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric
 
 import beamdae as bd
+from beamdae.parts.extent import extent_of
 
 nan = float("nan")
 
@@ -161,9 +162,13 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
     assert bd.equations_of_motion(mech).length == 4.0
     mech.add(VARIANTS[0].beam(bd.Line((0.0, 0.0), (-6.0, 0.0))))
     equations = bd.equations_of_motion(mech)
-    assert equations.length == 7.0
+    # From (1, -3) to (-6, 0).
+    extent = equations.length
+    assert extent == pytest.approx(58.0**0.5, rel=1e-15)
+    turned = np.exp(0.8j) * np.array([1.0 + 1.0j, 1.0 - 3.0j, -6.0])
+    assert extent_of(np.array([turned.real, turned.imag]).T) == pytest.approx(extent, rel=1e-15)
     scales = dict(zip(equations.q_names, equations.position_scales, strict=True))
-    assert scales["disk.x"] == scales["beam.y0"] == scales["beam.u1"] == 7.0
+    assert scales["disk.x"] == scales["beam.y0"] == scales["beam.u1"] == extent
     assert scales["disk.angle"] == scales["beam.theta"] == scales["beam.phi3"] == 1.0
 
 

@@ -92,3 +92,35 @@ def test_regression_what_sags_by_many_times_its_size_is_found_at_rest():
     mech.add(bd.TorsionSpring("hold", mech.ground.at(0.0, 0.0), disk.at(0.0, -0.5), 0.1))
     found = bd.equilibrium(bd.equations_of_motion(mech))
     assert_allclose(found.q[-1, 1], -0.5 - 9.81 / 5.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("meter", [0.1, 1.0, 1e3], ids=["10 m", "m", "mm"])
+def test_regression_what_nothing_loads_is_neither_stable_nor_unstable_in_any_unit(meter):
+    """What rounding left of the reaction of the link had a sign, and decided."""
+    mech = bd.Mechanism()
+    ends = (1.063 * meter, -0.183 * meter), (1.13 * meter, 0.944 * meter)
+    bar = mech.add(bd.RigidBody.rod("bar", *ends, mass=1.24))
+    hook = mech.ground.at(0.848 * meter, 0.574 * meter)
+    mech.add(bd.Distance("link", hook, bar.at(*ends[0])))
+    with pytest.warns(bd.BeamdaeWarning, match="it is free to move without stiffness"):
+        found = bd.equilibrium(mech)
+    assert found.unstable.tolist() == [0]
+    assert not found.stable
+
+
+@pytest.mark.parametrize("second", [1.0, 1e-2, 1e3])
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.2])
+def test_regression_an_arm_with_a_short_link_is_found_hanging(turn, second):
+    """Steps on the way to rest hung on units of time and on the axes, and might turn links over."""
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    mech = bd.Mechanism(gravity=tuple(np.array([0.0, -9.81 / second**2]) @ axes))
+    tip, end = (tuple(point @ axes) for point in (np.array([1.0, 0.1]), np.array([1.014, 0.114])))
+    arm = mech.add(bd.RigidBody.rod("arm", (0.0, 0.0), tip, mass=2.0))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    bob = mech.add(bd.PointMass("bob", 0.1, at=end))
+    mech.add(bd.Distance("link", arm.at(*tip), bob.point))
+    found = bd.equilibrium(mech)
+    assert found.status.success
+    assert found.stable
+    x, y = axes @ found.q[-1, -2:]
+    assert_allclose((x, y), (0.0, -np.hypot(1.0, 0.1) - np.hypot(0.014, 0.014)), atol=1e-9)
