@@ -88,11 +88,11 @@ from .parts.surfaces import LineSurface as LineSurface
 from .report.curves import Plot as Plot
 from .report.curves import plot as plot
 from .report.drawing import draw as draw
-from .report.films import Animation as Animation
 from .report.mode_pictures import animate_mode as animate_mode
 from .report.mode_pictures import draw_campbell as draw_campbell
 from .report.mode_pictures import draw_modes as draw_modes
 from .report.motion import animate as animate
+from .report.page.alone import Animation as Animation
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse

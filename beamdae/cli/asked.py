@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli.options import assignments
+from beamdae.cli.options import INTEGRATORS, assignments
 from beamdae.cli.saying import record
 from beamdae.errors import BeamdaeError, one_of
 
@@ -28,12 +28,9 @@ def integrator_of(name: str, options: dict[str, Any]) -> Any:
     """The integrator of a name, with those of the options that are given."""
     from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
 
-    kinds: dict[str, Any] = {
-        "auto": Auto,
-        "ida": Ida,
-        "radau": Radau,
-        "generalized-alpha": GeneralizedAlpha,
-    }
+    kinds: dict[str, Any] = dict(
+        zip(INTEGRATORS, (Auto, Ida, Radau, GeneralizedAlpha), strict=True)
+    )
     kind = kinds[one_of("run", "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli import interrupts, streams
+from beamdae.cli import completion, interrupts, streams
 from beamdae.cli.check import check_command
 from beamdae.cli.compare import compare_command
 from beamdae.cli.draw import draw_command
@@ -55,7 +55,8 @@ def main() -> None:
     try:
         streams.secure()
         _quiet()
-        app(prog_name="beamdae")
+        with completion.words_as_typed():
+            app(prog_name="beamdae")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:

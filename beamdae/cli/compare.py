@@ -12,7 +12,10 @@ from beamdae.cli.options import (
     ModelName,
     Out,
     OutputStep,
+    Parquet,
+    Scheduler,
     Settings,
+    StudyFile,
     TimeLimit,
     assignments,
 )
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def compare_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Study file or model file.")],
+    path: StudyFile,
     settings: Settings = None,
     model_name: ModelName = None,
     time_limit: TimeLimit = None,
@@ -37,13 +40,8 @@ def compare_command(
     workers: Annotated[
         int | None, typer.Option(help="Processes; default one a core.", metavar="N")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
-    parquet: Annotated[
-        bool,
-        typer.Option("--parquet", help="Write trajectories as Parquet as well."),
-    ] = False,
+    scheduler: Scheduler = None,
+    parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, against a reference.

@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
+from beamdae.cli.example_files import PREFIX, example, folder, names
 from beamdae.cli.options import require_writable
 from beamdae.cli.saying import console, record, say_written
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError
 
-PREFIX = "example:"
 # Names the starter has for what it imports.
 _IMPORTED = ("bd", "np")
 
@@ -43,42 +43,6 @@ def NAME(length=1.0, push=0.5, elements=4):
 '''
 
 
-def folder() -> Path:
-    """Where the examples are: in the package, or beside it in a clone."""
-    import beamdae
-
-    package = Path(beamdae.__file__).parent
-    installed = package / "examples"
-    return installed if installed.is_dir() else package.parent / "models"
-
-
-def names() -> list[str]:
-    """Of all examples."""
-    return sorted(file.stem for file in folder().glob("*.py") if file.stem != "__init__")
-
-
-def as_file(path: Path) -> Path:
-    """The path of a model file, which may be `example:NAME`.
-
-    Raises
-    ------
-    BeamdaeError
-        If there is no example of the name.
-    """
-    text = str(path)
-    return _example(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
-
-
-def _example(name: str) -> Path:
-    known = names()
-    if name not in known:
-        raise BeamdaeError(
-            f"{PREFIX}{name}: there is no example {shown(name)}{nearest(name, known)}, "
-            f"the examples are {', '.join(known)}."
-        )
-    return folder() / f"{name}.py"
-
-
 def examples_command() -> None:
     """List the models that come with beamdae: `beamdae run example:NAME` runs one."""
     from beamdae.report import terminal
@@ -99,7 +63,12 @@ def _about(name: str) -> str:
 def new_command(
     path: Annotated[Path, typer.Argument(metavar="MODEL.py", help="File to write.")],
     like: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Example to copy; default a short one.")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Example to copy; default a short one.",
+            autocompletion=lambda: names(),
+        ),
     ] = None,
 ) -> None:
     """Write a model to start from: a short one, or a copy of an example."""
@@ -114,7 +83,7 @@ def new_command(
     require_writable(path.parent, (), "new")
     text = _STARTER.replace("NAME", path.stem)
     if like is not None:
-        text = _example(like.removeprefix(PREFIX)).read_text(encoding="utf-8")
+        text = example(like.removeprefix(PREFIX)).read_text(encoding="utf-8")
     from beamdae.results.files import write_text
 
     screen = console()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.example_files import as_file
+from beamdae.cli.outlines import outline
 from beamdae.cli.saying import console, record
 from beamdae.errors import BeamdaeError
 
@@ -16,20 +17,20 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.studies import Study
 
-# What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study", "sweep", "load_model"}
-
 
 def list_command(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or model file.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="PATH", help="Folder or model file, or example:NAME.")
+    ] = Path(),
 ) -> None:
     """List models with their parameters, and studies with their cases.
 
     Of a folder, files that define neither are left alone: what imports them runs them. Ends with 1
     where a file does not import.
     """
+    path = as_file(path)
     if path.is_dir():
-        files = [file for file in sorted(path.glob("*.py")) if _defines(file)]
+        files = [file for file in sorted(path.glob("*.py")) if outline(file).defines]
     elif path.exists() or path.suffix == ".py":
         files = [path]
     else:
@@ -84,28 +85,3 @@ def _own(model: Model, file: Path, studies: dict[str, Study]) -> bool:
     """Whether a model is that of a file: a study names those of others."""
     source = inspect.unwrap(model.build).__code__.co_filename
     return not studies or Path(source).resolve() == file.resolve()
-
-
-def _defines(file: Path) -> bool:
-    """Whether a file takes from beamdae what defines a model or a study; it is not run."""
-    try:
-        source = file.read_bytes()
-        tree = ast.parse(source)
-    except OSError:
-        return False
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        # Importing it says what is wrong.
-        return b"beamdae" in source
-    packages, names = set(), set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            packages |= {x.asname or x.name for x in node.names if x.name == "beamdae"}
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "beamdae":
-            names |= {x.asname or x.name for x in node.names if x.name in _DEFINING}
-    return any(
-        isinstance(node, ast.Attribute)
-        and isinstance(node.value, ast.Name)
-        and node.value.id in packages
-        and node.attr in _DEFINING
-        for node in ast.walk(tree)
-    ) or bool(names)

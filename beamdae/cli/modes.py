@@ -14,12 +14,20 @@ from beamdae.cli.saying import console, record, say_warnings, say_written
 from beamdae.cli.work import Written
 from beamdae.errors import BeamdaeError, count, one_of
 
+# What modes are about.
+_STATES = ("reference", "equilibrium")
+
 
 def modes_command(
     path: ModelFile,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: Annotated[str, typer.Option(help="reference or equilibrium.")] = "reference",
+    about: Annotated[
+        str,
+        typer.Option(
+            metavar="STATE", help="reference or equilibrium.", autocompletion=lambda: _STATES
+        ),
+    ] = "reference",
     number: Annotated[int, typer.Option("-n", "--number", help="How many modes.")] = 10,
     damping: Annotated[bool, typer.Option(help="Damped modes, or undamped ones.")] = True,
     speed: Annotated[
@@ -41,7 +49,7 @@ def modes_command(
     Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
     """
     model = configured(path, model_name, settings)
-    one_of("modes", "--about", about, ("reference", "equilibrium"))
+    one_of("modes", "--about", about, _STATES)
     speeds, animated = speed or [], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")

@@ -8,15 +8,34 @@ from typing import Annotated
 
 import typer
 
+from beamdae.cli import completion
 from beamdae.errors import BeamdaeError, shown
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Model file, or example:NAME.")]
+ModelFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MODEL.py",
+        help="Model file, or example:NAME.",
+        autocompletion=completion.model_files,
+    ),
+]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which one, where the file holds several.")
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="Which one, where the file holds several.",
+        autocompletion=completion.models,
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Value of a model parameter; repeat."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Value of a model parameter; repeat.",
+        autocompletion=completion.parameters,
+    ),
 ]
 Starts = Annotated[
     list[str] | None,
@@ -24,8 +43,31 @@ Starts = Annotated[
         "--start",
         metavar="HOW",
         help="'as drawn', 'equilibrium' or PART.COORDINATE=VALUE (rates: ..._dot); repeat.",
+        autocompletion=lambda: ["equilibrium"],
     ),
 ]
+INTEGRATORS = ("auto", "ida", "radau", "generalized-alpha")
+IntegratorName = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help=f"{', '.join(INTEGRATORS[:-1])} or {INTEGRATORS[-1]}.",
+        autocompletion=lambda: INTEGRATORS,
+    ),
+]
+StudyFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE.py",
+        help="Study or sweep file, or model file, or example:NAME.",
+        autocompletion=completion.model_files,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://host:8786."),
+]
+Parquet = Annotated[bool, typer.Option("--parquet", help="Write trajectories as Parquet as well.")]
 Out = Annotated[Path, typer.Option(help="Folder to write to.")]
 EndTime = Annotated[float | None, typer.Option(help="End time in seconds; default the model's.")]
 OutputStep = Annotated[

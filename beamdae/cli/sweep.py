@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli import completion
 from beamdae.cli.asked import integrator_of
 from beamdae.cli.options import (
     EndTime,
+    IntegratorName,
     ModelName,
     Out,
     OutputStep,
+    Parquet,
+    Scheduler,
     Settings,
+    StudyFile,
     TimeLimit,
     assignments,
 )
@@ -37,10 +42,14 @@ _DIGITS = 12
 
 
 def sweep_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE.py", help="Model file, or sweep file.")],
+    path: StudyFile,
     over: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=VALUES", help=f"Parameter to vary: {_FORMS}; repeat."),
+        typer.Option(
+            metavar="NAME=VALUES",
+            help=f"Parameter to vary: {_FORMS}; repeat.",
+            autocompletion=completion.parameters,
+        ),
     ] = None,
     of: Annotated[
         list[str] | None,
@@ -48,9 +57,7 @@ def sweep_command(
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
-    integrator: Annotated[
-        str, typer.Option(help="auto, ida, radau or generalized-alpha.")
-    ] = "auto",
+    integrator: IntegratorName = "auto",
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
     time_limit: TimeLimit = None,
@@ -60,13 +67,8 @@ def sweep_command(
         int | None,
         typer.Option("--jobs", "--workers", help="Processes; default one a core.", metavar="N"),
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
-    parquet: Annotated[
-        bool,
-        typer.Option("--parquet", metavar="", help="Write trajectories as Parquet as well."),
-    ] = False,
+    scheduler: Scheduler = None,
+    parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
     """Run a model over values of its parameters, all combinations of them: a table and plots.

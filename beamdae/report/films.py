@@ -1,4 +1,4 @@
-"""Moving pictures: for a notebook, as GIF and as MP4."""
+"""Moving pictures as GIF and as MP4."""
 
 from __future__ import annotations
 
@@ -25,16 +25,6 @@ _WHITE = 240
 
 
 @dataclass(frozen=True)
-class Animation:
-    """Moving pictures a notebook shows."""
-
-    page: str
-
-    def _repr_html_(self) -> str:
-        return self.page
-
-
-@dataclass(frozen=True)
 class Film:
     """A figure that is changed from frame to frame.
 
@@ -53,20 +43,14 @@ class Film:
     frames: int
     rate: float
 
-    def written(self, name: str, path: str | Path | None = None) -> Animation | Path:
-        """The film for a notebook, or in a file; `name` asks for it.
+    def written(self, name: str, path: str | Path) -> Path:
+        """Write it to a file; `name` asks for it.
 
         Raises
         ------
         BeamdaeError
             If the file is of another kind than GIF and MP4 or cannot be written.
         """
-        if path is None:
-            from matplotlib import rc_context
-
-            # What is embedded is never too much: frames are few.
-            with rc_context({"animation.embed_limit": 1000.0}):
-                return Animation(self._moving().to_jshtml(fps=self.rate, embed_frames=True))
         kind = picture_path(name, path).suffix.lower().removeprefix(".")
         if kind not in ("gif", "mp4"):
             raise BeamdaeError(f"{name}: path {path} must end in .gif or .mp4.")
@@ -82,18 +66,12 @@ class Film:
                 named.unlink(missing_ok=True)
         return Path(path)
 
-    def _moving(self) -> Any:
-        from matplotlib.animation import FuncAnimation
-
-        return FuncAnimation(
-            self.figure, self.show, frames=self.frames, interval=1000.0 / self.rate, blit=False
-        )
-
     def _mp4(self, path: Path) -> None:
-        from matplotlib.animation import FFMpegWriter
+        from matplotlib.animation import FFMpegWriter, FuncAnimation
 
         rate: Any = self.rate
-        self._moving().save(str(path), writer=FFMpegWriter(fps=rate), dpi=_DPI)
+        moving = FuncAnimation(self.figure, self.show, frames=self.frames, blit=False)
+        moving.save(str(path), writer=FFMpegWriter(fps=rate), dpi=_DPI)
 
     def _gif(self, path: Path) -> None:
         """Frames share one palette: what does not change between them takes no room."""

@@ -13,9 +13,11 @@ from beamdae.analysis.modes import Modes
 from beamdae.errors import BeamdaeError, count, shown
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.curves import Plot
-from beamdae.report.films import Animation, Film
+from beamdae.report.films import Film
+from beamdae.report.page.alone import Animation, animation
 from beamdae.report.pictures import COLORS, as_written, dressed, wrapped
 from beamdae.report.scene.bodies import scene_of, sections_of
+from beamdae.report.scene.frames import plain_frames
 from beamdae.report.scene.poses import Moved, Poses, Vibrating
 from beamdae.report.scene.scene import Scene
 from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
@@ -139,12 +141,27 @@ def animate_mode(
     shapes = _Shapes("animate_mode", modes)
     k = count("animate_mode", "mode", mode, most=len(modes)) - 1
     number = count("animate_mode", "frames", frames, least=2, most=500)
-    scene = shapes.moved(k, np.exp(2j * np.pi * np.arange(number) / number))
+    # From rest on, as far as the shape is real.
+    phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
+    scene = shapes.moved(k, phases)
+    if path is None:
+        return _in_notebook(scene, number, modes, k)
     figure, axis = plain_stage(frame_of([shapes.still, scene]))
     Stage(axis, shapes.still, pale=True)
     caption(axis).set_text(f"mode {_told(modes, k)}")
     film = Film(figure, Stage(axis, scene).show, number, max(round(number / _PERIOD), 1))
     return film.written("animate_mode", path)
+
+
+def _in_notebook(scene: Scene, frames: int, modes: Modes, k: int) -> Animation:
+    """A period, or two seconds of what has none."""
+    frequency = float(modes.frequencies[k])
+    period = 1.0 / frequency if frequency > 0.0 else _PERIOD
+    low, high = scene.extent()
+    width, height = (high - low).tolist()
+    times = np.arange(frames) * period / frames
+    shown_as = plain_frames(scene, times)
+    return animation(shown_as, (width, height), f"mode {_told(modes, k)}", period / _PERIOD, False)
 
 
 def draw_campbell(found: Campbell) -> Plot:

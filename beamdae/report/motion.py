@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, count, positive, shown
-from beamdae.report.films import Animation, Film
+from beamdae.report.films import Film
+from beamdae.report.page.alone import Animation, animation
+from beamdae.report.scene.frames import colors_of, plain_frames
 from beamdae.report.scene.looks import look_of
 from beamdae.report.scene.of_run import scene_of_run
 from beamdae.report.scene.painted import Painted, painted
@@ -76,6 +78,11 @@ def animate(
     rate = float(np.clip((number - 1) / lasts, 0.1, _FASTEST)) if lasts > 0.0 else 1.0
     times = frame_times(solution, number)
     scene = scene_of_run("animate", solution, times, trail)
+    if path is None:
+        frames_shown = plain_frames(scene, times, colors_of(solution, times, color))
+        low, high = scene.extent()
+        width, height = (high - low).tolist()
+        return animation(frames_shown, (width, height), "", speed, color is not None)
     colors = None if color is None else painted("animate", solution, color, times)
     return _film(scene, colors, _captions(times, speed), rate).written("animate", path)
 

@@ -1,5 +1,6 @@
 """A run in a notebook: its card, its columns, curves and moving pictures."""
 
+import json
 import pickle
 import re
 
@@ -209,8 +210,18 @@ def test_moving_pictures_last_as_long_as_the_motion(run, tmp_path):
 
 
 def test_moving_pictures_in_a_notebook(run):
-    page = run.animate(frames=2)._repr_html_()
-    assert len(re.findall(r'frames\[\d+\] = "data:image/png', page)) == 2
+    shown = run.animate(frames=3, speed=0.5, color="M", trail="tip")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', shown.page, re.DOTALL)[1])
+    assert data["speed"] == 0.5
+    assert data["colored"]
+    colors = [color["title"] for color in data["frames"]["colors"]]
+    assert colors == ["bending moment M [N m]", "largest stress [kPa]"]
+    kinds = {body["kind"]: body["points"] for body in data["frames"]["bodies"]}
+    # Ten points a frame.
+    assert kinds == {"trail": 21, "beam": 49}
+    page = shown._repr_html_()
+    assert page.startswith("<iframe srcdoc=")
+    assert page.count("<") == 2
 
 
 @pytest.mark.parametrize(

@@ -137,3 +137,30 @@ def test_beams_are_colored_by_what_they_bear(show, swing):
     choice.select_option("none")
     assert len(paths(tab, ".body.beam")) == 1
     assert bar.count() == 0
+
+
+@pytest.mark.parametrize("width", [1366, 390])
+def test_a_notebook_shows_a_player_of_its_own_height(browser, tmp_path, swing, width):
+    solution, _ = swing
+    shown = solution.animate(speed=0.25, color="stress", frames=11)
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<!DOCTYPE html><body>{shown._repr_html_()}</body>", encoding="utf-8")
+    tab = browser.new_page(viewport={"width": width, "height": 800})
+    complaints = []
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda problem: complaints.append(str(problem)))
+    tab.goto(path.as_uri())
+    inside = tab.frame_locator("iframe")
+    assert inside.locator("#play").inner_text() == "Pause"
+    assert inside.locator("#speed").input_value().endswith(" 0.25")
+    assert inside.locator("#color").input_value() == "largest stress [MPa]"
+    tab.wait_for_function("document.querySelector('iframe').contentDocument.body.scrollHeight > 0")
+    high = "f => f.contentDocument.documentElement.scrollHeight - f.clientHeight"
+    assert abs(tab.locator("iframe").evaluate(high)) <= 1
+    wide = "f => f.contentDocument.documentElement.scrollWidth - f.clientWidth"
+    assert tab.locator("iframe").evaluate(wide) <= 0
+    inside.locator("#play").click()
+    inside.locator("#frame").fill("10")
+    assert inside.locator("#time").inner_text() == "t = 0.4 s"
+    assert complaints == []
+    tab.close()

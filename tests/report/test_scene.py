@@ -93,8 +93,9 @@ def test_a_beam_is_drawn_through_sections_of_equal_arc_length():
 
 def test_parts_look_as_their_kinds_do():
     found = seen(run(slider_crank()))
-    assert {kind for part, kind in found if part == "bearing"} == {"ground", "joint"}
+    assert {kind for part, kind in found if part == "bearing"} == {"joint"}
     for part, kind in [
+        ("ground", "ground"),
         ("crank", "rigid"),
         ("rod", "beam"),
         ("slider", "point"),
@@ -223,6 +224,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
         assert inside.min() < piston[frame, 0, axis] < inside.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_guides_are_as_long_as_the_way_that_is_gone():
     solution = run(slider_crank(), t_end=1.0)
     guide = seen(solution)["guide", "guide"]
@@ -232,6 +234,7 @@ def test_guides_are_as_long_as_the_way_that_is_gone():
     assert ends[1] > x.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_what_rolls_shows_that_it_turns():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.5, (0.0, 1.0), velocity=(2.0, 0.0)))
@@ -257,6 +260,7 @@ def test_arrows_are_as_long_as_their_load_is_of_its_largest():
     assert_allclose(length[1:] / length[-1], np.linspace(0.0, 1.0, FRAMES)[1:], rtol=1e-12)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_loads_by_laws_of_the_motion_point_where_they_push():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.5)))
@@ -265,22 +269,3 @@ def test_loads_by_laws_of_the_motion_point_where_they_push():
     way = arrow[:, 1] - arrow[:, 0]
     assert_allclose(way[:, 1] / way[:, 0], 0.5, rtol=1e-9)
     assert np.all(way[:, 0] < 0.0)
-
-
-def test_trails_are_where_the_point_has_been():
-    mechanism = pendulum(elements=1)
-    solution = run(mechanism)
-    trail = seen(solution, trail="tip")["tip", "trail"]
-    x = solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
-    # Ten points a frame.
-    assert_allclose(trail[-1, ::10], x, atol=1e-12)
-    assert_allclose(trail[4, :41], trail[-1, :41], atol=1e-15)
-    assert np.isnan(trail[4, 41:]).all()
-    assert {part for part, kind in seen(solution, trail=True) if kind == "trail"} == {
-        "tip",
-        "frame",
-    }
-    with pytest.raises(
-        bd.BeamdaeError, match=r"trail must be .*'top' is none \(did you mean 'tip'"
-    ):
-        seen(solution, trail=["top"])

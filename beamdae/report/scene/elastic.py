@@ -16,6 +16,8 @@ from beamdae.report.scene.symbols import grounded, middle, symbol, travel
 Array = np.ndarray
 
 _COILS, _WINDINGS, _TICKS = 6, 2.25, 36
+# Of the shortest length, the longest one at which a cup still ends before the other point.
+_STROKE = 1.35
 
 
 @symbol.register
@@ -53,15 +55,21 @@ def _coil(end: float, stub: float, side: float, size: float) -> Array:
 
 
 def _dashpot(end: float, shortest: float, longest: float, side: float, size: float) -> Array:
-    """A cup of the first point and a piston of the other that stays inside, as above."""
-    half, bottom, rod = 0.42 * size, 0.3 * shortest, 0.5 * shortest
-    mouth = longest - rod + 0.15 * shortest
+    """A cup of the first point and a piston of the other that stays inside, as above.
+
+    Both keep their lengths, unless the way is too long for that.
+    """
+    half = 0.42 * size
+    bottom, piston = (0.0, 0.3 * shortest), (1.0, -0.5 * shortest)
+    mouth = (0.0, longest - 0.35 * shortest)
+    if longest > _STROKE * shortest:
+        bottom, piston, mouth = (0.3, 0.0), (0.5, 0.0), (0.7, 0.0)
     cup = [(mouth, half), (bottom, half), (bottom, -half), (mouth, -half)]
     lines = [
-        [(0.0, end, side), (0.0, bottom, side)],
-        [(0.0, x, side + y) for x, y in cup],
-        [(1.0, -rod, side - 0.75 * half), (1.0, -rod, side + 0.75 * half)],
-        [(1.0, -rod, side), (1.0, -end, side)],
+        [(0.0, end, side), (*bottom, side)],
+        [(*at, side + y) for at, y in cup],
+        [(*piston, side - 0.75 * half), (*piston, side + 0.75 * half)],
+        [(*piston, side), (1.0, -end, side)],
     ]
     return broken(*map(np.array, lines))
 

@@ -5,16 +5,17 @@ const MISSING = 65535;
 // Where they are is known by their place: names of users may be any.
 function unpackedPage(data) {
   for (const { frames } of data.groups.filter((group) => group.frames)) {
-    unpackIn(frames, ["t"]);
-    for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
-    for (const pose of frames.poses) unpackIn(pose, ["x", "y", "turn"]);
-    for (const color of frames.colors) for (const along of color.values) unpackIn(along, ["values"]);
-  }
-  for (const { curves } of data.cases.filter((one) => one.curves)) {
-    unpackIn(curves, ["t"]);
-    for (const { key } of PANELS) unpackIn(curves[key], Object.keys(curves[key]));
+    unpackFrames(frames);
   }
   return data;
+}
+
+function unpackFrames(frames) {
+  unpackIn(frames, ["t"]);
+  for (const body of frames.bodies) unpackIn(body, ["x", "y"]);
+  for (const pose of frames.poses) unpackIn(pose, ["x", "y", "turn"]);
+  for (const color of frames.colors) for (const along of color.values) unpackIn(along, ["values"]);
+  return frames;
 }
 
 function unpackIn(object, names) {
@@ -33,6 +34,14 @@ function unpacked(value) {
 // What an object has itself: a name may be that of something all objects have.
 function own(object, name) {
   return object && Object.hasOwn(object, name) ? object[name] : undefined;
+}
+
+// Of curves, once they are drawn.
+const unpackedValues = new WeakMap();
+
+function valuesOf(value) {
+  if (value && !unpackedValues.has(value)) unpackedValues.set(value, unpacked(value));
+  return value && unpackedValues.get(value);
 }
 
 function decoded(code, { low, step, log }) {

@@ -1,7 +1,7 @@
 // The mechanism, drawn at one time: curves, and symbols that move with poses.
 
 const LAYERS = [
-  ["ground", "guide", "surface", "gear", "wheel"],
+  ["ground", "guide", "surface", "gear", "wheel", "trail"],
   ["rigid"],
   ["beam", "link", "spring", "damper", "sleeve"],
   ["point"],
@@ -37,9 +37,9 @@ function layerOf(kind) {
 
 // From places to the drawing, in which all that is ever seen has room.
 function placing(frames, glyphs) {
-  const points = frames.t.flatMap((_, frame) => glyphs.flatMap((glyph) => known(line(glyph, frame, frames))));
-  const [left, right] = extent([points.map(([x]) => x)]);
-  const [bottom, top] = extent([points.map(([, y]) => y)]);
+  const corners = frames.extent ?? frames.t.flatMap((_, k) => glyphs.flatMap((glyph) => line(glyph, k, frames)));
+  const [left, right] = extent([known(corners).map(([x]) => x)]);
+  const [bottom, top] = extent([known(corners).map(([, y]) => y)]);
   const [width, margin] = [420, 26];
   const tall = Math.min(Math.max((width * (top - bottom)) / (right - left || 1), 180), 400);
   const zoom = Math.min(
@@ -57,6 +57,7 @@ function placing(frames, glyphs) {
 // Where the points of a glyph are; null where its line breaks.
 function line(glyph, frame, { poses }) {
   if (glyph.x) return curvePoints(glyph, frame);
+  if (glyph.absent?.includes(frame)) return [];
   const [a, b] = [glyph.at, glyph.to].map((k) => poseAt(poses[k], frame));
   if (known([...a, ...b]).length < 6) return [];
   const way = Math.atan2(b[1] - a[1], b[0] - a[0]);
@@ -70,9 +71,12 @@ function line(glyph, frame, { poses }) {
   });
 }
 
-function curvePoints({ x, y, points }, frame) {
-  return Array.from({ length: points }, (_, k) => {
-    const at = frame * points + k;
+// Of a trail all points are stored once, and seen as far as it has come.
+function curvePoints({ kind, x, y, points, frames }, frame) {
+  const trail = kind === "trail";
+  const length = trail ? 1 + Math.round((frame / (frames - 1)) * (points - 1)) : points;
+  return Array.from({ length }, (_, k) => {
+    const at = trail ? k : frame * points + k;
     return x[at] === null || y[at] === null ? null : [x[at], y[at]];
   });
 }

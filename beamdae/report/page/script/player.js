@@ -3,13 +3,13 @@
 const SPEEDS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
 const motion = { frames: null, draw: null, time: 0, playing: false, last: 0 };
 
-function drawMotion() {
+function drawMotion(frames, color = null) {
   pause();
-  motion.frames = state.group.frames;
+  motion.frames = frames;
   const single = !motion.frames || motion.frames.t.length < 2;
   byId("player").hidden = single;
   if (!motion.frames) return byId("stage").replaceChildren(empty("No animation of this model."));
-  drawStage(null);
+  drawStage(color);
   byId("frame").max = motion.frames.t.length - 1;
   const duration = motion.frames.t.at(-1) - motion.frames.t[0];
   const away = (speed) => Math.abs(Math.log(duration / speed / 6));
@@ -61,4 +61,10 @@ function play() {
 function pause() {
   motion.playing = false;
   byId("play").textContent = "Play";
+}
+
+function listenToPlayer() {
+  byId("speed").replaceChildren(...SPEEDS.map((speed) => html("option", {}, `× ${shown(speed, 3)}`)));
+  byId("play").addEventListener("click", () => (motion.playing ? pause() : play()));
+  byId("frame").addEventListener("input", (event) => showTime(motion.frames.t[event.target.value]));
 }

@@ -1,0 +1,125 @@
+"""What shells offer after Tab, and that no model is run for it."""
+
+from pathlib import Path
+
+import pytest
+from terminals import process
+
+from beamdae.cli import completion
+from beamdae.cli.example_files import names
+from beamdae.cli.outlines import outline
+
+SOURCE = '''
+import pathlib
+
+pathlib.Path("ran").touch()
+
+import beamdae as bd
+from beamdae import model as m
+
+
+@bd.model(t_end=1.0)
+def arm(length=1.0, kind="exact", *, speed=2 * 3.14, needed):
+    """One."""
+
+
+@m(t_end=2.0)
+def leg(mass=2.0):
+    """Another."""
+
+
+@bd.study()
+def all_of_them():
+    return []
+
+
+@bd.measure
+def no_model(depth=1):
+    return {}
+'''
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(SOURCE, encoding="utf-8")
+    Path("notes.txt").touch()
+    Path("sub").mkdir()
+    Path("sub/other.py").touch()
+    Path("empty").mkdir()
+    return tmp_path
+
+
+def test_an_outline_is_read_and_not_run(here):
+    found = outline(Path("model.py"))
+    assert found.defines
+    assert found.models == {
+        "arm": {"length": "1.0", "kind": "'exact'", "speed": "2 * 3.14", "needed": ""},
+        "leg": {"mass": "2.0"},
+    }
+    assert found.studies == ("all_of_them",)
+    assert not outline(Path("sub/other.py")).defines
+    assert not outline(Path("gone.py")).defines
+    assert not Path("ran").exists()
+
+
+def test_model_files_folders_and_examples(here):
+    assert completion.model_files("") == ["model.py", "empty/", "sub/"]
+    assert completion.model_files("sub/") == ["sub/other.py"]
+    assert completion.model_files("./mo") == ["./model.py"]
+    # Where there is no model file the shell offers what it has.
+    for typed in ("empty/", "no", "gone/", "sub"):
+        assert completion.model_files(typed) == []
+    assert completion.model_files("exam") == [f"example:{name}" for name in names()]
+
+
+def test_parameters_and_models_of_the_file_that_is_given(here, monkeypatch):
+    monkeypatch.delenv("COMP_WORDS", raising=False)
+    line = "_TYPER_COMPLETE_ARGS"
+    monkeypatch.setenv(line, "beamdae run model.py --set ")
+    offered = [word for word, _ in completion.parameters()]
+    # What a shell would take apart is left to be typed.
+    assert offered == ["length=1.0", "kind=exact", "speed=", "needed=", "mass=2.0"]
+    monkeypatch.setenv(line, "beamdae run model.py --model leg --set ")
+    assert completion.parameters() == [("mass=2.0", "default 2.0")]
+    assert completion.models() == ["arm", "leg", "all_of_them"]
+    for other in ("", "run gone.py", "run example:gone", "run 'open model.py"):
+        monkeypatch.setenv(line, other)
+        assert completion.parameters() == [] or "open" in other
+    assert not Path("ran").exists()
+
+
+# What bash takes for words, the last of which is under way, and what it is to replace that by.
+BASH = {
+    "command": (["beamdae", "mod"], "modes"),
+    "example": (["beamdae", "run", "example", ":", "gov"], "governor"),
+    "parameter": (["beamdae", "run", "model.py", "--set", "le"], "length=1.0"),
+    "value": (["beamdae", "run", "model.py", "--set", "mass", "="], "2.0"),
+    "of an example": (["beamdae", "run", "example", ":", "governor", "--set", "to"], "torque=0.6"),
+    "option": (["beamdae", "run", "model.py", "--integrator", "=", "ra"], "radau"),
+    "file": (["beamdae", "check", "mo"], "model.py"),
+    "of the shell": (["beamdae", "run", "model.py", "--out", "e"], ""),
+}
+
+
+@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.parametrize(("words", "offered"), BASH.values(), ids=BASH)
+def test_bash_completes_words_it_takes_apart(here, words, offered):
+    told = {"COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
+    command = process(environment={"_BEAMDAE_COMPLETE": "complete_bash", **told})
+    output, errors = command.communicate(timeout=60)
+    assert (command.returncode, errors) == (0, "")
+    assert output.split() == offered.split()
+    assert not Path("ran").exists()
+
+
+@pytest.mark.slow(reason="a process of the command")
+def test_completion_is_installed_for_the_shell_that_is_named(here):
+    command = process(
+        "--install-completion",
+        "bash",
+        environment={"HOME": str(here), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
+    )
+    _, errors = command.communicate(timeout=60)
+    assert command.returncode == 0, errors
+    assert "_BEAMDAE_COMPLETE" in Path(".bash_completions/beamdae.sh").read_text()
