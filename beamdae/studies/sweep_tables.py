@@ -66,7 +66,7 @@ def observed(results: Results, sweep: Sweep) -> list[str]:
 
 
 def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
-    """One row a case: parameters, status, outputs, measures of observed columns, reason.
+    """One row a case: parameters, status, outputs, measures of observed columns, reason, warnings.
 
     What is told of a run is there where it reached its end.
     """
