@@ -213,8 +213,11 @@ def test_regression_what_a_run_warns_of_is_told():
     assert list(found.table["status"]) == ["ok", "ok"]
     assert list(found.table["warnings"] != "") == [False, True]
     assert "warnings" in found._repr_html_()
+    assert found.run(height=0.1).warnings == ()
+    assert "strip" in found.run(height=0.01).warnings[0]
 
 
+@pytest.mark.slow(reason="many small runs")
 def test_a_decorated_function_is_a_sweep_that_runs_when_it_is_called():
     assert isinstance(speeds, bd.Sweep)
     assert speeds.name == "speeds"
@@ -270,23 +273,3 @@ def test_a_script_needs_no_guard_to_run_in_processes(tmp_path):
     )
     assert ran.stdout.splitlines() == ["[-4.905, -4.905, -4.905]"]
     assert "Traceback" not in ran.stderr
-
-
-@bd.model(t_end=0.3)
-def bent(push=1.0):
-    """A strip that is pushed farther than its strains are good for."""
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), THIN, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("push", beam.end, (0.0, push)))
-    mech.observe("tip", beam.end)
-    return mech
-
-
-@pytest.mark.slow(reason="two runs of a beam")
-def test_rows_tell_what_their_runs_warn_of():
-    found = bd.sweep(bent, {"push": [1e-3, 20.0]}, integrator=bd.Radau(1e-4))
-    assert list(found.table["warnings"] != "") == [False, True]
-    assert found.run(push=1e-3).warnings == ()
-    (sentence,) = found.run(push=20.0).warnings
-    assert "strip" in sentence
