@@ -103,12 +103,14 @@ def test_values_of_any_kind_are_swept_and_told_by_names():
     assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
 
 
+@pytest.mark.slow(reason="many small runs")
 def test_combinations_may_be_listed_and_what_they_leave_open_is_the_models():
     found = swept([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
     assert found.table[["speed", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
     assert swept(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
 
 
+@pytest.mark.slow(reason="many small runs")
 def test_a_function_with_defaults_is_a_model():
     def plain(speed=1.0):
         return turning.build(speed)

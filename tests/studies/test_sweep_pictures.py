@@ -19,6 +19,7 @@ def found():
     return swept({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
 
 
+@pytest.mark.slow(reason="many small runs")
 def test_curves_are_joined_in_the_order_of_the_parameter():
     found = swept({"speed": [4.0, 1.0, 2.0]}, of="tip")
     plot = found.plot("tip.y")
