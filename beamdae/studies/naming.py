@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 # File systems have room for 255 bytes, paths for less than one likes.
 _LONGEST = 120
@@ -12,21 +12,28 @@ _LONGEST = 120
 _ODD = re.compile(r"[^\w=.+]+")
 
 
-def distinct(names: Iterable[str], form: str = "{} ({})") -> list[str]:
-    """The names, with a number to those that have been there before, in whatever case."""
-    found: dict[str, str] = {}
-    for name in names:
-        number, new = 1, name
-        while new.casefold() in found:
-            number += 1
-            new = form.format(name, number)
-        found[new.casefold()] = new
-    return list(found.values())
+def distinct(names: Iterable[str]) -> list[str]:
+    """The names, with a number to those that have been there before."""
+    return _numbered(names, "{} ({})", str)
 
 
 def file_names(cases: Iterable[tuple[str, str]]) -> list[str]:
-    """Names of files, without suffix, by model with parameters and integrator of each case."""
-    return distinct([_file_name(*names) for names in cases], "{}-{}")
+    """Names of files, without suffix, by model with parameters and integrator of each case.
+
+    In file systems that do not tell capitals from small letters as well.
+    """
+    return _numbered((_file_name(*names) for names in cases), "{}-{}", str.casefold)
+
+
+def _numbered(names: Iterable[str], form: str, seen_as: Callable[[str], str]) -> list[str]:
+    found: dict[str, str] = {}
+    for name in names:
+        number, new = 1, name
+        while seen_as(new) in found:
+            number += 1
+            new = form.format(name, number)
+        found[seen_as(new)] = new
+    return list(found.values())
 
 
 def _file_name(group: str, label: str) -> str:
@@ -39,5 +46,10 @@ def _plain(text: str) -> str:
 
 
 def _cut(text: str, most: int) -> str:
-    """As much of it as fits into so many bytes."""
-    return text.encode()[:most].decode(errors="ignore").rstrip("-.")
+    """The text in so many bytes: of a long one both ends, for what differs may be in either."""
+    whole = text.encode()
+    if len(whole) <= most:
+        return text
+    half = (most - 2) // 2
+    ends = whole[:half], whole[-half:]
+    return "--".join(end.decode(errors="ignore").strip("-.") for end in ends)

@@ -234,7 +234,7 @@ def test_trajectories_are_named_by_their_case(run):
 def test_names_of_trajectories_do_for_any_file_system():
     method = "Ida(rtol=0.0001)"
     notes = ["a/b\\c:*?\n\ud800", "a b c", "A B C", "\u00fcber \u6881", "u\u0308ber \u6881"]
-    notes += ["x" * 300, "x" * 300 + "y", "", "."]
+    notes += ["x" * 300, "x" * 300 + "y", "x" * 301, "", "."]
     found = file_names((f"swing(note={note})", method) for note in notes)
     assert found == [
         "swing-note=a-b-c-Ida-rtol=0.0001",
@@ -242,8 +242,9 @@ def test_names_of_trajectories_do_for_any_file_system():
         "swing-note=A-B-C-Ida-rtol=0.0001-3",
         "swing-note=\u00fcber-\u6881-Ida-rtol=0.0001",
         "swing-note=\u00fcber-\u6881-Ida-rtol=0.0001-2",
-        f"swing-note={'x' * 94}-Ida-rtol=0.0001",
-        f"swing-note={'x' * 94}-Ida-rtol=0.0001-2",
+        f"swing-note={'x' * 40}--{'x' * 51}-Ida-rtol=0.0001",
+        f"swing-note={'x' * 40}--{'x' * 50}y-Ida-rtol=0.0001",
+        f"swing-note={'x' * 40}--{'x' * 51}-Ida-rtol=0.0001-2",
         "swing-note=-Ida-rtol=0.0001",
         "swing-note=-Ida-rtol=0.0001-2",
     ]

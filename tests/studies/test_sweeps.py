@@ -159,11 +159,12 @@ def test_cases_of_equal_parameters_share_a_reference_however_they_are_told():
 
 def test_regression_parameters_that_read_alike_are_no_group():
     """Text and number, and arrays that differ in digits that are not shown."""
-    values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]))
+    values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]), "a", "A")
     free = replace(swing, parameters={"x": None})
     cases = [bd.Case(free, {"x": x}, y) for x in values for y in (ALPHA, FINE[0])]
     plan = Plan.of(bd.Study("made", tuple(cases)))
     names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
+    names += ["swing(x=a)", "swing(x=A)"]
     assert list(plan.methods) == names
     assert [plan.group_of[id(case)] for case in cases[::2]] == names
 
