@@ -37,10 +37,11 @@ def scene_of(
     times: Array,
     measure: Measure | None = None,
     left_out: Callable[[Part], bool] = lambda part: False,
+    name: str = "draw",
 ) -> Scene:
     """What is seen of a mechanism in the frames that poses are of, see `Sketch`.
 
-    Parts that are no bodies are drawn unless `left_out`.
+    Parts that are no bodies are drawn unless `left_out`; `name` asks for it.
 
     Raises
     ------
@@ -54,13 +55,13 @@ def scene_of(
     points = [x.reshape(-1, 2) for x in lines]
     points += [sketch.pose(sketch.at(a))[:, :2] for a in others]
     if not points:
-        raise BeamdaeError("draw: the mechanism has no parts that could be drawn.")
+        raise BeamdaeError(f"{name}: the mechanism has no parts that could be drawn.")
     low, high = corners(np.concatenate(points))
     sketch.size = _SYMBOL * (float(np.max(high - low)) or 1.0)
-    for (name, drawing), line in zip(shown, lines, strict=True):
-        sketch.part = name
+    for (body, drawing), line in zip(shown, lines, strict=True):
+        sketch.part = body
         _body(drawing, line, sketch)
-    bodies = {name for name, _ in shown}
+    bodies = {body for body, _ in shown}
     for part in mechanism.parts.values():
         if part.name not in bodies and not left_out(part):
             sketch.part = part.name

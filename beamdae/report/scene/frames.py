@@ -43,9 +43,9 @@ def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> 
         "y" [m], a list of points for each frame, of trails one list and the number of "frames";
         "poses": "x", "y" [m] and "turn" [rad] over the frames, one value where it stays;
         "symbols" on them, see `Symbol`: "name", "kind", "at", "to", "along" and "points", None
-        where a line breaks; "colors" of beams: "title", "limits", "scale" (evenly spaced colors)
-        and by beam "values", a list along it for each frame; "extent", the lower left and the
-        upper right corner of all that is seen [m].
+        where a line breaks, and the frames in which it is "absent"; "colors" of beams: "title",
+        "limits", "scale" (evenly spaced colors) and by beam "values", a list along it for each
+        frame; "extent", the lower left and the upper right corner of all that is seen [m].
     """
     low, high = scene.extent()
     digits = _DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
@@ -53,7 +53,7 @@ def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> 
         "t": times.tolist(),
         "bodies": [_curve(x, digits) for x in scene.glyphs if isinstance(x, Curve)],
         "poses": [_pose(pose, digits) for pose in scene.poses],
-        "symbols": [_symbol(x, digits) for x in scene.glyphs if isinstance(x, Symbol)],
+        "symbols": [_symbol(x, digits, scene) for x in scene.glyphs if isinstance(x, Symbol)],
         "colors": [_color(x) for x in colors],
         "extent": [low.tolist(), high.tolist()],
     }
@@ -91,10 +91,12 @@ def _once(values: Array) -> list[float]:
     return values[:1].tolist() if np.all(values == values[0]) else values.tolist()
 
 
-def _symbol(symbol: Symbol, digits: int) -> dict[str, Any]:
+def _symbol(symbol: Symbol, digits: int, scene: Scene) -> dict[str, Any]:
     share, arm = np.round(symbol.points[:, :1], _DIGITS), np.round(symbol.points[:, 1:], digits)
     points = np.hstack([share, arm])
-    return {
+    absent = scene.absent.get(symbol.part)
+    gone = {} if absent is None else {"absent": np.flatnonzero(absent).tolist()}
+    return gone | {
         "name": symbol.part,
         "kind": symbol.kind,
         "at": symbol.at,

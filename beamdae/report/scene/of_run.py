@@ -47,13 +47,24 @@ def scene_of_run(
         raise BeamdaeError(f"{name}: the run is not one of a mechanism, there is nothing to draw.")
     branched, state = solution.trajectory.at(times)
 
-    scene = scene_of(
-        mechanism, Moved(mechanism, state.q), times, _measure(solution, branched, state), **settings
-    )
+    measure = _measure(solution, branched, state)
+    poses = Moved(mechanism, state.q)
+    scene = scene_of(mechanism, poses, times, measure, name=name, **settings)
     observed = _observed_points(mechanism.observables)
     chosen = {x: observed[x] for x in _chosen(name, trail, observed)}
     trails = _trails(solution, chosen, times)
-    return replace(scene, glyphs=(*trails, *scene.glyphs))
+    absent = _absent(solution, times)
+    return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
+
+
+def _absent(solution: Solution, times: Array) -> dict[str, Array]:
+    """When parts were not active, of those that were not at some time."""
+    which, found = solution.trajectory.which(times), dict[str, Array]()
+    for k, interval in enumerate(solution.trajectory.intervals):
+        active = interval.configuration
+        for part in () if active is None else active.inactive:
+            found.setdefault(part, np.zeros(len(times), bool))[which == k] = True
+    return found
 
 
 def _measure(solution: Solution, branched: Array, state: State) -> Measure:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -73,15 +73,24 @@ class Scene:
         A pose, and the name of the part that is there.
     size
         Of a symbol [m].
+    absent
+        Of parts that are not always active: in which frames they are not, (frames,).
     """
 
     poses: Array
     glyphs: tuple[Glyph, ...]
     names: tuple[tuple[int, str], ...]
     size: float
+    absent: Mapping[str, Array] = field(default_factory=dict)
 
     def line(self, glyph: Glyph) -> Array:
-        """Where the points of a glyph are in each frame, (frames, k, 2)."""
+        """Where the points of a glyph are in each frame, (frames, k, 2); nan where it is not."""
+        line = self._line(glyph)
+        if glyph.part in self.absent:
+            return np.where(self.absent[glyph.part][:, None, None], np.nan, line)
+        return line
+
+    def _line(self, glyph: Glyph) -> Array:
         if isinstance(glyph, Curve):
             return glyph.places
         share, along, across = glyph.points.T
@@ -98,7 +107,8 @@ class Scene:
 
     def extent(self) -> tuple[Array, Array]:
         """The lower left and the upper right corner of all that is seen [m]; symbols stay small."""
-        low, high = corners(np.concatenate([line.reshape(-1, 2) for _, line in self.lines()]))
+        seen = [line.reshape(-1, 2) for _, line in self.lines()]
+        low, high = corners(np.concatenate(seen or [self.poses[..., :2].reshape(-1, 2)]))
         more = 0.5 * max(_LEAST * self.size - float(np.max(high - low)), 0.0)
         return low - more, high + more
 

@@ -71,22 +71,33 @@ class Sketch:
 
     def carried(self, kind: str, at: int, points: Array) -> None:
         """Points (k, 2) [m] that turn with a pose; drawn as they are where it has no turn."""
-        self._add(kind, at, at, False, np.column_stack([np.zeros(len(points)), points]))
+        self._add(kind, at, points)
 
     def between(self, kind: str, at: int, to: int, points: Array) -> None:
         """Points (k, 3) of a `Symbol` whose axes turn as the poses do."""
-        self._add(kind, at, to, False, points)
+        self._add(kind, at, points, to)
 
     def stretched(self, kind: str, at: int, to: int, points: Array) -> None:
         """Points (k, 3) of a `Symbol` along the way between two poses."""
-        self._add(kind, at, to, True, points)
+        self._add(kind, at, points, to, along=True)
 
     def link(self, kind: str, at: int, to: int) -> None:
         """A straight line between two poses."""
-        self._add(kind, at, to, True, np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
+        self.stretched(kind, at, to, np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
 
-    def _add(self, kind: str, at: int, to: int, along: bool, points: Array) -> None:
-        self._glyphs.append(Symbol(self.part, kind, at, to, along, np.asarray(points, float)))
+    def _add(
+        self,
+        kind: str,
+        at: int,
+        points: Array,
+        to: int | None = None,
+        along: bool = False,
+        part: str = "",
+    ) -> None:
+        points = np.asarray(points, float)
+        if to is None:
+            to, points = at, np.column_stack([np.zeros(len(points)), points])
+        self._glyphs.append(Symbol(part or self.part, kind, at, to, along, points))
 
     def name(self, row: int, text: str = "") -> None:
         """Have a name at a pose, by default that of the part."""
@@ -102,7 +113,8 @@ class Sketch:
         hatch = [np.array([(x, below), (x - 0.4 * half, below - 0.4 * half)]) for x in feet]
         base = np.array([(-1.2 * half, below), (1.2 * half, below)])
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
-        self.carried("ground", self.at(place), broken(cone, base, *hatch))
+        # It stays where a part is no longer active.
+        self._add("ground", self.at(place), broken(cone, base, *hatch), part=place.body.name)
 
     def scene(self) -> Scene:
         """All that was collected."""

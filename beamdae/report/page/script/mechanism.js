@@ -57,6 +57,7 @@ function placing(frames, glyphs) {
 // Where the points of a glyph are; null where its line breaks.
 function line(glyph, frame, { poses }) {
   if (glyph.x) return curvePoints(glyph, frame);
+  if (glyph.absent?.includes(frame)) return [];
   const [a, b] = [glyph.at, glyph.to].map((k) => poseAt(poses[k], frame));
   if (known([...a, ...b]).length < 6) return [];
   const way = Math.atan2(b[1] - a[1], b[0] - a[0]);

@@ -1,0 +1,71 @@
+"""Motions: trails, parts that come and go, runs that fail."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pendulum import pendulum
+
+import beamdae as bd
+from beamdae.report.scene.frames import frames_of
+from beamdae.report.scene.of_run import scene_of_run
+from beamdae.results.shapes import frame_times
+
+FRAMES = 11
+
+
+def run(mechanism):
+    return bd.simulate(mechanism, bd.GeneralizedAlpha(5e-3), 0.2, output_step=0.02)
+
+
+def seen(solution, **settings):
+    """By part and kind: where the points of its glyphs are, (frames, k, 2)."""
+    scene = scene_of_run("test", solution, frame_times(solution, FRAMES), **settings)
+    return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
+
+
+def test_parts_are_seen_while_they_are_active():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    mech.when("bob.angle", crosses=-0.05, do=bd.deactivate(hinge), name="let go")
+    solution = run(mech)
+    pin, support = seen(solution)["hinge", "joint"], seen(solution)["ground", "ground"]
+    gone = np.isnan(pin[:, 0, 0])
+    (let_go,) = solution.events["t [s]"]
+    assert np.array_equal(gone, frame_times(solution, FRAMES) > let_go)
+    assert 0 < gone.sum() < FRAMES
+    assert np.isfinite(support[:, 0]).all()
+    (symbol,) = [x for x in frames_of(solution)["symbols"] if x["name"] == "hinge"]
+    assert symbol["absent"] == list(range(symbol["absent"][0], 120))
+    solution.animate(frames=3)
+
+
+def test_a_run_that_failed_at_once_is_drawn(tmp_path):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))
+    mech.add(bd.Force("push", ball.point, (lambda t: np.sqrt(-t), 0.0)))
+    mech.observe("ball", ball.point)
+    solution = bd.simulate(mech, bd.Radau(), t_end=1.0)
+    assert solution.status.kind == "failed"
+    assert solution.animate(tmp_path / "run.gif", trail=True).stat().st_size > 100
+    assert "<b>" not in solution.animate(trail=True)._repr_html_()
+
+
+def test_trails_are_where_the_point_has_been():
+    mechanism = pendulum(elements=1)
+    solution = run(mechanism)
+    trail = seen(solution, trail="tip")["tip", "trail"]
+    x = solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
+    # Ten points a frame.
+    assert_allclose(trail[-1, ::10], x, atol=1e-12)
+    assert_allclose(trail[4, :41], trail[-1, :41], atol=1e-15)
+    assert np.isnan(trail[4, 41:]).all()
+    assert {part for part, kind in seen(solution, trail=True) if kind == "trail"} == {
+        "tip",
+        "frame",
+    }
+    with pytest.raises(
+        bd.BeamdaeError, match=r"trail must be .*'top' is none \(did you mean 'tip'"
+    ):
+        seen(solution, trail=["top"])
