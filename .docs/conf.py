@@ -1,5 +1,6 @@
 """Sphinx makes the site, without a network: `sphinx-build -W -n .docs results/docs`."""
 
+import importlib
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import beamdae as bd
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
+model_gallery = importlib.import_module("model_gallery")
 # Model files are imported by name, in notebooks as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
@@ -50,14 +52,25 @@ nitpicky = True
 nitpick_ignore_regex = [("py:class", r"(?!beamdae\.[A-Z]).*"), ("py:obj", r"(?!beamdae\.).*")]
 suppress_warnings = ["toc.empty_glob"]
 
+# What parts and integrators answer to equations and drives is told where it is asked of one's own.
+_PROTOCOLS = {bd.Part: ["multipliers", "reactions", "constraint", "observed"], bd.Integrator: []}
 autosummary_generate = True
+autosummary_context = {
+    "hidden": {
+        name: ", ".join([*further, *(word for word in vars(protocol) if word[0] != "_")])
+        for name in bd.__all__
+        for protocol, further in _PROTOCOLS.items()
+        if isinstance(found := getattr(bd, name), type)
+        and issubclass(found, protocol)
+        and found is not protocol
+    }
+}
 autodoc_inherit_docstrings = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
-napoleon_use_rtype = False
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -94,8 +107,6 @@ sphinx_gallery_conf = {
 
 def collect(app):
     """Have the models and the notebooks of `models/tutorials` among the pages."""
-    import model_gallery
-
     model_gallery.write_scripts(HERE / "scripts")
     kept = HERE / "tutorials"
     shutil.rmtree(kept, ignore_errors=True)
@@ -122,13 +133,17 @@ def link_code(app, doctree):
             continue
         target = f"beamdae.{found[1]}"
         link = pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
-        link["refdoc"] = app.env.current_document.docname
+        link["refdoc"] = app.env.docname
         code.replace_self(link)
         link.append(code)
 
 
-def split_attributes(app, what, name, found, options, lines):
-    """Give attributes that are explained together an entry each, which napoleon does not."""
+# No letter of any text.
+_COLON = "\ue000"
+
+
+def lead_napoleon(app, what, name, found, options, lines):
+    """Have napoleon read attributes that are explained together, and properties, as meant."""
     made, section = [], ""
     for k, line in enumerate(lines):
         if set(line) == {"-"}:
@@ -138,6 +153,9 @@ def split_attributes(app, what, name, found, options, lines):
             *others, made[-1] = line.split(", ")
             body = list(takewhile(lambda text: text.startswith(" "), lines[k + 1 :]))
             made[-1:-1] = [entry for other in others for entry in (other, *body)]
+    # What is before a colon in the first line of a property it takes for a type.
+    if what == "property":
+        made[:1] = [line.replace(":", _COLON) for line in made[:1]]
     lines[:] = made
 
 
@@ -145,6 +163,7 @@ def read_plainly(app, what, name, found, options, lines):
     """Docstrings write |x|, a . b and `Law`s as they are read, not as reStructuredText has them."""
     for k, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
+            line = line.replace(_COLON, ":")
             line = re.sub(r"`(\w+)`(?=s\b)", r"`\1`\\ ", line)
             line = re.sub(r"(?<=\S) \. (?=\S)", " · ", line)
             lines[k] = re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line)
@@ -153,7 +172,8 @@ def read_plainly(app, what, name, found, options, lines):
 def setup(app):
     """Connect what is done before pages are read and when names are looked up."""
     app.connect("builder-inited", collect, priority=100)
-    app.connect("autodoc-process-docstring", split_attributes, priority=400)
+    app.connect("builder-inited", model_gallery.shrink_thumbnails, priority=900)
+    app.connect("autodoc-process-docstring", lead_napoleon, priority=400)
     app.connect("autodoc-process-docstring", read_plainly)
     app.connect("doctree-read", link_code)
     app.connect("missing-reference", public_name)

@@ -2,8 +2,10 @@
 
 import ast
 import logging
+from itertools import islice
 from pathlib import Path
 
+from PIL import Image, ImageOps, ImageSequence
 from sphinx_gallery.scrapers import figure_rst
 
 import beamdae as bd
@@ -51,6 +53,8 @@ solution.plot()
 logging.getLogger("matplotlib.animation").setLevel(logging.WARNING)
 # Every motion takes so long to look at [s].
 SHOWN = 3.0
+# Of a thumbnail [px], on screens of two pixels a point.
+SIZE, COLORS = (320, 224), 16
 
 
 def write_scripts(folder):
@@ -73,6 +77,18 @@ def write_scripts(folder):
             speed=t_end / SHOWN,
         )
         (folder / path.name).write_text(made)
+
+
+def shrink_thumbnails(app):
+    """Have moving thumbnails of the size they are shown at, with every second picture."""
+    for path in Path(app.srcdir, "gallery", "images", "thumb").glob("*.gif"):
+        with Image.open(path) as moving:
+            lasts = 2 * moving.info["duration"]
+            frames = [
+                ImageOps.contain(frame.convert("RGB"), SIZE).quantize(COLORS)
+                for frame in islice(ImageSequence.Iterator(moving), 0, None, 2)
+            ]
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=lasts, loop=0)
 
 
 def pictures(block, variables, gallery):

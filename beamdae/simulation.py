@@ -80,6 +80,16 @@ def simulate(
     BeamdaeWarning
         Of a run that did not reach its end, with the reason, and of what is not to be trusted as
         it stands, see `Solution.warnings`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 1.0), velocity=(3.0, 0.0)))
+    >>> mech.observe("ball", ball.point)
+    >>> solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.4)
+    >>> print(f"{solution['ball.x'].iloc[-1]:.6f}")
+    1.200000
     """
     information: dict[str, Any] = {}
     name = "simulate"

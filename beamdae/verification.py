@@ -66,6 +66,17 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
         If the solution does not know its integrator.
     KeyboardInterrupt
         If the other run is interrupted.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    >>> mech.observe("bob", bob.point)
+    >>> errors = bd.error_estimate(bd.simulate(mech, t_end=1.0))
+    >>> bool(errors["error over half the range"].max() < 1e-3)
+    True
     """
     return _table(solution, estimated(solution))
 

@@ -95,6 +95,15 @@ class Beam(Part):
         frame and the exact strains r'.t - 1, r'.n and psi' - psi0' of axes t, n that turn with the
         section, however far the beam bends; its mass matrix is constant. What turns fast and far
         takes fewer steps in a frame, with `strain="exact"` (measured, see validation/).
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    >>> arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> beam = mech.add(bd.Beam("beam", arc, strip, elements=6))
+    >>> mech.observe("tip", beam.end)
     """
 
     def __init__(

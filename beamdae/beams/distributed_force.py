@@ -84,6 +84,13 @@ class DistributedForce(Part):
         such a pair.
     axes
         "inertial" or "section".
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    >>> beam = bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip)
+    >>> snow = bd.DistributedForce("snow", beam, (0.0, -12.0))
     """
 
     is_load = True

@@ -33,6 +33,13 @@ class Material:
         Density [kg/m^3].
     yield_stress
         Stress [Pa] at which it yields, where that is known: for `SectionForces.safety`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.Material.of("steel").E
+    210000000000.0
+    >>> alloy = bd.Material(E=69e9, nu=0.33, rho=2700.0, yield_stress=270e6)
     """
 
     E: float

@@ -125,6 +125,14 @@ class SlidingOnBeam(Part):
         What it slides along.
     ends
         What becomes of a run where the point passes an end: "record", it goes on, or "stop".
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    >>> beam = bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip)
+    >>> bead = bd.PointMass("bead", 0.1, at=(0.25, 0.0))
+    >>> slider = bd.SlidingOnBeam("slider", bead.point, beam)
     """
 
     name: str

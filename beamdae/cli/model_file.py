@@ -35,6 +35,14 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     ------
     BeamdaeError
         If the file does not import, or does not hold that one model, or another by its name.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> four_bar = bd.load_model("example:four_bar")
+    >>> four_bar.parameters["rise"]
+    0.12
+    >>> mech = four_bar(rise=0.2)
     """
     if not isinstance(path, (str, Path)):
         raise BeamdaeError(f"load_model: path must be that of a model file, got {shown(path)}.")

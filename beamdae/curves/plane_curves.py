@@ -89,6 +89,13 @@ class Arc:
 
     A positive radius bends to the left (counter-clockwise), a negative one to the right; at
     most one full circle.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> quarter = bd.Arc(radius=2.0, length=3.14159265)
+    >>> quarter.point(quarter.length).round(6)
+    array([2., 2.])
     """
 
     radius: float

@@ -157,6 +157,13 @@ class Curve(_SplineCurve):
         By how much measured points scatter about the curve: the standard deviation of x and of y
         [m]. The spline is then the smoothest that passes them at that distance in the mean
         (Dierckx 1993); without it the curvature of the curve is mostly that of the noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import beamdae as bd
+    >>> wave = bd.Curve(lambda x: 0.1 * np.sin(x), x=(0.0, 3.0))
+    >>> drawn = bd.Curve(points=[(0.0, 0.0), (0.5, 0.1), (1.0, 0.1), (1.5, 0.0)])
     """
 
     function: Callable[[float], float] | None = None

@@ -81,6 +81,14 @@ class RigidBody(Part):
         where something is attached.
 
     `rod`, `disk`, `plate` and `polygon` find mass, center and inertia from a shape.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> wheel = bd.RigidBody("wheel", mass=2.0, inertia=0.05, center=(0.0, 0.3))
+    >>> bar = bd.RigidBody.rod("bar", (0.0, 0.0), (1.0, 0.0), density=7850.0, area=1e-4)
+    >>> round(bar.mass, 3)
+    0.785
     """
 
     name: str

@@ -53,6 +53,14 @@ class Bushing(Elastic):
         x = (x, y, turn). Booked as that of `SpringDamper`.
     energy
         Potential [J] of the law at rest, a formula of x.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> motor = mech.add(bd.RigidBody("motor", mass=8.0, inertia=0.1, center=(0.0, 0.1)))
+    >>> foot = mech.ground.at(0.0, 0.0)
+    >>> mount = bd.Bushing("mount", foot, motor.at(0.0, 0.0), kx=5e4, ky=2e5, ktheta=30.0, cy=200.0)
     """
 
     kx: float = 0.0

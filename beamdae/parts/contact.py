@@ -139,6 +139,14 @@ class Contact(Part):
         Adaptive integrators take no longer steps [s]. A point cannot leave a half-plane unseen, but
         one in free flight may jump over a small circle: give a tenth of the time it takes to
         cross that.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 1.0)))
+    >>> floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    >>> bounce = bd.Contact("bounce", ball.point, floor, 1e6, restitution=0.7, impact_speed=4.4)
     """
 
     name: str

@@ -36,6 +36,14 @@ class Distance(Driven):
         that starts elsewhere moves the bodies out of the drawing before the run, as `Driver` does.
 
     The reaction F is the force in the link, tension positive.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> bob = mech.add(bd.PointMass("bob", 1.0, at=(0.6, -0.8)))
+    >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    >>> mech.observe("rod", rod.reaction)
     """
 
     is_relative = False

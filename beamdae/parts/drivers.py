@@ -66,6 +66,16 @@ class Driver(Driven):
 
     A law that is not zero at the start turns the bodies out of the drawing before the run, with
     whatever is joined to them; `beamdae check` tells by how much.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.02, center=(0.1, 0.0)))
+    >>> shaft = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
+    >>> hinge = mech.add(bd.Revolute("bearing", *shaft))
+    >>> motor = mech.add(bd.Driver("motor", *shaft, bd.run_up(speed=6.0, duration=0.5)))
+    >>> mech.observe("motor", motor.drive)
     """
 
     law: Any = None

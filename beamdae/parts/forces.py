@@ -69,6 +69,12 @@ class Force(Part):
         Pair of laws: numbers, functions of t or `Law`s.
     axes
         "inertial" (a dead load) or "body" (turning with the section it acts on).
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> ball = bd.PointMass("ball", 0.2, at=(0.0, 1.0))
+    >>> push = bd.Force("push", ball.point, (bd.sine(2.0, frequency=5.0), 0.0))
     """
 
     is_load = True

@@ -117,6 +117,14 @@ class Friction(Part):
         Of the bearing, or half the length of a guide that holds a moment [m].
     smoothing
         Reaction [N] below which its size is rounded off, off by smoothing^2 / (2 |N|) above it.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> block = mech.add(bd.RigidBody("block", mass=1.0, inertia=0.01, velocity=(2.0, 0.0)))
+    >>> guide = bd.Prismatic("guide", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0))
+    >>> rub = bd.Friction("rub", mech.add(guide), 0.2, regularization=1e-3, radius=0.1)
     """
 
     name: str

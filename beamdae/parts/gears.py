@@ -53,6 +53,14 @@ class Gear(JointByFormula):
 
     The reaction M is the moment on the body of `b`; that on `a` is -ratio M, and the carrier has
     the rest. The forces of the mesh on the bearings are not among the reactions.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> pinion = mech.add(bd.RigidBody("pinion", mass=0.1, inertia=1e-5))
+    >>> wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=1e-3, center=(0.06, 0.0)))
+    >>> gear = bd.Gear("gear", pinion.at(0.0, 0.0), wheel.at(0.06, 0.0), ratio=-0.2)
     """
 
     ratio: float = -1.0

@@ -93,6 +93,13 @@ class Prismatic(JointByFormula):
     The axis goes through `a` along `direction`, is fixed to the body of `a` and turns with it; n is
     its left normal. The offset of `b` from the axis is that of the drawing. The reaction F is the
     force on the body of `b` along n, at its point; M the moment on it.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> ram = mech.add(bd.RigidBody("ram", mass=25.0, inertia=0.4, center=(0.5, 0.6)))
+    >>> way = bd.Prismatic("way", mech.ground.at(0.0, 0.6), ram.at(0.5, 0.6), direction=(1.0, 0.0))
     """
 
     direction: tuple[float, float] = (1.0, 0.0)

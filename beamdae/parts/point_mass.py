@@ -42,6 +42,11 @@ class PointMass(Part):
 
     A free particle has the coordinates (x, y) and can be joined to others by its `.point`; a fixed
     one adds its inertia and weight to the body it sits on.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> ball = bd.PointMass("ball", 0.2, at=(0.0, 1.0), velocity=(3.0, 0.0))
     """
 
     name: str

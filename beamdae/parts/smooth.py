@@ -19,6 +19,13 @@ def positive_part(x: Any) -> Any:
     ------
     BeamdaeError
         If x is none of these.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import beamdae as bd
+    >>> bd.positive_part(np.array([-1.0, 2.0]))
+    array([0., 2.])
     """
     x = _value("positive_part", x)
     return ca.fmax(x, 0.0) if isinstance(x, ca.SX) else np.maximum(x, 0.0)

@@ -96,6 +96,15 @@ class SpringDamper(_Sprung):
         at rest is booked as the work of a load, the rest as damping.
     energy
         Potential [J] of the law at rest, a formula of the elongation: then that is booked.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, -1.0)))
+    >>> top = mech.ground.at(0.0, 0.0)
+    >>> strut = bd.SpringDamper("strut", top, ball.point, stiffness=50.0, damping=0.1)
+    >>> mech.observe("strut", mech.add(strut).force)
     """
 
     stiffness: float = 0.0
@@ -189,6 +198,14 @@ class TorsionSpring(_Sprung):
         Moment there [N m].
     law, energy
         As of `SpringDamper`: moment [N m] by (angle, rate), potential [J] by the angle.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> flap = mech.add(bd.RigidBody("flap", mass=0.3, inertia=1e-3, center=(0.1, 0.0)))
+    >>> foot = mech.ground.at(0.0, 0.0)
+    >>> spring = bd.TorsionSpring("spring", foot, flap.at(0.0, 0.0), stiffness=2.0, preload=0.5)
     """
 
     stiffness: float = 0.0

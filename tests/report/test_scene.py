@@ -1,5 +1,7 @@
 """Scenes of runs: bodies and symbols are where the observed columns say they are."""
 
+import json
+
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
@@ -13,6 +15,7 @@ from support import ARC, SOFT
 import beamdae as bd
 from beamdae.report.scene import poses
 from beamdae.report.scene.bodies import SECTIONS, scene_of
+from beamdae.report.scene.frames import frames_of
 from beamdae.report.scene.of_run import scene_of_run
 from beamdae.results.shapes import frame_times
 
@@ -224,6 +227,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
         assert inside.min() < piston[frame, 0, axis] < inside.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_guides_are_as_long_as_the_way_that_is_gone():
     solution = run(slider_crank(), t_end=1.0)
     guide = seen(solution)["guide", "guide"]
@@ -233,6 +237,7 @@ def test_guides_are_as_long_as_the_way_that_is_gone():
     assert ends[1] > x.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_what_rolls_shows_that_it_turns():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.5, (0.0, 1.0), velocity=(2.0, 0.0)))
@@ -256,8 +261,11 @@ def test_arrows_are_as_long_as_their_load_is_of_its_largest():
     length = np.hypot(*(arrow[:, 1] - arrow[:, 0]).T)
     assert np.isnan(length[0])
     assert_allclose(length[1:] / length[-1], np.linspace(0.0, 1.0, FRAMES)[1:], rtol=1e-12)
+    # Nothing but standard JSON.
+    assert json.loads(json.dumps(frames_of(run(mech)), allow_nan=False))
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_loads_by_laws_of_the_motion_point_where_they_push():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.5)))
