@@ -181,3 +181,8 @@ def until(tab, expression):
 def chosen_options(choice):
     """What a list of choices shows."""
     return choice.evaluate("list => [...list.selectedOptions].map((one) => one.textContent)")
+
+
+def buttons(tab, key):
+    """Those beside a chart: larger, smaller, all, and its files."""
+    return tab.locator(f"[data-chart={key}] .tools button")

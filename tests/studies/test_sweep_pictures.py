@@ -10,6 +10,7 @@ from turning import THICK, THIN, swept
 import beamdae as bd
 from beamdae.report.page.page import write_page
 from beamdae.studies.page_data import page
+from beamdae.studies.sweep_page import page_of_sweep
 from beamdae.studies.sweep_scales import Scale
 from beamdae.studies.sweep_tables import MEASURES
 
@@ -86,3 +87,21 @@ def test_pages_lay_the_runs_over_each_other(found, tmp_path):
     assert columns["tip.x max"]["kind"] == "number"
     assert shown["cases"][0]["values"][columns["tip.x max"]["key"]] == pytest.approx(0.5)
     assert write_page(tmp_path / "again.html", shown).is_file()
+
+
+def test_pages_draw_what_is_told_over_a_parameter(found):
+    shown = page_of_sweep(found)
+    keys = {column["key"]: column["label"] for column in shown["columns"]}
+    assert keys[shown["axes"]["x"]] in ("speed", "radius")
+    assert shown["axes"]["y"] in keys
+    other = {"speed": "radius", "radius": "speed"}[keys[shown["axes"]["x"]]]
+    families = [case["family"] for case in shown["cases"]]
+    assert families == [f"{other}={told[other]:g}" for told in found.sweep.settings]
+    assert [case["series"] for case in shown["cases"]] == families
+    # A line goes from the left to the right, however values are given.
+    first = [case["rank"] for case in shown["cases"] if case["family"] == families[0]]
+    assert sorted(first) == sorted(
+        found.sweep.settings[k][keys[shown["axes"]["x"]]]
+        for k in range(len(families))
+        if families[k] == families[0]
+    )

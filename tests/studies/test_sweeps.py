@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 import beamdae as bd
@@ -186,6 +187,16 @@ def test_a_study_has_errors_of_some_cases(tmp_path):
         ALPHA.label,
     ]
     assert write_page(tmp_path / "report.html", page).is_file()
+    kinds = {column["label"]: column["kind"] for column in page["columns"]}
+    assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
+    # Differences to the reference where there is one, which the table has the largest of.
+    differences = [case["curves"]["difference"] for case in page["cases"][:3]]
+    assert differences[0] == {}
+    assert list(differences[1]) == ["observed", "energy"]
+    reference = results.references["swing(mass=2.0)"]
+    (column, *_) = reference.columns
+    found = results.outcome(cases[1]).table[column] - reference.table[column]
+    assert_allclose(differences[1]["observed"][column], found)
 
 
 # Without references -------------------------------------------------------------------------------

@@ -69,7 +69,10 @@ function picture(made) {
     holder.replaceChildren(image);
     const words = svg("text", { x: 34, y: 4, fill: ink, "font-family": family, "font-size": 12 }, text);
     const place = `translate(${box.left} ${box.height + 12 + LINE * k})`;
-    return svg("g", { transform: place }, styledCopy(image), words);
+    const copy = styledCopy(image);
+    // In the middle of the line of its words.
+    copy.setAttribute("y", -image.viewBox.baseVal.height / 2);
+    return svg("g", { transform: place }, copy, words);
   });
   holder.remove();
   document.documentElement.classList.remove("paper");
