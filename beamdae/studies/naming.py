@@ -27,11 +27,14 @@ def file_names(cases: Iterable[tuple[str, str]]) -> list[str]:
 
 def _numbered(names: Iterable[str], form: str, seen_as: Callable[[str], str]) -> list[str]:
     found: dict[str, str] = {}
+    # The last number of each name: of many that are the same each would count from one on.
+    last: dict[str, int] = {}
     for name in names:
-        number, new = 1, name
+        number, new = last.get(seen_as(name), 1), name
         while seen_as(new) in found:
             number += 1
             new = form.format(name, number)
+        last[seen_as(name)] = number
         found[seen_as(new)] = new
     return list(found.values())
 
