@@ -19,6 +19,7 @@ def curves(error, t=T):
         "energy": {"kinetic": (t**2).tolist(), "imbalance": (-error * t).tolist()},
         "position drift": [1e-12] * len(t),
         "velocity drift": [1e-10] * len(t),
+        "difference": {"observed": {"tip.x [m]": (-error * t).tolist()}},
     }
 
 
@@ -148,3 +149,35 @@ def numbers_of_curves(tab):
 
 def classes(locator):
     return [locator.nth(k).get_attribute("class") for k in range(locator.count())]
+
+
+def seen(tab, key):
+    """What is between the axes of a chart: ranges of x and y."""
+    ends = "({x, y}) => [x, y].flatMap((axis) => [axis.back(axis.from), axis.back(axis.to)])"
+    x0, x1, y0, y1 = tab.evaluate(f"({ends})(state.charts.get({key!r}))")
+    return (x0, x1), (y0, y1)
+
+
+def place(tab, key, x, y):
+    """Where a value of a chart is in the window."""
+    tab.locator(f"[data-chart={key}] .plot").scroll_into_view_if_needed()
+    found = """([key, x, y]) => {
+        const made = state.charts.get(key), at = made.plot.getBoundingClientRect();
+        const zoom = at.width / made.box.width;
+        return [at.left + zoom * made.x.at(x), at.top + zoom * made.y.at(y)];
+    }"""
+    return tab.evaluate(found, [key, x, y])
+
+
+def until(tab, expression):
+    """Wait for what a page makes true; its policy forbids playwright's own waiting."""
+    for _ in range(100):
+        if tab.evaluate(expression):
+            return
+        tab.wait_for_timeout(20)
+    raise AssertionError(expression)
+
+
+def chosen_options(choice):
+    """What a list of choices shows."""
+    return choice.evaluate("list => [...list.selectedOptions].map((one) => one.textContent)")

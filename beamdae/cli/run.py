@@ -64,6 +64,9 @@ def run_command(
         bool,
         typer.Option("--verify", help="Compare with another method at a tighter tolerance."),
     ] = False,
+    page: Annotated[
+        bool, typer.Option(metavar="", help="Write a page (HTML) with charts and the motion.")
+    ] = True,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write where the run ended to this file.")
     ] = None,
@@ -80,14 +83,15 @@ def run_command(
         typer.Option("--accept-changes", help="Go on also if the model is another than before."),
     ] = False,
 ) -> None:
-    """Simulate one model and write its CSV, JSON and PNG.
+    """Simulate one model and write its CSV, JSON, PNG, and a page for the browser.
 
     A run that goes on (--continue) has a table of its own, NAME_part2.csv and so on; NAME.csv is
     that of all parts, if they are in the same folder. One that is ended early tells by which file
     it can go on.
 
     Ends with 0 where the run reached its end, with 1 where it did not (what it reached is written),
-    with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG.
+    with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG
+    and no page.
     """
     model = configured(path, model_name, settings)
     method = integrator_of(
@@ -107,7 +111,8 @@ def run_command(
             f"run: --start {start[0]} and --continue {go_on} each say where it begins, give one."
         )
     run = Run(model, method, out / f"{model.name}.csv")
-    require_writable(out, (run.table.name, run.table.with_suffix(".json").name, run.picture.name))
+    beside = (run.table.with_suffix(".json"), run.picture, run.page)
+    require_writable(out, (run.table.name, *(path.name for path in beside)))
     parts = _parts(run.table, go_on)
     if checkpoint is not None:
         require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
@@ -122,6 +127,8 @@ def run_command(
     run_work.say(run, solution)
     with run.goes_on():
         if not interrupts.terminated():
+            if page:
+                run_work.write_page(run, solution)
             run_work.draw(run, solution)
     _end(run, solution.status)
 

@@ -58,6 +58,11 @@ class Run:
         return self.table.with_suffix(".png")
 
     @property
+    def page(self) -> Path:
+        """Where the page of the run is."""
+        return self.table.with_suffix(".html")
+
+    @property
     def title(self) -> str:
         """Model and method."""
         return f"{self.model.name}, {self.method.label}"
@@ -153,6 +158,19 @@ def draw(run: Run, solution: Solution) -> None:
     status = solution.status
     title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
     run.written.draw(run.picture.name, lambda: [picture_of_run(run.picture, run.columns, title)])
+
+
+def write_page(run: Run, solution: Solution) -> None:
+    """Write the page of the run."""
+    from beamdae.report.page import page
+    from beamdae.report.run_page import page_of_run
+
+    def written() -> list[Path]:
+        further = [run.beyond] if run.beyond else []
+        shown = page_of_run(solution, run.model.name, run.columns, run.errors, further)
+        return [page.write_page(run.page, shown)]
+
+    run.written.draw(run.page.name, written)
 
 
 def say(run: Run, solution: Solution) -> None:

@@ -14,7 +14,6 @@ from beamdae.report.labels import place_names
 from beamdae.report.letters import shortened
 from beamdae.report.scene import poses
 from beamdae.report.scene.bodies import scene_of
-from beamdae.report.scene.looks import LOOKS
 from beamdae.report.scene.scene import Scene
 from beamdae.report.scene.stage import Stage
 
@@ -24,11 +23,14 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _WIDTH, _HEIGHT = 8.0, (2.5, 8.0)
+# For the numbers of the axes: on the left, below, on the right and above [inch].
+_AROUND = (0.8, 0.5, 0.2, 0.22)
 # Of the size of the drawing: how near names share a place, and what is free around it.
 _NEAR, _MARGIN = 0.012, 0.09
 _MOST = 30
-# Points of lines that names do not cover, a line.
-_DENSE = 25
+# Points of a line that names do not cover, and lines they may cover.
+_DENSE = 120
+_COVERED = ("guide", "surface", "gear")
 
 
 def draw(mechanism: Mechanism) -> Plot:
@@ -85,9 +87,12 @@ def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, An
 
     width, height = extent / np.max(extent)
     tall = float(np.clip(_WIDTH * (height + 0.25) / (width + 0.25), *_HEIGHT))
-    figure = Figure(figsize=size or (_WIDTH, tall), layout="constrained")
+    wide, tall = size or (_WIDTH, tall)
+    figure = Figure(figsize=(wide, tall))
     FigureCanvasAgg(figure)
-    axis = figure.add_subplot()
+    left, below, right, above = _AROUND
+    room = (1.0 - (left + right) / wide, 1.0 - (below + above) / tall)
+    axis = figure.add_axes((left / wide, below / tall, *room))
     axis.set_aspect("equal", adjustable="datalim")
     axis.spines[["top", "right"]].set_visible(False)
     axis.set_xlabel("x [m]")
@@ -123,10 +128,10 @@ def _names(scene: Scene, near: float) -> list[tuple[Array, str]]:
 
 
 def _dense(scene: Scene) -> Array:
-    """Points along all lines but hatches, near to each other."""
+    """Points along all lines but those of guides and surfaces, near to each other."""
     found = []
     for glyph, line in scene.lines():
-        if LOOKS.get(glyph.kind, LOOKS["beam"]).order > 1:
+        if glyph.kind not in _COVERED:
             points = line[0][np.isfinite(line[0]).all(axis=1)]
             at = np.linspace(0.0, len(points) - 1.0, max(len(points), _DENSE))
             found.append(np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1))

@@ -72,6 +72,11 @@ class FittedTable:
         self._first, self._columns, self._elsewhere = first, list(columns), elsewhere
         self._rows = [[plain(text) for text in row] for row in rows]
 
+    @property
+    def texts(self) -> list[list[str]]:
+        """All of it: the headers, each on a line, then the rows."""
+        return [[self._first, *(column.title for column in self._columns)], *self._rows]
+
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, and a line on the columns that are left out."""
         kept = self._kept(options.max_width)

@@ -32,14 +32,14 @@ def place_names(axis: Axes, names: Sequence[tuple[Array, str]], drawn: Array) ->
     Parameters
     ----------
     axis
-        With its limits; its figure is laid out.
+        With its limits, where it stays in its figure.
     names
         Places (2,) in data, and texts.
     drawn
         Points (k, 2) in data that are better not covered.
     """
     figure: Any = axis.figure
-    figure.draw_without_rendering()
+    axis.apply_aspect()
     points = _POINTS_PER_INCH / figure.dpi
     to_points = axis.transData.transform
     at = to_points(np.array([place for place, _ in names])) * points
@@ -96,7 +96,7 @@ def _covering(boxes: Array, lines: Array, taken: Array, corners: Array) -> Array
 
 def _write(axis: Axes, place: Array, text: str, offset: Array, away: float) -> None:
     led = {"arrowstyle": "-", "color": "0.6", "lw": 0.6, "shrinkA": 0.0, "shrinkB": 2.0}
-    written = axis.annotate(
+    axis.annotate(
         text,
         (float(place[0]), float(place[1])),
         xytext=(float(offset[0]), float(offset[1])),
@@ -108,5 +108,3 @@ def _write(axis: Axes, place: Array, text: str, offset: Array, away: float) -> N
         bbox={"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.4},
         zorder=7,
     )
-    # Names do not move what they were placed on.
-    written.set_in_layout(False)

@@ -142,6 +142,12 @@ class Run:
         ledger = zip(measures.LEDGER_COLUMNS, self._books.at(self.t).T, strict=True)
         return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
+    @cached_property
+    def drift_columns(self) -> dict[str, Array]:
+        """The columns of `Solution.drift` by header, as arrays."""
+        rows = self._measured(measures.books_of(self.equations))[:, -2:]
+        return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
+
     def summary(self) -> dict[str, Any]:
         """Status, statistics and quality as plain values."""
         return {

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beamdae.equations.measures import TIME
+from beamdae.report.page.tabled import curves_of, rows_a_curve
 from beamdae.results.files import versions
-from beamdae.results.headers import Header, observed_columns
+from beamdae.results.headers import Header
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import deviations
+from beamdae.studies.deviations import common_rows, deviations
 from beamdae.studies.engine import Results
 from beamdae.studies.event_columns import EVENTS
 from beamdae.studies.naming import distinct
@@ -20,9 +22,7 @@ from beamdae.studies.references import Reference
 from beamdae.studies.sweeps import Sweep
 from beamdae.studies.tables import COST, ERROR
 from beamdae.studies.told import SPREAD
-from beamdae.studies.work import Outcome
 
-_ROWS = 200
 # Curves of more cases make a page that takes long to open.
 _MOST_CURVES = 200
 # Before the names of columns that may be called as others are.
@@ -32,9 +32,9 @@ _COLUMNS = (
     ("label", "integrator", "", "text"),
     ("status", "status", "", "status"),
     (EVENTS, "events", "", "text"),
-    (ERROR, "error", "-", "number"),
+    (ERROR, "error", "-", "error"),
     ("reaction error [-]", "reaction error", "-", "number"),
-    (COST, "wall time", "s", "number"),
+    (COST, "wall time", "s", "cost"),
     (SPREAD[0], "wall time, least", "s", "number"),
     (SPREAD[1], "wall time, largest", "s", "number"),
     ("steps", "steps", "", "number"),
@@ -47,8 +47,6 @@ _COLUMNS = (
     ("reached [s]", "reached", "s", "number"),
     ("peak memory [GB]", "memory", "GB", "number"),
 )
-_ENERGIES = {"kinetic": "energy.kinetic [J]", "strain": "energy.strain [J]"}
-_ENERGIES |= {"imbalance": "energy.imbalance [J]"}
 
 
 def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
@@ -60,7 +58,7 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
     shown = [c for c in _COLUMNS if c[0] in table]
     if told is None:
         parameters = list(table)[1 : list(table).index("group")]
-        further = [(str(p), str(p), "", "text") for p in parameters]
+        further = [(str(p), str(p), "", _kind(table[p])) for p in parameters]
     else:
         further = [_told(told, str(name)) for name in told]
         table = pd.concat([table, told.add_prefix(_TOLD)], axis=1)
@@ -81,11 +79,15 @@ def page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
     }
 
 
+def told_key(name: str) -> str:
+    """What the page knows a column of `told` by."""
+    return _TOLD + name
+
+
 def _told(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
     """Key, label, unit and kind of a column on the page."""
     unit = Header.of(name).unit if name.endswith("]") else ""
-    is_number = pd.api.types.is_numeric_dtype(table[name])
-    return _TOLD + name, name.removesuffix(f" [{unit}]"), unit, "number" if is_number else "text"
+    return told_key(name), name.removesuffix(f" [{unit}]"), unit, _kind(table[name])
 
 
 def _notes(results: Results) -> list[str]:
@@ -138,7 +140,7 @@ def _group(group: str, reference: Reference, frames: dict[str, Any] | None) -> d
 def _cases(
     results: Results, table: pd.DataFrame, keys: list[str], rest: str
 ) -> list[dict[str, Any]]:
-    study, ranks = results.study, _ranks(results.study)
+    study, ranks, most = results.study, _ranks(results.study), _most_rows(results)
     found = []
     for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
         group = str(row["group"])
@@ -148,8 +150,8 @@ def _cases(
             "group": rest if reference is None else group,
             "label": study.tag(case) if told else f"{group}, {case.label}",
         }
-        curves = _curves(results.outcome(case), reference) if k < _MOST_CURVES else None
-        own = _case(case, row, keys, reference)
+        curves = _curves(results, case, row, most) if k < _MOST_CURVES else None
+        own = _case(case, row, keys)
         found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
     return found
 
@@ -166,16 +168,14 @@ def _ranks(study: Study) -> list[int]:
     return np.argsort(order).tolist()
 
 
-def _case(
-    case: Case, row: pd.Series, keys: list[str], reference: Reference | None
-) -> dict[str, Any]:
+def _case(case: Case, row: pd.Series, keys: list[str]) -> dict[str, Any]:
     status = str(row["reason"]) or "ok"
     values = {key: _entry(row[key]) for key in keys}
     return {
         "series": case.series,
         "family": case.integrator.method,
         "status": status,
-        "values": values | {"status": status} | _unresolved(row, reference),
+        "values": values | {"status": status},
         "error": _entry(row.get(ERROR)),
         "cost": _entry(row.get(COST)),
         "below": bool(row.get("below resolution", False)),
@@ -183,11 +183,10 @@ def _case(
     }
 
 
-def _unresolved(row: pd.Series, reference: Reference | None) -> dict[str, Any]:
-    """The error in the table, where the reference cannot resolve it."""
-    if reference is None or not row.get("below resolution", False):
-        return {}
-    return {ERROR: f"< {reference.resolves:.2g}"}
+def _kind(values: pd.Series) -> str:
+    """What a column of parameters holds."""
+    numbers = pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values)
+    return "number" if numbers else "text"
 
 
 def _entry(value: Any) -> Any:
@@ -196,28 +195,33 @@ def _entry(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _curves(outcome: Outcome, reference: Reference | None) -> dict[str, Any] | None:
-    """Every so many rows of a run, with its error over time."""
-    table = outcome.table
-    if table is None or len(table) < 2:
+def _curves(results: Results, case: Case, row: pd.Series, most: int) -> dict[str, Any] | None:
+    """A run over time, with its error and its differences to the reference."""
+    table = results.outcome(case).table
+    if table is None:
         return None
-    chosen = np.linspace(0, len(table) - 1, min(len(table), _ROWS)).round().astype(int)
-    rows = table.iloc[chosen]
-    curves = {
-        "t": _rounded(rows.index.to_numpy()),
-        "observed": {c: _rounded(rows[c].to_numpy()) for c in observed_columns(table)},
-        "energy": {k: _rounded(rows[c].to_numpy()) for k, c in _ENERGIES.items() if c in rows},
-        "position drift": _rounded(rows["drift.position"].to_numpy()),
-        "velocity drift": _rounded(rows["drift.velocity"].to_numpy()),
-        "error": [],
-    }
+    reference = results.references.get(str(row["group"]))
     truth = None if reference is None else reference.table
-    if reference is not None and truth is not None and set(reference.columns) <= set(table):
-        error = deviations(table, truth, reference.columns).max(axis=1)
-        curves["error"] = _rounded(error.reindex(rows.index).to_numpy())
-    return curves
+    columns = {TIME: table.index.to_numpy(), **_columns(table)}
+    if reference is None or truth is None or not set(reference.columns) <= set(table):
+        return curves_of(columns, most)
+    error = deviations(table, truth, reference.columns).max(axis=1).reindex(table.index)
+    rows = common_rows(table, truth)
+    beyond = np.full(len(table) - rows, np.nan)
+    differences = {
+        name: np.concatenate([values[:rows] - truth[name].to_numpy()[:rows], beyond])
+        for name, values in _columns(table).items()
+        if name in truth
+    }
+    return curves_of(columns, most, error.to_numpy(), differences)
 
 
-def _rounded(values: np.ndarray) -> list[float]:
-    """Five digits are more than a curve shows."""
-    return [float(f"{v:.5g}") for v in values]
+def _columns(table: pd.DataFrame) -> dict[str, np.ndarray]:
+    return {str(name): table[name].to_numpy() for name in table}
+
+
+def _most_rows(results: Results) -> int:
+    """How many rows there is room for on the page in the curves of each case."""
+    tables = [results.outcome(case).table for case in results.study.cases[:_MOST_CURVES]]
+    # Each with its difference to a reference.
+    return rows_a_curve(sum(2 * len(table.columns) for table in tables if table is not None))

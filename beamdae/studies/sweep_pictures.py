@@ -128,8 +128,8 @@ def _files(draw: Callable[[], Plot], path: Path) -> list[Path]:
 
 def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -> Plot:
     """A panel each, over a parameter: a curve for each choice of the others."""
-    scale = Scale.of(swept, _axis(swept, x))
-    families = _families(swept, scale.name)
+    scale = Scale.of(swept, axis_of(swept, x))
+    families = families_of(swept, scale.name)
     several = len(families) > 1
     if several:
         panels = [one for panel in panels for one in panel.apart()]
@@ -182,9 +182,9 @@ def maps(
             f"{swept.sweep.name}: a map is drawn over two parameters, and {len(varied)} vary"
             f"{': ' if varied else ''}{', '.join(varied)}."
         )
-    across = Scale.of(swept, _axis(swept, x))
+    across = Scale.of(swept, axis_of(swept, x))
     (other,) = [name for name in varied if name != across.name]
-    if y is not None and _axis(swept, y) != other:
+    if y is not None and axis_of(swept, y) != other:
         raise BeamdaeError(f"{swept.sweep.name}: x and y must be the two parameters that vary.")
     up = Scale.of(swept, other)
     chosen = [one for panel in panels for one in panel.apart()][: pictures.PANELS]
@@ -200,7 +200,7 @@ def maps(
     return Plot(figure)
 
 
-def _axis(swept: SweepResults, asked: Any) -> str:
+def axis_of(swept: SweepResults, asked: Any) -> str:
     """The parameter on an axis: the one asked for, or that with most values that are numbers."""
     name, varied = swept.sweep.name, swept.sweep.varied
     if not varied:
@@ -216,7 +216,7 @@ def _axis(swept: SweepResults, asked: Any) -> str:
     return max(scales, key=lambda scale: (not scale.labels, len(scale.places))).name
 
 
-def _families(swept: SweepResults, x: str) -> dict[str, Array]:
+def families_of(swept: SweepResults, x: str) -> dict[str, Array]:
     """Rows of the table by what they have of the other parameters."""
     others = [name for name in swept.sweep.varied if name != x]
     found: dict[str, list[int]] = {}

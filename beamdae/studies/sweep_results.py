@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +33,7 @@ from beamdae.studies.sweep_tables import (
     REASON,
     STATUS,
     TRAJECTORY,
+    WARNINGS,
     Panel,
     characteristic,
     observed,
@@ -189,10 +190,9 @@ class SweepResults:
             If it cannot be written.
         """
         from beamdae.report.page.page import write_page
-        from beamdae.studies.page_data import page
+        from beamdae.studies.sweep_page import page_of_sweep
 
-        table = self.table[[*self.parameters, *self.told]]
-        return write_page(file_path("page", path), page(self.results, table))
+        return write_page(file_path("page", path), page_of_sweep(self))
 
     def __repr__(self) -> str:
         return f"<SweepResults of {self._summary}>"
@@ -202,7 +202,7 @@ class SweepResults:
         return f"<b>{html.escape(self._summary)}</b>{table.to_html(max_rows=20, max_cols=16)}"
 
     def _empty(self, column: str) -> bool:
-        return column in (REASON, TRAJECTORY) and not self.table[column].any()
+        return column in (REASON, TRAJECTORY, WARNINGS) and not self.table[column].any()
 
     @property
     def _summary(self) -> str:
@@ -260,8 +260,7 @@ def run_sweep(
         swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
     else:
         swept.to_csv(found.folder / TABLE)
-    sentence = _failures(swept)
-    if sentence:
+    for sentence in _sentences(swept):
         warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
     return swept
 
@@ -280,14 +279,17 @@ def results_of(found: engine.Results) -> SweepResults:
     return SweepResults(found.study, found, sweep_table(found, found.study))
 
 
-def _failures(swept: SweepResults) -> str:
-    """A sentence on the runs that did not reach their end, if there are any."""
-    wrong = swept.table[swept.table[STATUS] != "ok"]
-    if not len(wrong):
-        return ""
-    case = swept.sweep.cases[int(wrong.index[0])]
-    first = f"{swept.sweep.tag(case)}: {str(wrong[REASON].iloc[0]).removesuffix('.')}"
-    return (
-        f"{swept.sweep.name}: {len(wrong)} of {len(swept.table)} runs did not reach their end, "
-        f"the first of them {first}; the table has all reasons."
-    )
+def _sentences(swept: SweepResults) -> Iterator[str]:
+    """On the runs that did not reach their end, and on those that are to be read with warnings."""
+    failed, doubted = swept.table[STATUS] != "ok", swept.table[WARNINGS] != ""
+    for which, why, said in (
+        (failed, REASON, "did not reach their end"),
+        (doubted & ~failed, WARNINGS, "have warnings"),
+    ):
+        rows = swept.table[which]
+        if len(rows):
+            first = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+            yield (
+                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {said}, the first of "
+                f"them {first}: {str(rows[why].iloc[0]).removesuffix('.')}; the table has all."
+            )

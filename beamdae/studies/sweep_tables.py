@@ -21,7 +21,7 @@ from beamdae.studies.work import Outcome
 
 Array = np.ndarray
 
-STATUS, REASON, COST, TRAJECTORY = TAKEN
+STATUS, REASON, COST, TRAJECTORY, WARNINGS = TAKEN
 
 
 def _mean(t: Array, x: Array) -> float:
@@ -66,7 +66,7 @@ def observed(results: Results, sweep: Sweep) -> list[str]:
 
 
 def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
-    """One row a case: parameters, status, outputs, measures of observed columns, reason.
+    """One row a case: parameters, status, outputs, measures of observed columns, reason, warnings.
 
     What is told of a run is there where it reached its end.
     """
@@ -83,6 +83,7 @@ def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
             **outputs,
             COST: values.get(COST, np.nan),
             REASON: "" if status.success else status.sentence,
+            WARNINGS: values.get(WARNINGS, ""),
             TRAJECTORY: f"trajectories/{outcome.file}" if outcome.file else "",
         }
         rows.append(row)

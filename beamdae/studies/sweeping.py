@@ -121,7 +121,7 @@ def sweep(
     Warns
     -----
     BeamdaeWarning
-        Of runs that did not reach their end.
+        Of runs that did not reach their end, and of those with warnings of their own.
 
     Examples
     --------

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Output = Callable[[Solution], Any]
 
 # Columns of the table that are there whatever is swept.
-TAKEN = ("status", "reason", "wall time [s]", "trajectory")
+TAKEN = ("status", "reason", "wall time [s]", "trajectory", "warnings")
 
 
 @dataclass(frozen=True)

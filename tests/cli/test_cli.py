@@ -202,7 +202,7 @@ def test_folder_that_cannot_be_written_is_told_before_the_work(command, name, mo
     assert_mistake(command(name, ARM, "--out", "file/below"), "file/below", "not a folder")
 
 
-def test_run_writes_table_settings_and_picture(command):
+def test_run_writes_table_settings_picture_and_page(command):
     result = command("run", ARM, "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4")
     assert result.exit_code == 0
     assert result.stderr == ""
@@ -213,8 +213,16 @@ def test_run_writes_table_settings_and_picture(command):
     assert sidecar["model"]["parameters"]["elements"] == 2
     assert sidecar["integrator"]["rtol"] == 1e-4
     assert Path("there/here/arm.png").read_bytes().startswith(b"\x89PNG")
+    assert "tip.y [m]" in Path("there/here/arm.html").read_text()
     for word in ("reached the end", "error_control", "max_order", "drift", "tip.y [m]", "arm.csv"):
         assert word in result.stdout
+    assert "arm.html" in result.stdout
+
+
+def test_run_without_a_page(command):
+    assert command("run", ARM, "--no-estimate", "--no-page").exit_code == 0
+    names = {path.name for path in Path("results").iterdir()}
+    assert names == {"arm.csv", "arm.json", "arm.png"}
 
 
 def test_run_goes_on_from_a_checkpoint(command):

@@ -24,22 +24,39 @@ def browser():
 
 
 @pytest.fixture
-def show(browser, tmp_path):
-    """Open a page; at the end, nothing may have been complained of or loaded from elsewhere."""
-    complaints, loaded = [], []
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    context.set_default_timeout(5000)
-    tab = context.new_page()
-    tab.on("console", lambda message: complaints.append(message.text))
-    tab.on("pageerror", lambda problem: complaints.append(str(problem)))
-    tab.on("request", lambda request: loaded.append(request.url))
+def opened(browser, tmp_path):
+    """Open pages in tabs; at the end, nothing may have been complained of or loaded."""
+    complaints, loaded, contexts = [], [], []
 
-    def shown(page):
+    def show(page, **settings):
         path = write_page(tmp_path / "page.html", page)
+        context = browser.new_context(**settings)
+        contexts.append(context)
+        context.set_default_timeout(5000)
+        tab = context.new_page()
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda problem: complaints.append(str(problem)))
+        tab.on("request", lambda request: loaded.append(request.url))
         tab.goto(path.as_uri())
         return tab
 
-    yield shown
-    context.close()
+    yield show
+    for context in contexts:
+        context.close()
     assert complaints == []
-    assert loaded == [(tmp_path / "page.html").as_uri()]
+    # Pictures that are saved are drawn from what the page itself holds.
+    from_elsewhere = [url for url in loaded if not url.startswith("blob:")]
+    assert set(from_elsewhere) == {(tmp_path / "page.html").as_uri()}
+
+
+@pytest.fixture
+def show(opened):
+    """Open a page in a window of a laptop."""
+    return lambda page: opened(page, viewport={"width": 1366, "height": 768})
+
+
+@pytest.fixture
+def phone(opened):
+    """Open a page on a phone, which is held upright and touched."""
+    screen = {"width": 390, "height": 844}
+    return lambda page: opened(page, viewport=screen, has_touch=True, is_mobile=True)

@@ -112,6 +112,7 @@ def test_names_do_not_lie_on_each_other(name):
     assert np.all(boxes[:, 2:] < figure.get_size_inches() * figure.dpi)
 
 
+@SLOW
 def test_as_many_names_as_there_are_parts_in_a_dense_drawing():
     mech = bd.Mechanism()
     for k in range(20):

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
+from beamdae.parts.part import Drawing
 from beamdae.report.scene.frames import frames_of
 from beamdae.report.scene.of_run import scene_of_run
 from beamdae.results.shapes import frame_times
@@ -23,6 +25,7 @@ def seen(solution, **settings):
     return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_parts_are_seen_while_they_are_active():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
@@ -41,6 +44,7 @@ def test_parts_are_seen_while_they_are_active():
     solution.animate(frames=3)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_a_run_that_failed_at_once_is_drawn(tmp_path):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))
@@ -69,3 +73,42 @@ def test_trails_are_where_the_point_has_been():
         bd.BeamdaeError, match=r"trail must be .*'top' is none \(did you mean 'tip'"
     ):
         seen(solution, trail=["top"])
+
+
+class Strap(bd.Part):
+    """A part of one's own, drawn through points of several bodies."""
+
+    def __init__(self, name, kind, *ends):
+        self.name, self.kind, self.ends = name, kind, ends
+
+    def forces(self, gravity):
+        return bd.Spring(self.name, *self.ends, 1.0).forces(gravity)
+
+    def draw(self, attached, points):
+        return Drawing(self.kind, list(self.ends))
+
+
+@pytest.mark.parametrize("kind", ["strap", "rigid"])
+def test_a_part_of_ones_own_is_drawn_through_points_of_several_bodies(kind):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(Strap("strap", kind, mech.ground.at(0.0, 1.0), ball.point))
+    mech.observe("ball", ball.point)
+    solution = run(mech)
+    line = seen(solution)["strap", kind]
+    assert_allclose(line[:, 0], [(0.0, 1.0)] * FRAMES, atol=0)
+    assert_allclose(line[:, 1], solution.observed[["ball.x [m]", "ball.y [m]"]], atol=1e-12)
+    assert mech.draw().figure.axes
+
+
+def test_films_go_to_ffmpeg_frame_by_frame(tmp_path):
+    """It is a program of its own: here one that counts the bytes it is given."""
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
+    program.chmod(0o755)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    with rc_context({"animation.ffmpeg_path": str(program)}):
+        path = run(mech).animate(tmp_path / "run.mp4", frames=4)
+    width, height = 200, 600
+    assert int(path.read_text()) == 4 * 4 * width * height

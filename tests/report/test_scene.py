@@ -224,6 +224,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
         assert inside.min() < piston[frame, 0, axis] < inside.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_guides_are_as_long_as_the_way_that_is_gone():
     solution = run(slider_crank(), t_end=1.0)
     guide = seen(solution)["guide", "guide"]
@@ -233,6 +234,7 @@ def test_guides_are_as_long_as_the_way_that_is_gone():
     assert ends[1] > x.max()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_what_rolls_shows_that_it_turns():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.5, (0.0, 1.0), velocity=(2.0, 0.0)))
@@ -258,6 +260,7 @@ def test_arrows_are_as_long_as_their_load_is_of_its_largest():
     assert_allclose(length[1:] / length[-1], np.linspace(0.0, 1.0, FRAMES)[1:], rtol=1e-12)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_loads_by_laws_of_the_motion_point_where_they_push():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.5)))

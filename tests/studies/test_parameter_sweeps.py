@@ -221,6 +221,26 @@ def speeds():
 
 
 @pytest.mark.slow(reason="many small runs")
+def test_regression_what_a_run_warns_of_is_told():
+    """A strip that bends beyond the reach of its strains was "ok", and that was all."""
+
+    def falling(height=0.05):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        rubber = bd.Material(E=5e7, nu=0.3, rho=1000.0)
+        section = bd.Section.rectangle(rubber, width=0.02, height=height, damping=1e-2)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("strip", line, section, elements=1))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.observe("tip", beam.end)
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs have warnings, .* height=0.01: strip"):
+        found = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=ALPHA, t_end=0.4)
+    assert list(found.table["status"]) == ["ok", "ok"]
+    assert list(found.table["warnings"] != "") == [False, True]
+    assert "warnings" in found._repr_html_()
+
+
 def test_a_decorated_function_is_a_sweep_that_runs_when_it_is_called():
     assert isinstance(speeds, bd.Sweep)
     assert speeds.name == "speeds"

@@ -1,4 +1,4 @@
-"""One self-contained HTML file of a study: tables, plots and animations a browser opens offline."""
+"""One self-contained HTML file: tables, charts and animations a browser opens offline."""
 
 from __future__ import annotations
 
@@ -22,11 +22,17 @@ _SCRIPTS = (
     "numbers",
     "marks",
     "axes",
+    "gestures",
+    "saving",
+    "chart",
     "cases",
-    "precision",
+    "scatter",
+    "unplotted",
     "curves",
+    "reading",
     "mechanism",
     "player",
+    "facts",
     "table",
     "selection",
     # It begins.
@@ -34,6 +40,7 @@ _SCRIPTS = (
 )
 
 _GROUP: dict[str, Any] = {"label": "", "reference": None, "frames": None}
+_TABLE: dict[str, Any] = {"title": "", "head": [], "rows": []}
 _CASE: dict[str, Any] = {
     "label": "",
     "family": "",
@@ -54,12 +61,14 @@ _PAGE: dict[str, Any] = {
     "notes": [],
     "groups": [],
     "columns": [],
+    "axes": {},
+    "tables": [],
     "cases": [],
 }
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:
-    """Write a study as one HTML file that needs nothing else.
+    """Write runs, and what is known of them, as one HTML file that needs nothing else.
 
     Parameters
     ----------
@@ -69,18 +78,28 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         Plain values, every entry but the ids may be missing:
 
         - "title", "subtitle"; "made", versions by name; "notes", sentences.
-        - "groups", cases that share a reference: "id", "label", "reference" with "methods",
-          "uncertainty" (the least error it resolves), "accepted" and "sentence", "frames" as
-          `beamdae.report.scene.frames.frames_of` gives them.
-        - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number"
-          and "status". The label of a case (key "label") and its status come first, named or not.
-        - "cases": "id", "group", "label", "family" (its color), "series" (what a line of the
-          work-precision plot joins; default none), "rank" (a number: the order in which it joins
-          them, and in which they are sorted by their label), "status" ("ok" or a sentence),
-          "values" by column, "error", "cost" [s], "below" (the error is less than the reference
-          resolves), "limited" (stopped by a limit), "curves" with "t" [s] and over it "observed"
-          by name, "error", "energy" by name ("imbalance" is drawn by its size),
-          "position drift" and "velocity drift".
+        - "groups", cases that are looked at together, such as those of the same parameters: "id",
+          "label"; "reference", what their errors are measured against, with "methods",
+          "uncertainty" (the least error it resolves), "accepted" and "sentence", or None;
+          "frames", what moves, as `beamdae.report.scene.frames.frames_of` gives it.
+        - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
+          "status", "error" and "cost"; the last two show the entries of a case with these names.
+          The label of a case (key "label") and its status come first, named or not.
+        - "axes", keys "x" and "y" of the columns cases are drawn by first; by any two of numbers
+          they can be. Default: error over cost, where there are any.
+        - "tables" of facts: "title", "head" (names of columns) and "rows".
+        - "cases": "id", "group", "label", "family" (its color and its entry in the legend, such as
+          the integrator or other parameters), "series" (cases of the same are joined by a line;
+          default none), "rank" (a number: the order in which they are, and in which they are sorted
+          by their label), "status" ("ok" or a sentence), "values" by column,
+          "error", "cost" [s], "below" (the error is less than the reference resolves), "limited"
+          (stopped by a limit), "curves" as `beamdae.report.page.tabled.curves_of` has them: "t" [s]
+          and over it "observed" by name, "error", "energy" by name ("imbalance" is drawn by its
+          size), "position drift", "velocity drift", and "difference", to the reference, with
+          "observed" and "energy" by name.
+
+        A page of one case without columns is that of a run: it has no table of cases, and the
+        first of its tables stands beside its motion.
 
     Returns
     -------
@@ -111,6 +130,7 @@ def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
     for case in cases:
         if case.get("group") not in group_ids:
             raise BeamdaeError(f"page: the case {case['id']!r} belongs to no group.")
+    page["tables"] = [_TABLE | table for table in page["tables"]]
     page["groups"] = [group | {"frames": stored_frames(group["frames"])} for group in groups]
     page["cases"] = [case | {"curves": stored_curves(case["curves"])} for case in cases]
     return _finite(page)

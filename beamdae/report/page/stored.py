@@ -67,19 +67,26 @@ def stored_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "energy": curves.get("energy") or {},
         "drift": {name: curves.get(name) for name in drift},
     }
-    packed = {
-        panel: {name: _packed(x, name in _LOGARITHMIC[panel]) for name, x in named.items() if x}
-        for panel, named in panels.items()
+    differences = curves.get("difference") or {}
+    return {
+        "t": _packed(curves["t"]),
+        **{panel: _named(x, _LOGARITHMIC[panel]) for panel, x in panels.items()},
+        "difference": {panel: _named(x) for panel, x in differences.items()},
     }
-    return {"t": _packed(curves["t"]), **packed}
 
 
-def _packed(values: Sequence[float | None], log: bool = False) -> dict[str, Any]:
+def _named(curves: Mapping[str, Any], logarithmic: Sequence[str] = ()) -> dict[str, Any]:
+    """Those of the curves that there are."""
+    there = {name: x for name, x in curves.items() if x is not None and len(x)}
+    return {name: _packed(x, name in logarithmic) for name, x in there.items()}
+
+
+def _packed(values: Sequence[float | None] | np.ndarray, log: bool = False) -> dict[str, Any]:
     """Values, or the logarithms of their sizes, as 16-bit numbers of equal steps.
 
     What is missing, not finite or has no logarithm is `_MISSING`.
     """
-    x = np.array([math.nan if value is None else value for value in values], float)
+    x = np.array(values, float)
     if log:
         x = np.log10(np.abs(x), out=np.full(len(x), math.nan), where=x != 0.0)
     finite = np.abs(x) < _HUGE

@@ -76,7 +76,7 @@ def sections_of(mechanism: Mechanism) -> int:
 
 
 def _body(drawing: Drawing, line: Array, sketch: Sketch) -> None:
-    if drawing.kind == "rigid":
+    if drawing.kind == "rigid" and len({id(place.body) for place in drawing.places}) == 1:
         _rigid(drawing.places, sketch)
     elif drawing.kind == "point":
         row = sketch.at(drawing.places[0])

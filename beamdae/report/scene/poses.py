@@ -19,7 +19,7 @@ _STEP = 1e-5
 
 
 class Poses(Protocol):
-    """Places of one body -> (frames, places, 3): x, y [m] and turn since the drawing [rad]."""
+    """Places -> (frames, places, 3): x, y [m] and turn since the drawing [rad]."""
 
     def __call__(self, places: Sequence[Attachment]) -> Array:
         """Where they are."""
@@ -38,11 +38,18 @@ class Moved:
 
     def __call__(self, places: Sequence[Attachment]) -> Array:
         """Where they are."""
-        if not sum(place.size for place in places):
-            return np.repeat(drawn(places), len(self._q), axis=0)
-        q = self._q[:, self._owners.slice(places[0].body)]
-        at = [At(place.operator, place.moved) for place in places]
-        return evaluated(place_and_turn, at, q, np.zeros_like(q), np.zeros_like(q))
+        found = np.repeat(drawn(places), len(self._q), axis=0)
+        bodies: dict[int, list[int]] = {}
+        for k, place in enumerate(places):
+            # What has no coordinates stays where it is drawn.
+            if place.size:
+                bodies.setdefault(id(place.body), []).append(k)
+        for members in bodies.values():
+            q = self._q[:, self._owners.slice(places[members[0]].body)]
+            at = [At(places[k].operator, places[k].moved) for k in members]
+            still = np.zeros_like(q)
+            found[:, members] = evaluated(place_and_turn, at, q, still, still)
+        return found
 
 
 class Vibrating:

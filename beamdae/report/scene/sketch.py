@@ -47,7 +47,7 @@ class Sketch:
         return self._rows[key]
 
     def through(self, places: Sequence[Attachment]) -> Array:
-        """Where points of one body are, (frames, points, 2)."""
+        """Where points are, (frames, points, 2)."""
         return self._of(places)[..., :2]
 
     def follow(self, pose: Array) -> int:
@@ -99,9 +99,9 @@ class Sketch:
             to, points = at, np.column_stack([np.zeros(len(points)), points])
         self._glyphs.append(Symbol(part or self.part, kind, at, to, along, points))
 
-    def name(self, row: int, text: str = "") -> None:
-        """Have a name at a pose, by default that of the part."""
-        self._names.append((row, text or self.part))
+    def name(self, row: int) -> None:
+        """Have the name of the part at a pose."""
+        self._names.append((row, self.part))
 
     def support(self, place: Attachment) -> None:
         """The ground under a place, once, if it is one of the ground."""

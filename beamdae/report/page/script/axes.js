@@ -1,11 +1,17 @@
-// Scales and axes.
+// Scales, ticks and axes.
 
+// From values to places in a drawing and back.
 function scale([low, high], [from, to], logarithmic) {
   const forth = logarithmic ? Math.log10 : (value) => value;
   const [begin, end] = [forth(low), forth(high)];
   const at = (value) => from + ((to - from) * (forth(value) - begin)) / (end - begin);
-  const back = (place) => begin + ((end - begin) * (place - from)) / (to - from);
-  return { at, back, ticks: logarithmic ? powerTicks(low, high) : evenTicks(low, high) };
+  const back = (place) => {
+    const found = begin + ((end - begin) * (place - from)) / (to - from);
+    return logarithmic ? 10 ** found : found;
+  };
+  const fewest = Math.min(Math.max(Math.abs(to - from) / 90, 1.6), 3.5);
+  const powers = logarithmic && Math.log10(high / low) > 0.7;
+  return { at, back, from, to, ticks: powers ? powerTicks(low, high) : evenTicks(low, high, fewest) };
 }
 
 function powerTicks(low, high) {
@@ -24,13 +30,8 @@ function powerTicks(low, high) {
   }));
 }
 
-function niceBelow(value) {
-  const power = 10 ** Math.floor(Math.log10(value));
-  return power * [5, 2, 1].find((factor) => factor * power <= value * (1 + 1e-9));
-}
-
-function evenTicks(low, high) {
-  const step = niceBelow((high - low) / 3.5);
+function evenTicks(low, high, fewest) {
+  const step = niceBelow((high - low) / fewest);
   const first = Math.ceil(low / step - 1e-9);
   const last = Math.floor(high / step + 1e-9);
   const digits = Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / step)) + 1, 1);
@@ -38,6 +39,11 @@ function evenTicks(low, high) {
     const value = (first + i) * step;
     return { value, text: shown(Number(value.toPrecision(Math.min(digits, 15))), Math.max(digits + 1, 2)) };
   });
+}
+
+function niceBelow(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find((factor) => factor * power <= value * (1 + 1e-9));
 }
 
 function padded([low, high], logarithmic) {
@@ -49,8 +55,8 @@ function padded([low, high], logarithmic) {
   return [low - more, high + more];
 }
 
-function plotBox(width, height) {
-  return { width, height, left: 62, right: width - 14, top: 24, bottom: height - 34 };
+function within(value, [low, high]) {
+  return value >= low && value <= high;
 }
 
 function canvas(box, label, ...children) {
@@ -59,6 +65,12 @@ function canvas(box, label, ...children) {
     { viewBox: `0 0 ${box.width} ${box.height}`, role: "group", "aria-label": label },
     ...children,
   );
+}
+
+// What is between the axes.
+function frame(box, more = {}) {
+  const size = { width: box.right - box.left, height: box.bottom - box.top };
+  return svg("rect", { x: box.left, y: box.top, ...size, ...more });
 }
 
 function axes(box, x, y, titles) {
@@ -70,22 +82,12 @@ function axes(box, x, y, titles) {
     svg("line", { class: "grid", x1: box.left, x2: box.right, y1: y.at(value), y2: y.at(value) }),
     svg("text", { x: box.left - 7, y: y.at(value) + 4, "text-anchor": "end" }, text),
   ]);
-  const frame = {
-    class: "axis",
-    x: box.left,
-    y: box.top,
-    width: box.right - box.left,
-    height: box.bottom - box.top,
-  };
+  const middle = (box.left + box.right) / 2;
   return [
     ...vertical,
     ...horizontal,
-    svg("rect", frame),
-    svg(
-      "text",
-      { class: "title", x: (box.left + box.right) / 2, y: box.height - 3, "text-anchor": "middle" },
-      titles.x,
-    ),
-    svg("text", { class: "title", x: box.left, y: 14 }, titles.y),
+    frame(box, { class: "axis" }),
+    svg("text", { class: "title", x: middle, y: box.height - 3, "text-anchor": "middle" }, titles.x),
+    svg("text", { class: "title", x: 2, y: 14 }, titles.y),
   ];
 }

@@ -7,10 +7,6 @@ function unpackedPage(data) {
   for (const { frames } of data.groups.filter((group) => group.frames)) {
     unpackFrames(frames);
   }
-  for (const { curves } of data.cases.filter((one) => one.curves)) {
-    unpackIn(curves, ["t"]);
-    for (const { key } of PANELS) unpackIn(curves[key], Object.keys(curves[key]));
-  }
   return data;
 }
 
@@ -38,6 +34,14 @@ function unpacked(value) {
 // What an object has itself: a name may be that of something all objects have.
 function own(object, name) {
   return object && Object.hasOwn(object, name) ? object[name] : undefined;
+}
+
+// Of curves, once they are drawn.
+const unpackedValues = new WeakMap();
+
+function valuesOf(value) {
+  if (value && !unpackedValues.has(value)) unpackedValues.set(value, unpacked(value));
+  return value && unpackedValues.get(value);
 }
 
 function decoded(code, { low, step, log }) {

@@ -21,6 +21,20 @@ function svg(tag, attributes = {}, ...children) {
   return built(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
+// A button of a legend: what it stands for is shown or hidden. It keeps the focus when it is drawn again.
+function switchOf(key, on, change, ...children) {
+  const click = () => {
+    change();
+    [...document.querySelectorAll("[data-key]")].find((one) => one.dataset.key === key)?.focus();
+  };
+  const attributes = { type: "button", class: "switch", "data-key": key, "aria-pressed": String(on), click };
+  return html("button", attributes, ...children);
+}
+
+function flip(set, value) {
+  if (!set.delete(value)) set.add(value);
+}
+
 function empty(sentence) {
   return html("p", { class: "empty" }, sentence);
 }

@@ -3,7 +3,19 @@
 const page = unpackedPage(JSON.parse(byId("data").textContent));
 const families = distinct(page.cases.map((one) => one.family));
 const columns = tableColumns();
-const state = { group: null, slots: [], order: null, names: {} };
+const quantities = allQuantities();
+const state = {
+  group: null,
+  slots: [],
+  order: null,
+  // Of panels, by their keys: what they show, if its difference to the reference.
+  names: {},
+  differences: {},
+  charts: new Map(),
+  axes: {},
+  views: {},
+  hidden: { families: new Set(), cases: new Set(), names: {} },
+};
 
 function drawHeader() {
   byId("title").textContent = page.title;
@@ -13,14 +25,15 @@ function drawHeader() {
     .map((entry) => entry.join(" "))
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
+  if (!scatters()) byId("selected-title").textContent = "Over time";
+  byId("motion").hidden = !page.groups.some((group) => group.frames);
+  document.querySelector("main").classList.toggle("still", byId("motion").hidden);
 }
 
 function drawReference() {
   const { reference } = state.group;
-  if (!reference)
-    return byId("reference").replaceChildren(
-      html("span", { class: "alarm" }, "No reference: errors are not known."),
-    );
+  byId("choice").hidden = page.groups.length < 2 && !reference;
+  if (!reference) return byId("reference").replaceChildren();
   const verdict = reference.accepted ? [] : [html("span", { class: "alarm" }, "Reference not accepted. ")];
   const said = reference.sentence || (reference.methods ?? []).join(" and ");
   return byId("reference").replaceChildren(...verdict, said);
@@ -28,9 +41,14 @@ function drawReference() {
 
 function showGroup(group) {
   state.group = group;
+  for (const key of ["scatter", ...PANELS.map((panel) => panel.key)]) {
+    state.views[key] = { x: null, y: null };
+    state.hidden.names[key] = new Set();
+  }
   drawReference();
-  drawPrecision();
+  drawScatter();
   drawUnplotted();
+  drawFacts();
   drawTable();
   drawMotion(state.group.frames);
   selectFirst();
@@ -47,7 +65,7 @@ function listen() {
 function start() {
   drawHeader();
   listen();
-  if (page.groups.length) showGroup(page.groups[0]);
+  if (page.cases.length) showGroup(page.groups[0]);
   else document.querySelector("main").replaceChildren(empty("This study has no cases."));
 }
 

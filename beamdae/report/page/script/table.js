@@ -1,5 +1,7 @@
 // The table of cases.
 
+const TABLED = { error: height, cost: (one) => one.cost };
+
 function tableColumns() {
   const given = page.columns.find((column) => column.key === "label") ?? { label: "case", unit: "" };
   const sentence = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
@@ -7,11 +9,15 @@ function tableColumns() {
   return [
     { ...given, kind: "label", value: (one) => one.label, order: (one) => one.rank ?? one.label },
     { ...sentence, kind: "status", value: (one) => one.status },
-    ...others.map((column) => ({ ...column, value: (one) => own(one.values, column.key) })),
+    ...others.map((column) => ({
+      ...column,
+      value: TABLED[column.kind] ?? ((one) => own(one.values, column.key)),
+    })),
   ];
 }
 
 function drawTable() {
+  byId("cases").hidden = !scatters();
   const [head, body] = byId("table").children;
   head.replaceChildren(html("tr", {}, html("th", { "aria-label": "selected" }), ...columns.map(header)));
   body.replaceChildren(...casesHere().map(row));
@@ -49,7 +55,13 @@ function row(one) {
 function cell(one, column) {
   const alarm = column.kind === "status" && failed(one) ? "alarm" : "";
   const image = column.kind === "label" ? [familySign(one.family)] : [];
-  return html("td", { class: `${column.kind} ${alarm}` }, ...image, shown(column.value(one)));
+  return html("td", { class: `${column.kind} ${alarm}` }, ...image, cellText(one, column));
+}
+
+function cellText(one, column) {
+  const text = shown(column.value(one));
+  if (column.kind !== "error" || !one.below) return text;
+  return resolution() ? `< ${shown(resolution(), 2)}` : "not resolved";
 }
 
 function sortBy(column) {

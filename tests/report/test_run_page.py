@@ -1,0 +1,92 @@
+"""The page of one run."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pages import chosen_options
+
+import beamdae as bd
+from beamdae.report.page.page import write_page
+from beamdae.report.run_page import page_of_run
+
+
+@pytest.fixture(scope="module")
+def run():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arm = mech.add(bd.RigidBody.rod("arm", (0.0, 0.0), (1.0, 0.0), mass=1.0))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    mech.observe("tip", arm.at(1.0, 0.0))
+    return bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.5)
+
+
+def test_a_run_is_told_as_it_is(run):
+    columns = run.all_columns()
+    errors = {"half the range": np.arange(6.0), "error": [1e-6] * 6}
+    page = page_of_run(run, "arm", errors=errors, warnings=["Beware."])
+    assert (page["title"], page["subtitle"]) == ("arm", "Radau: reached the end")
+    assert page["notes"] == ["Beware.", *run.warnings]
+    tables = {table["title"]: table for table in page["tables"]}
+    # No beams, nothing on their validity.
+    assert list(tables) == ["Run", "Observed", "Where it comes from"]
+    assert tables["Observed"]["head"] == ["observed", "min", "max", "end", "error"]
+    assert tables["Observed"]["rows"][0][0] == "tip.x [m]"
+    assert tables["Observed"]["rows"][0][-1] == "1e-06"
+    (case,) = page["cases"]
+    curves = case["curves"]
+    assert_allclose(curves["t"], run.t)
+    assert_allclose(curves["observed"]["tip.y [m]"], columns["tip.y [m]"])
+    assert_allclose(curves["energy"]["kinetic"], columns["energy.kinetic [J]"])
+    assert {"work of loads", "imbalance"} <= set(curves["energy"])
+    assert_allclose(curves["position drift"], run.drift["drift.position"])
+    (group,) = page["groups"]
+    assert "arm" in [symbol["name"] for symbol in group["frames"]["symbols"]]
+
+
+def test_a_run_of_equations_has_no_motion(tmp_path):
+    import casadi as ca
+
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
+    run = bd.simulate(system, bd.Radau(), t_end=0.1)
+    page = page_of_run(run, "spring")
+    assert page["groups"][0]["frames"] is None
+    assert write_page(tmp_path / "page.html", page).is_file()
+
+
+def test_long_runs_keep_as_many_rows_as_curves_can_show(run):
+    columns = run.all_columns()
+    long = {name: np.repeat(x, 100) for name, x in columns.items()}
+    page = page_of_run(run, "arm", long)
+    curves = page["cases"][0]["curves"]
+    assert len(curves["t"]) == 2000
+    assert curves["t"][-1] == run.t[-1]
+    # Of drift there are rows of this run alone.
+    assert curves["position drift"] is None
+
+
+def test_the_page_of_a_run_in_a_browser(run, show):
+    tab = show(page_of_run(run, "arm"))
+    assert tab.inner_text("h1") == "arm"
+    for hidden in ("#precision", "#cases", "#choice", "#chosen button"):
+        assert not tab.locator(hidden).first.is_visible()
+    assert tab.locator("#facts h2").all_inner_texts() == ["Run"]
+    assert tab.locator("#more h2").all_inner_texts() == ["Observed", "Where it comes from"]
+    panels = tab.locator(".panel h3").all_inner_texts()
+    assert panels == ["Observed", "Energy [J]", "Drift of the joints"]
+    # Energies belong together.
+    assert chosen_options(tab.get_by_label("Energy [J]: which")) == ["all in J"]
+    energies = tab.locator("[data-panel=energy] .switch").all_inner_texts()
+    assert energies[:3] == ["kinetic", "strain", "gravity"]
+    assert tab.locator("[data-chart=energy] path.curve").count() == len(energies)
+    assert "arm" in tab.locator("#stage title").all_text_contents()
+
+
+def test_a_run_that_fails_says_so_and_how_far_it_got(run, show):
+    page = page_of_run(run, "arm")
+    page["cases"][0]["status"] = "Newton did not converge"
+    page["subtitle"] = "Radau: Newton did not converge"
+    tab = show(page)
+    assert tab.inner_text("#subtitle") == "Radau: Newton did not converge"
+    # The line, and a cross at its end.
+    assert tab.locator("[data-chart=observed] path.curve").count() == 2
+    assert not tab.locator("#unplotted").is_visible()
