@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,6 +23,8 @@ EXIT_CODES = (
     "Exit codes: 0 done, 1 failed (what was reached is written), 2 a mistake in the command or the "
     "model, 130 after Ctrl-C, 143 after SIGTERM."
 )
+# Boxes of help cut words in fewer columns.
+_BOXES = 76
 _NO_MEMORY = "more memory is needed than there is; take fewer elements, or a larger output step."
 
 _OPTIONS = {
@@ -97,7 +100,15 @@ def _interrupted(where: str) -> int:
 
 
 class _PlainHelp:
-    """Help that does not say of flags that they are true or false."""
+    """Help without boxes where it is narrow, that says of no flag that it is true or false."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        columns, before = shutil.get_terminal_size().columns, vars(self).get("rich_markup_mode")
+        if columns < _BOXES:
+            formatter.width = min(formatter.width, columns - 2)
+            vars(self)["rich_markup_mode"] = None
+        super().format_help(ctx, formatter)  # type: ignore[misc]
+        vars(self)["rich_markup_mode"] = before
 
     def get_params(self, ctx: Any) -> Any:
         found = super().get_params(ctx)  # type: ignore[misc]
@@ -139,13 +150,15 @@ def _misuse_told(as_json: bool) -> Iterator[None]:
         with speaking(voice):
             complain(_misuse(problem))
         if as_json:
-            typer.echo(voice.document(problem.ctx.info_name, MISTAKE))
+            typer.echo(voice.document(problem.ctx.info_name if problem.ctx else "", MISTAKE))
         raise typer.Exit(MISTAKE) from None
 
 
 def _misuse(problem: Any) -> str:
     """What is wrong with options, and the value that is."""
-    command, words = problem.ctx.command_path, problem.format_message().rstrip(".")
+    # The parser of options does not always know whose they are.
+    command = problem.ctx.command_path if problem.ctx else "beamdae"
+    words = problem.format_message().rstrip(".")
     details: Any = getattr(problem.__cause__, "errors", list)()
     got = f", got {shown(details[0]['input'])}" if details else ""
     words = f"{words[:1].lower()}{words[1:]}".replace(". Did", ", did")

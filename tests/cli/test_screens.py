@@ -72,16 +72,94 @@ def test_study_in_a_terminal(here, width):
     assert "a wider terminal or cases.csv shows them" in " ".join(" ".join(lines).split())
 
 
+# Other commands, and what is whole on the screen at every width.
+COMMANDS = {
+    "list": (["."], ["arm", "both"]),
+    "check": (["model.py"], ["hinge :smile:", "Revolute", "it can be run"]),
+    "draw": (["model.py"], ["hinge :smile:", "Revolute"]),
+    "static": (["model.py"], ["reached the end", "tip :smile:.x [m]"]),
+    "modes": (["model.py", "-n", "1"], ["frequency", "kind", "moves"]),
+    "sweep": (["model.py", "--over", "mass=1,2", "--of", "tip :smile:.y"], ["2 cases, 2 of them"]),
+    "examples": ([], ["leaf_spring_vehicle"]),
+    "new": (["mine.py"], ["beamdae run mine.py"]),
+}
+
+
 @pytest.mark.slow(reason="processes in terminals")
-@pytest.mark.parametrize("width", [40, *WIDTHS])
-def test_lists_in_a_terminal(here, width):
-    for command in (["list", "."], ["check", "model.py"]):
-        code, lines, _ = in_terminal(width, *command)
-        assert code == 0
-        assert max(map(len, lines)) <= width
-        text = "\n".join(lines)
-        assert "arm" in text
-        assert ("both" in text) == (command[0] == "list")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_in_terminals(here, command):
+    arguments, words = COMMANDS[command]
+    for width in WIDTHS:
+        Path("mine.py").unlink(missing_ok=True)
+        code, lines, _ = in_terminal(width, command, *arguments)
+        assert code == 0, lines
+        told = [line for line in lines if not line.startswith("written: ")]
+        assert max(map(len, told)) <= width
+        text = " ".join(" ".join(told).split())
+        for word in words:
+            assert word in text
+
+
+@pytest.mark.parametrize("width", ["20", "40", "200"])
+def test_lists_and_facts_at_the_ends_of_widths(here, width):
+    for command in (["list", "."], ["check", "model.py", "--no-predict"], ["examples"]):
+        result = CliRunner().invoke(app, command, env={"COLUMNS": width})
+        assert result.exit_code == 0, result.output
+        assert max(map(len, result.stdout.splitlines())) <= int(width)
+        assert ("not shown: " in result.stdout) == (command[0] == "list" and width != "200")
+
+
+@pytest.mark.slow(reason="a process in a terminal")
+def test_a_bar_leaves_the_cursor_and_no_line(here):
+    _, _, text = in_terminal(60, "run", "model.py")
+    assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
+    last = text[text.rindex("\x1b[?25h") :]
+    assert "/1 s" not in last
+
+
+@pytest.mark.slow(reason="processes of the command")
+def test_no_bar_without_a_terminal_nor_in_a_dumb_one_nor_in_quiet(here):
+    for environment, more in (({"TERM": "dumb"}, []), ({}, ["--quiet"]), ({}, ["--json", "-q"])):
+        _, lines, text = in_terminal(60, "run", "model.py", *more, environment=environment)
+        assert "\x1b[?25l" not in text
+        assert not any("/1 s" in line for line in lines)
+    _, errors = process("run", "model.py").communicate(timeout=60)
+    assert errors == ""
+
+
+def test_a_bar_fits_every_width():
+    from rich.console import Console
+
+    label = "estimate of errors, GeneralizedAlpha(rtol=1e-08)"
+    for width in range(10, 130):
+        screen = Console(width=width, force_terminal=True, color_system=None)
+        now = progress.Reached(0.4, "1.97/5 s", 83.2, label)
+        with screen.capture() as capture:
+            screen.print(now)
+        (line,) = capture.get().splitlines()
+        assert len(line.rstrip()) <= width
+        if width >= 13:
+            assert "1.97/5 s 1:23" in line
+        if width >= 17:
+            assert line.startswith("━")
+        if width > 90:
+            assert label in line
+        elif "estimate" in line:
+            assert re.search(r"estimate.*….*\)", line) or width > 80
+
+
+def test_a_run_without_a_terminal_says_now_and_then_how_far_it_is(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress, "progress_console", lambda: None)
+    with progress.run_progress(4.0) as reached:
+        for step in range(9):
+            now[0] = 3.0 * step
+            reached("Radau(rtol=1e-06)", 0.5 * step)
+    assert capsys.readouterr().err.splitlines() == [
+        "Radau(rtol=1e-06): 2/4 s, 0:12 left",
+        "Radau(rtol=1e-06): 4/4 s, 0:00 left",
+    ]
 
 
 @pytest.mark.slow(reason="processes in terminals")

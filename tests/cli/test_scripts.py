@@ -180,3 +180,13 @@ def test_help_tells_exit_codes_and_flows_at_every_width():
         assert "Exit codes: 0 done" in CliRunner().invoke(app, ["--help"]).stdout
         paragraph = " ".join(told.split()).split("Arguments")[0]
         assert "and so on; NAME.csv is that of all parts" in paragraph
+
+
+def test_narrow_help_has_no_boxes_that_cut_words():
+    for width in (20, 40, 60):
+        told = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": str(width)}).stdout
+        assert "…" not in told
+        assert "╭" not in told
+        if width > 40:
+            assert max(map(len, told.splitlines())) <= width
+    assert "╭" in CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "80"}).stdout
