@@ -1,6 +1,6 @@
 """Sphinx makes the site, without a network: `sphinx-build -W -n .docs results/docs`."""
 
-import importlib
+import importlib.util
 import os
 import re
 import shutil
@@ -33,7 +33,6 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
-    "sphinx-mathjax-offline",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "scripts"]
@@ -41,7 +40,11 @@ templates_path = ["_templates"]
 
 html_theme = "furo"
 html_title = "beamdae"
-html_static_path = ["_static"]
+# MathJax comes from a package: pages are read without a network as well. That package as an
+# extension would not let pages be made in parallel.
+_mathjax = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent
+html_static_path = ["_static", str(_mathjax / "static")]
+mathjax_path = "mathjax/tex-chtml.js"
 html_css_files = ["site.css"]
 html_show_sphinx = False
 

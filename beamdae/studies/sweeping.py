@@ -135,9 +135,9 @@ def sweep(
     >>> found = bd.sweep(swing, {"length": [0.5, 1.0, 2.0]}, of="bob.y", t_end=1.0)
     >>> print(found.table[["length", "bob.y min [m]"]].round(3).to_string(index=False))
      length  bob.y min [m]
-        0.5         -0.500
-        1.0         -1.000
-        2.0         -1.982
+        0.5           -0.5
+        1.0           -1.0
+        2.0           -2.0
     >>> path = found.plot("bob.y").save("bob.png")
     """
     chosen = _model(model, t_end)
