@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -103,17 +104,21 @@ def _say(results: Results) -> None:
         ended = int((alone["status"] == "ok").sum())
         screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
-    for group, reference in results.references.items():
+    for group, reference in islice(results.references.items(), MOST_ROWS):
         screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
         if len(results.table) <= MOST_ROWS:
             screen.print(terminal.comparison_table(rows))
         if group in summaries:
             screen.print(terminal.summary_table(summaries[group]))
-    if not results.interrupted:
-        for group, reference in results.references.items():
-            if reference.table is None:
-                complain(f"failed: {group}: {reference.sentence}")
+    if len(results.references) > MOST_ROWS:
+        more = len(results.references) - MOST_ROWS
+        screen.print(f"{more} more groups, see summary.csv and report.html", style="dim")
+    lacking = [
+        f"{group}: {x.sentence}" for group, x in results.references.items() if x.table is None
+    ]
+    for sentence in () if results.interrupted else lacking[:MOST_ROWS]:
+        complain(f"failed: {sentence}")
     say_failures(results)
 
 

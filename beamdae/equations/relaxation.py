@@ -20,7 +20,7 @@ Array = np.ndarray
 # Steps that keep Newton's iteration near the joints, in the natural sizes of coordinates; of what
 # went further than its size, in that way, for so many sizes.
 _APPROACH, _FURTHER = 0.2, 1e4
-# What one more iteration may find left of a step, as a share of it; what is less than that is none.
+# How far joints may be closed after a step, as a share of it; what is less than that is none.
 _LEFT, _NONE = 0.5, 1e-9
 # Pseudo-times squared of the way to equilibrium: how far the accelerations at the beginning carry
 # in the first, the last over the first, and from step to step.
@@ -56,7 +56,7 @@ class Step(NamedTuple):
     far
         How far it goes, in natural sizes.
     left
-        How far one more iteration of Newton's method, which is taken, goes after it.
+        How far joints are closed after it, by one more iteration.
     carried
         How far rounding may have carried it: far where nothing resists.
     """
@@ -69,7 +69,7 @@ class Step(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """Whether Newton's method is to be trusted in it."""
+        """Whether the joints are to be trusted in it."""
         return self.far <= _APPROACH and self.left <= max(_LEFT * self.far, _NONE)
 
     @property
@@ -118,20 +118,19 @@ class Flow:
             return None
         rounded = size(solve(static.residual(q + self._off, lam) - there))
         q, lam = q + change[:n], lam + change[n:]
-        over = static.residual(q, lam)
-        over[:n] += mass @ change[:n] / square
-        further = -solve(over)
+        open_joints = static.residual(q, lam)
+        open_joints[:n] = 0.0
+        further = -solve(open_joints)
         return Step(q + further[:n], lam + further[n:], far, size(further), rounded)
 
 
 def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
     """Positions and multipliers at rest: implicit steps down the gradient flow from near `q`.
 
-    The steps solve M dq / T^2 + F + G^T lam = 0, g = 0 by two iterations of Newton's method with
-    [[M / T^2 + K, G^T], [G, 0]], K that of F + G^T lam, and end as Newton's method: short
-    pseudo-times T keep a step small and lead to equilibria that are stable, long ones converge
-    quadratically. Steps are measured such that they are the same however the mechanism is turned,
-    and in other units.
+    The steps solve [[M / T^2 + K, G^T], [G, 0]] with K that of F + G^T lam, once more to close the
+    joints, and end as Newton's method: short pseudo-times T keep a step small and lead to
+    equilibria that are stable, long ones converge quadratically. Steps are measured such that they
+    are the same however the mechanism is turned, and in other units.
 
     Raises
     ------

@@ -123,8 +123,9 @@ def _reference(
 ) -> Reference:
     """The reference at the times of an outcome, and at its own where the outcome ends early."""
     chosen = tuple(compared(solution.observed, columns))
-    if outcome.table is not None:
-        times = outcome.table.index.to_numpy()
+    table = outcome.table
+    if table is not None:
+        times = table.index.to_numpy()
         later = solution.t[solution.t > times[-1] * (1.0 + 1e-12)]
         common = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
         solution = replace(solution, t=np.concatenate([common, later]))

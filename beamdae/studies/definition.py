@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 from beamdae.errors import BeamdaeError, count, iterated, keep, one_of, positive, shown
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.model_functions import file_name
+from beamdae.model_functions import Model, file_name
 from beamdae.studies.case import Case, Known
 from beamdae.studies.deviations import column_names
 from beamdae.studies.work import Limits, Task, mistake
@@ -92,7 +92,7 @@ class Study:
         self._check_cases()
 
     def _check_cases(self) -> None:
-        models: dict[str, str] = {}
+        models: dict[str, Model] = {}
         known: Known = {}
         for case in self.cases:
             if self.over is not None:
@@ -103,8 +103,10 @@ class Study:
                     )
                 positive(self.name, self.over, case.parameters[self.over])
             case.mechanism(known)
-            plain = replace(case, parameters={}).mechanism(known)
-            if models.setdefault(case.model.name, plain) != plain:
+            if models.setdefault(case.model.name, case.model) is case.model:
+                continue
+            one, other = (Case(x).mechanism(known) for x in (models[case.model.name], case.model))
+            if one != other:
                 raise BeamdaeError(
                     f"{self.name}: two different models are called {case.model.name!r}, "
                     "give one of them another name."

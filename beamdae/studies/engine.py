@@ -102,10 +102,11 @@ class Results:
         """
         paths = []
         for outcome in self.outcomes.values():
-            if outcome.table is None or not outcome.file:
+            table = outcome.table
+            if table is None or not outcome.file:
                 continue
             path = (self.folder / "trajectories" / outcome.file).with_suffix(".parquet")
-            content = outcome.table.reset_index().to_parquet(index=False)
+            content = table.reset_index().to_parquet(index=False)
             write_bytes(path, content)
             paths.append(path)
         return paths
@@ -245,8 +246,9 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
     Not by a look at the model: whatever it does when it is built, no process but its own does it.
     """
     study = plan.study
-    if study.columns and outcome.table is not None and task.case.model is study.cases[0].model:
-        named_columns(study.name, study.columns, observed_columns(outcome.table))
+    table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
+    if table is not None:
+        named_columns(study.name, study.columns, observed_columns(table))
 
 
 def _write(results: Results) -> None:

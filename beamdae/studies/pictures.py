@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _MARKERS = "osD^vPX"
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
 _MOST_RUNS = 8
+# More panels than these take minutes to draw, and nobody looks at them.
+_MOST_PANELS = 24
 _MOST_TICKS = 8
 # Letters of a line of the title of a panel.
 _LINE = 54
@@ -186,11 +188,15 @@ def _styles(
 
 
 def _panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
+    """A figure with a panel each; of many it says that they are the first ones."""
     from matplotlib.figure import Figure
 
+    total, titles = len(titles), titles[:_MOST_PANELS]
     columns = max(min(len(titles), 4), 1)
     rows = max(math.ceil(len(titles) / columns), 1)
     figure = Figure(figsize=(4.2 * columns + 1.0, 3.2 * rows + 0.6), layout="constrained")
+    if total > len(titles):
+        figure.suptitle(f"the first {len(titles)} of {total}", fontsize=9)
     axes = {}
     for k, title in enumerate(titles):
         axis = figure.add_subplot(rows, columns, k + 1)

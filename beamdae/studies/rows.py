@@ -27,7 +27,8 @@ def from_text(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
     text = io.StringIO(content.decode(), newline="")
     index, *_ = next(csv.reader(text))
     # Python reads each digit, which pandas does not.
-    rows = [[float(x or "nan") for x in line.split(",")] for line in text.read().split()]
-    numbers = np.array(rows).reshape(-1, 1 + len(columns))
+    lines = text.read().split()
+    cells = ",".join(lines).split(",") if lines else []
+    numbers = np.array([float(x or "nan") for x in cells]).reshape(-1, 1 + len(columns))
     times = pd.Index(numbers[:, 0], name=index)
     return pd.DataFrame(numbers[:, 1:], times, pd.Index(columns))

@@ -7,6 +7,7 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from operator import methodcaller
 from pathlib import Path
 from typing import Any, get_args
@@ -64,7 +65,6 @@ class Store:
         """
         rows, table = None, outcome.table
         if table is not None:
-            outcome = replace(outcome, file=self.trajectory(task).name)
             # The record has the headers as they are.
             text = outcome.text or to_text(table)
             write_bytes(self.rows(task), text)
@@ -73,6 +73,7 @@ class Store:
                 "sha256": hashlib.sha256(text).hexdigest(),
                 "columns": [str(c) for c in table],
             }
+            outcome = replace(outcome, file=self.trajectory(task).name)
         content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
@@ -106,13 +107,16 @@ class Store:
             content = self._content(task)
             if content is None or not _serves(task, content):
                 return None, ""
-            table = None if content["rows"] is None else self._table(task, content["rows"])
-            status = Status(**content["status"])
+            kept = None
+            if content["rows"] is not None:
+                kept = _Kept(self.rows(task), self.trajectory(task), **content["rows"])
+                self._show(task, kept.text())
         except _DamagedError as problem:
             return None, str(problem)
-        file = self.trajectory(task).name if content["rows"] else ""
+        status = Status(**content["status"])
         values, frames, read = (content[name] for name in ("values", "frames", "read"))
-        return Outcome(status, values, table, frames, read, file), ""
+        file = kept.shown.name if kept else ""
+        return Outcome(status, values, kept, frames, read, file), ""
 
     def _content(self, task: Task) -> dict[str, Any] | None:
         path = self.record(task)
@@ -137,17 +141,6 @@ class Store:
             raise _DamagedError(f"{path.name} has values no record has")
         return content
 
-    def _table(self, task: Task, rows: dict[str, Any]) -> pd.DataFrame:
-        name = self.trajectory(task).name
-        try:
-            text = self.rows(task).read_bytes()
-        except OSError as problem:
-            raise _DamagedError(f"{name} cannot be read, {problem.strerror}") from None
-        if hashlib.sha256(text).hexdigest() != rows["sha256"]:
-            raise _DamagedError(f"{name} is not what was written")
-        self._show(task, text)
-        return from_text(text, rows["columns"])
-
     def _show(self, task: Task, text: bytes) -> None:
         """Have the rows of a task under its name, whatever was there before."""
         source, path = self.rows(task), self.trajectory(task)
@@ -165,6 +158,38 @@ class Store:
         """Remove what processes that have ended left unfinished."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             sweep(folder)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Rows in a file, known to readers by another name; they are read when they are asked for."""
+
+    path: Path
+    shown: Path
+    sha256: str
+    columns: list[str]
+
+    def text(self) -> bytes:
+        """What the file has, if it is what was written."""
+        try:
+            text = self.path.read_bytes()
+        except OSError as problem:
+            raise _DamagedError(f"{self.shown.name} cannot be read, {problem.strerror}") from None
+        if hashlib.sha256(text).hexdigest() != self.sha256:
+            raise _DamagedError(f"{self.shown.name} is not what was written")
+        return text
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The rows."""
+        try:
+            return from_text(self.text(), self.columns)
+        except _DamagedError as problem:
+            raise BeamdaeError(f"{self.shown.parent}: {problem}.") from None
+
+    def __call__(self) -> pd.DataFrame:
+        """See `Outcome.rows`."""
+        return self.table
 
 
 def _serves(task: Task, content: dict[str, Any]) -> bool:
@@ -198,7 +223,7 @@ def _is_record(content: dict[str, Any]) -> bool:
         known
         and status["kind"] in get_args(Kind)
         and all(isinstance(x, plain) for x in content["values"].values())
-        and (rows is None or {"sha256", "columns"} <= set(rows))
+        and (rows is None or set(rows) == {"sha256", "columns"})
     )
 
 

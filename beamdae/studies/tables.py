@@ -50,15 +50,16 @@ def _errors(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
     # A run that took no step has its start to show, which is no error.
-    if reference.table is None or outcome.table is None or not outcome.values.get("steps"):
+    table = outcome.table
+    if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
-    error = deviations(outcome.table, reference.table, reference.columns)
+    error = deviations(table, reference.table, reference.columns)
     columns[ERROR] = float(error.to_numpy().max())
     complete = outcome.status.success
     columns["below resolution"] = bool(complete and columns[ERROR] < reference.resolves)
     forces = reactions(reference.table)
     if forces:
-        of_forces = deviations(outcome.table, reference.table, forces)
+        of_forces = deviations(table, reference.table, forces)
         columns["reaction error [-]"] = float(of_forces.to_numpy().max())
     for name in reference.columns:
         columns[f"error of {name}, end"] = float(error[name].iloc[-1]) if complete else np.nan

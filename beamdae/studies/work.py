@@ -100,8 +100,8 @@ class Outcome:
         How it ended.
     values
         Cost and quality by column of the case table.
-    table
-        Observed columns, energies and drift by time; None if there was no consistent start.
+    rows
+        Its table, or what reads it from where it is kept.
     frames
         Shapes of the bodies over time, for an animation; None if none was asked for.
     read
@@ -114,11 +114,16 @@ class Outcome:
 
     status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
-    table: pd.DataFrame | None = None
+    rows: pd.DataFrame | Callable[[], pd.DataFrame] | None = field(default=None, repr=False)
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
     text: bytes = field(default=b"", repr=False)
+
+    @property
+    def table(self) -> pd.DataFrame | None:
+        """Observed columns, energies and drift by time; None if there was no consistent start."""
+        return self.rows() if callable(self.rows) else self.rows
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:

@@ -208,8 +208,8 @@ def test_names_in_svg_are_valid_xml_whatever_they_hold(tmp_path):
         assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
 
 
-@pytest.mark.slow(reason="forty panels")
-def test_forty_groups_with_long_names_are_drawn(tmp_path, figure_of):
+@pytest.mark.slow(reason="many panels")
+def test_many_groups_with_long_names_are_drawn_as_far_as_anybody_looks(tmp_path, figure_of):
     rows = [
         {"group": f"{LONG}{k}", "load": f"{LONG}{k}", "elements": n, "series": f"{LONG}{s}",
          "label": f"{LONG}{s}", "wall time [s]": 0.1 * n}
@@ -222,7 +222,8 @@ def test_forty_groups_with_long_names_are_drawn(tmp_path, figure_of):
             assert ink(plots.plots(results)[plot]()[0]) > 1e-3
             figure = figure_of(results, plot)
             figure.canvas.draw()
-            assert len(figure.axes) == 40
+            assert len(figure.axes) == 24
+            assert figure.get_suptitle() == "the first 24 of 40"
             assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
 
 

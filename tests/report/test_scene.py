@@ -1,5 +1,7 @@
 """Scenes of runs: bodies and symbols are where the observed columns say they are."""
 
+import json
+
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
@@ -13,6 +15,7 @@ from support import ARC, SOFT
 import beamdae as bd
 from beamdae.report.scene import poses
 from beamdae.report.scene.bodies import SECTIONS, scene_of
+from beamdae.report.scene.frames import frames_of
 from beamdae.report.scene.of_run import scene_of_run
 from beamdae.results.shapes import frame_times
 
@@ -258,6 +261,8 @@ def test_arrows_are_as_long_as_their_load_is_of_its_largest():
     length = np.hypot(*(arrow[:, 1] - arrow[:, 0]).T)
     assert np.isnan(length[0])
     assert_allclose(length[1:] / length[-1], np.linspace(0.0, 1.0, FRAMES)[1:], rtol=1e-12)
+    # Nothing but standard JSON.
+    assert json.loads(json.dumps(frames_of(run(mech)), allow_nan=False))
 
 
 @pytest.mark.slow(reason="a quarter of a second")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import platform
 import subprocess
 import sys
@@ -41,7 +42,7 @@ TABLE = pd.DataFrame(
     {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
     index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
 )
-DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, table=TABLE)
+DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, rows=TABLE)
 
 
 @pytest.fixture
@@ -83,6 +84,17 @@ def test_rows_that_are_gone_are_told(filled):
     found, problem = filled.outcome(TASK)
     assert found is None
     assert problem == "one.csv cannot be read, No such file or directory"
+
+
+def test_tables_are_read_when_they_are_asked_for(filled):
+    """A study that is told again needs few of them."""
+    known, asked, late = (filled.outcome(TASK)[0] for _ in range(3))
+    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(asked)).table, TABLE)
+    assert known.table is known.table
+    filled.rows(TASK).unlink()
+    assert known.table is not None
+    with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read, No such"):
+        _ = late.table
 
 
 def refused(*_):

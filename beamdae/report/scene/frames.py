@@ -45,7 +45,8 @@ def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> 
         "symbols" on them, see `Symbol`: "name", "kind", "at", "to", "along" and "points", None
         where a line breaks, and the frames in which it is "absent"; "colors" of beams: "title",
         "limits", "scale" (evenly spaced colors) and by beam "values", a list along it for each
-        frame; "extent", the lower left and the upper right corner of all that is seen [m].
+        frame; "extent", the lower left and the upper right corner of all that is seen [m]. What is
+        not seen in a frame is None there.
     """
     low, high = scene.extent()
     digits = _DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
@@ -75,7 +76,7 @@ def _curve(curve: Curve, digits: int) -> dict[str, Any]:
     trail = curve.kind == "trail"
     places = curve.places[-1:] if trail else curve.places
     x, y = np.moveaxis(np.round(places, digits), -1, 0)
-    found = {"name": curve.part, "kind": curve.kind, "x": x.tolist(), "y": y.tolist()}
+    found = {"name": curve.part, "kind": curve.kind, "x": _listed(x), "y": _listed(y)}
     return found | ({"frames": len(curve.places)} if trail else {})
 
 
@@ -87,8 +88,15 @@ def _pose(pose: Array, digits: int) -> dict[str, Any]:
     }
 
 
-def _once(values: Array) -> list[float]:
-    return values[:1].tolist() if np.all(values == values[0]) else values.tolist()
+def _once(values: Array) -> list[Any]:
+    return _listed(values[:1] if np.all(values == values[0]) else values)
+
+
+def _listed(values: Array) -> list[Any]:
+    """The values, None where nothing is seen."""
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()
 
 
 def _symbol(symbol: Symbol, digits: int, scene: Scene) -> dict[str, Any]:
