@@ -47,7 +47,7 @@ def list_command(
         except BeamdaeError as problem:
             if not path.is_dir():
                 raise
-            problems.append({"file": file.name, "problem": str(problem)})
+            problems.append({"file": str(file), "problem": str(problem)})
             continue
         models += [_model(file, x) for x in models_here.values() if _own(x, file, studies_here)]
         studies += [_study(file, study) for study in studies_here.values()]
@@ -70,7 +70,7 @@ def _model(file: Path, model: Model) -> dict[str, Any]:
     return {
         "name": model.name,
         "t_end": model.t_end,
-        "file": file.name,
+        "file": str(file),
         "parameters": dict(model.parameters),
         "about": model.summary,
     }
@@ -78,7 +78,7 @@ def _model(file: Path, model: Model) -> dict[str, Any]:
 
 def _study(file: Path, study: Study) -> dict[str, Any]:
     models = list(dict.fromkeys(case.model.name for case in study.cases))
-    return {"name": study.name, "cases": len(study.cases), "file": file.name, "models": models}
+    return {"name": study.name, "cases": len(study.cases), "file": str(file), "models": models}
 
 
 def _own(model: Model, file: Path, studies: dict[str, Study]) -> bool:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from beamdae.cli.saying import hushed, progress_console
-from beamdae.report.letters import shortened
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -54,10 +53,12 @@ class Reached:
         from rich.table import Table
         from rich.text import Text
 
+        from beamdae.report.fitted import cut
+
         width = options.max_width
         told = f"{self.done} {clock(self.left)}"
         longer = f"{told} left"
-        told = longer if len(longer) + 1 + _NARROWEST <= width else shortened(told, width)
+        told = longer if len(longer) + 1 + _NARROWEST <= width else cut(told, width)
         bar = max(min(_WIDEST, width - len(told) - 1), 0)
         room = width - bar - len(told) - 2
         line = Table.grid(padding=(0, 1, 0, 0))
@@ -65,7 +66,7 @@ class Reached:
         if bar >= _NARROWEST:
             cells.insert(0, ProgressBar(1.0, min(max(self.share, 0.0), 1.0), width=bar))
         if room >= _LEAST_LABEL:
-            cells.append(Text(shortened(self.label, room), no_wrap=True))
+            cells.append(Text(cut(self.label, room), no_wrap=True))
         line.add_row(*cells)
         yield line
 

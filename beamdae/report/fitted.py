@@ -11,7 +11,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from beamdae.report.letters import plain, shortened
+from beamdae.report.letters import plain
 
 # Columns are left out before the first one is cut below this or half the width, and it is never
 # cut below the least; no column of sentences is folded below that.
@@ -20,6 +20,19 @@ _FIRST, _LEAST_FIRST, _LEAST_SENTENCES = 28, 6, 24
 _GAP, _EDGES = 2, 2
 # What facts are about takes this part of the width at most: half of it.
 _TOPICS = 2
+
+
+def cut(text: str, most: int) -> str:
+    """The plain text in at most so many cells of a terminal: a longer one loses its middle."""
+    text = plain(text)
+    if cell_len(text) <= most:
+        return text
+    head, tail = text[: (len(text) + 1) // 2], text[(len(text) + 1) // 2 :]
+    while cell_len(head) + 1 + cell_len(tail) > most:
+        head, tail = (head[:-1], tail) if cell_len(head) > cell_len(tail) else (head, tail[1:])
+        if not (head or tail):
+            break
+    return f"{head}…{tail}"
 
 
 @dataclass(frozen=True)
@@ -115,7 +128,7 @@ class FittedTable:
 
     def _table(self, columns: Sequence[Column], first: int) -> Table:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        table.add_column(Text(shortened(self._first, first)), no_wrap=True, width=first)
+        table.add_column(Text(cut(self._first, first)), no_wrap=True, width=first)
         for column in columns:
             if column.sentences:
                 table.add_column(Text(column.header), overflow="fold")
@@ -126,7 +139,7 @@ class FittedTable:
                 )
         for row in self._rows:
             texts = (row[self._place(column)] for column in columns)
-            table.add_row(Text(shortened(row[0], first)), *map(Text, texts))
+            table.add_row(Text(cut(row[0], first)), *map(Text, texts))
         return table
 
 
@@ -154,6 +167,6 @@ class Facts:
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
         for topic, said in self._rows.items():
-            table.add_row(Text(shortened(topic, most)), Text(said))
+            table.add_row(Text(cut(topic, most)), Text(said))
         if self._rows:
             yield table

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -266,18 +267,22 @@ def models(found: Iterable[Mapping[str, Any]]) -> FittedTable:
     rows = []
     for one in found:
         values = ", ".join(f"{name}={value}" for name, value in one["parameters"].items())
-        rows.append((one["name"], f"{one['t_end']:g}", one["file"], values, one["about"]))
+        rows.append(
+            (one["name"], f"{one['t_end']:g}", Path(one["file"]).name, values, one["about"])
+        )
     return FittedTable("model", columns, rows, "--json")
 
 
 def studies(found: Iterable[Mapping[str, Any]]) -> FittedTable:
     """Studies that files define, with the models they are of."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
-    rows = [(x["name"], str(x["cases"]), x["file"], ", ".join(x["models"])) for x in found]
+    rows = [
+        (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in found
+    ]
     return FittedTable("study", columns, rows, "--json")
 
 
 def problems(found: Iterable[Mapping[str, Any]]) -> FittedTable:
     """Files and what is wrong with them."""
-    rows = [(one["file"], one["problem"]) for one in found]
+    rows = [(Path(one["file"]).name, one["problem"]) for one in found]
     return FittedTable("file", [Column("cannot be listed", sentences=True)], rows)

@@ -1,6 +1,7 @@
 """The command line for scripts: one JSON document, or nothing but what went wrong."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,18 @@ def test_the_document_of_each_command(here, command):
         assert told["model"]["name"] == "arm"
         assert told["model"]["parameters"] == {"mass": 2.0}
         assert "the model says" in result.stderr
+
+
+def test_the_guide_tells_the_keys_of_documents(here):
+    guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
+    told = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
+    assert set(told) == {*KEYS, "compare", "sweep"} - {"new"}
+    for command in ("check", "static", "draw"):
+        document = strict(called(command, *KEYS[command][0], "--json").stdout)
+        assert told[command] <= set(document)
+    for command, (_, keys) in KEYS.items():
+        assert keys - {"model"} <= told.get(command, set())
 
 
 @pytest.mark.parametrize("command", KEYS)

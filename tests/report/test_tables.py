@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from pendulum import pendulum
+from rich.cells import cell_len
 from rich.console import Console
 
 import beamdae as bd
 from beamdae.report import terminal
-from beamdae.report.fitted import Column, FittedTable
+from beamdae.report.fitted import Column, FittedTable, cut
 
 WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")
@@ -89,6 +90,15 @@ def test_a_first_column_of_three_hundred_letters_loses_its_middle_beside_whole_n
     assert len(row.rstrip()) >= width - 2
     text = printed(terminal.facts("", {name: 1.5}), width)
     assert re.match(r"beginL+…L+end  ?1.5", text)
+
+
+def test_wide_letters_are_cut_by_the_cells_they_take():
+    for most in range(1, 50):
+        short = cut("梁" * 20 + "beam", most)
+        assert cell_len(short) <= most
+        assert cell_len(short) >= min(most - 2, 44)
+    assert cut("梁" * 20 + "beam", 11) == "梁梁梁…beam"
+    assert cut("abcdefgh", 4) == "ab…h"
 
 
 @pytest.mark.parametrize("markup", [True, False])
