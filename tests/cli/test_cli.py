@@ -225,6 +225,7 @@ def test_run_without_a_page(command):
     assert names == {"arm.csv", "arm.json", "arm.png"}
 
 
+@pytest.mark.slow(reason="several runs of the command")
 def test_run_goes_on_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")
     assert result.exit_code == 0
@@ -260,6 +261,7 @@ def test_run_tells_how_far_beams_bent_and_warns_once(command):
     assert sidecar["warnings"][0].startswith("beam: it bends")
 
 
+@pytest.mark.slow(reason="a run of the command")
 def test_run_with_generalized_alpha(command):
     result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
                      "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip
@@ -271,6 +273,7 @@ def test_run_with_generalized_alpha(command):
     assert list(pd.read_csv("results/arm.csv")["t [s]"]) == [0.0, 5e-3, 0.01]
 
 
+@pytest.mark.slow(reason="a run of the command")
 def test_model_without_observables_is_drawn_and_written(command):
     result = command("run", ARM.replace('mech.observe("tip", beam.end)', ""))
     assert result.exit_code == 0
@@ -499,6 +502,7 @@ def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     assert_mistake(invoked("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
 
 
+@pytest.mark.slow(reason="a run of the command")
 def test_a_new_model_runs_and_is_not_written_over(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert invoked("new", "arm.py").exit_code == 0

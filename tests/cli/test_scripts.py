@@ -97,6 +97,7 @@ def test_a_quiet_command_says_nothing(here, command):
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
+@pytest.mark.slow(reason="a run of the command")
 def test_numbers_of_a_run(here):
     told = strict(called("run", "model.py", "--json", "--set", "mass=3").stdout)
     assert told["model"]["parameters"] == {"mass": 3.0}
@@ -185,6 +186,7 @@ def test_an_interrupted_run_has_its_document(here):
     assert strict(output)["errors"] == errors.splitlines()
 
 
+@pytest.mark.slow(reason="help of every width")
 def test_help_tells_exit_codes_and_flows_at_every_width():
     for width in ("40", "100"):
         told = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": width}).stdout

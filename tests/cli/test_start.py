@@ -27,6 +27,7 @@ NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiproces
 NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
 
 
+@pytest.mark.slow(reason="a process of its own")
 @pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
 @pytest.mark.skipif(not is_on(), reason="without machine code scikit-sundae is imported")
 def test_a_run_imports_what_it_needs(tmp_path):

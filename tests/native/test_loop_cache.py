@@ -175,6 +175,7 @@ def other_process(folder, env=None, missing=("numba",), raising="ImportError('it
     return ran.stdout.split("\n")[:-1], ran.stderr
 
 
+@pytest.mark.slow(reason="a process of its own")
 def test_what_was_compiled_is_loaded_without_numba(tmp_path):
     assert run(tmp_path) == TOTAL
     said, errors = other_process(tmp_path)

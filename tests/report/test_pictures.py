@@ -68,6 +68,7 @@ def test_a_stress_in_pascal_does_not_make_ways_in_meters_still():
     assert pictures.characteristic_columns(data) == ["axle.y [m]"]
 
 
+@pytest.mark.slow(reason="a picture")
 def test_of_forty_observables_twelve_are_drawn_and_the_picture_says_so(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr(pictures, "saved", lambda figure, path: figures.append(figure))
@@ -151,6 +152,7 @@ def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
     assert [axis.get_title() for axis in figure.axes] == ["a"]
 
 
+@pytest.mark.slow(reason="a picture")
 def test_work_precision_shows_runs_that_are_all_below_resolution(tmp_path, figure_of):
     rows = [{"error [-]": e, "below resolution": True, "wall time [s]": e} for e in (1e-8, 1e-7)]
     results = study(tmp_path, rows)

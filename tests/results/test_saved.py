@@ -78,6 +78,7 @@ def test_with_its_model_a_file_has_all_of_a_run(run, tmp_path):
     assert_whole(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
 
 
+@pytest.mark.slow(reason="processes of its own")
 def test_a_run_goes_to_other_processes_and_back(run):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         there = pool.submit(repr, run).result()

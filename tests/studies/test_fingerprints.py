@@ -171,6 +171,7 @@ HERE = "from pathlib import Path\nimport numpy as np\nimport pandas as pd\n"
 HERE += "HERE = Path(__file__).parent"
 
 
+@pytest.mark.slow(reason="a study")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_regression_a_study_follows_data_read_inside_the_model(tmp_path, monkeypatch):
     """Whatever reads it: it said 4 of 4 kept. Files of one parameter are those of its cases."""

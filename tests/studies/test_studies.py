@@ -131,6 +131,7 @@ def test_serial_runs_are_made_here_in_their_order(tmp_path):
     assert file.read_text().splitlines() == [f"{name} {os.getpid()}" for name in "abc"]
 
 
+@pytest.mark.slow(reason="a study")
 def test_an_interrupted_serial_run_ends_the_study_and_is_done_again(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt

@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from rich.console import Console
 
@@ -50,6 +51,7 @@ def test_a_case_tells_its_events_and_how_far_they_are_off():
     assert "bottom, caught" in screen.file.getvalue()
 
 
+@pytest.mark.slow(reason="a study")
 def test_a_case_with_other_events_than_the_reference_warns():
     case = bd.Case(pendulum, {"turn": 4.0}, FINE)
     table = bd.compare([case], reference=bd.Case(pendulum, {}, FINE))

@@ -85,6 +85,7 @@ def test_a_command_is_judged_by_its_exit_code_and_standard_error():
     assert command_seen(2, "", box) == Seen("refused", "No such option.")
 
 
+@pytest.mark.slow(reason="processes of its own")
 def test_a_process_that_dies_or_hangs_is_named_and_others_go_on():
     names = ["first", "dies", "hangs", "leaves", "last"]
     with Processes(1) as processes:
