@@ -28,7 +28,7 @@ SOLUTIONS: dict[str, Base] = {
     "plot": Base(lambda w: {"solutions": [w.solution], "labels": ["run"]}, itself),
     "animate": Base(
         lambda w: {
-            "solution": w.solution,
+            "solution": (w.beam, w.solution)[1],
             "path": w.folder / "run.gif",
             "speed": 1.0,
             "frames": 3,
