@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 # What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study", "sweep", "load_model"}
+_DEFINING = {"model", "study", "Study"}
+# As a decorator it defines one, called by a script it runs one.
 _DECORATED = {"model", "study", "sweep"}
 
 
@@ -47,7 +48,9 @@ def outline(file: Path) -> Outline:
         if isinstance(node, ast.Import):
             packages |= {x.asname or x.name for x in node.names if x.name == "beamdae"}
         elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "beamdae":
-            names |= {x.asname or x.name: x.name for x in node.names if x.name in _DEFINING}
+            names |= {
+                x.asname or x.name: x.name for x in node.names if x.name in _DEFINING | _DECORATED
+            }
 
     def meant(node: ast.AST) -> str:
         """What a name of the file is called in beamdae, if it is of there."""
@@ -62,7 +65,9 @@ def outline(file: Path) -> Outline:
             if kind in found:
                 found[kind].append(function)
     return Outline(
-        bool(names) or any(meant(node) in _DEFINING for node in ast.walk(tree)),
+        bool(found["sweep"])
+        or not _DEFINING.isdisjoint(names.values())
+        or any(meant(node) in _DEFINING for node in ast.walk(tree)),
         {function.name: dict(_parameters(function)) for function in found["model"]},
         tuple(function.name for kind in ("study", "sweep") for function in found[kind]),
     )

@@ -176,13 +176,13 @@ def write_page(run: Run, solution: Solution) -> None:
 def say(run: Run, solution: Solution) -> None:
     """Tables and sentences of a run on the screen."""
     from beamdae.report import terminal
-    from beamdae.results.occurrences import counted
+    from beamdae.results.occurrences import happened
 
     record(lambda: _found(run, solution))
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
-        rows["events"] = counted(one.name for one in solution.occurred)
+        rows["events"] = happened(solution.occurred)
     screen.print(terminal.facts(run.model.name, rows))
     if solution.columns:
         screen.print(terminal.ranges(solution.columns, run.errors))

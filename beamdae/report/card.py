@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from beamdae.errors import BeamdaeError
 from beamdae.report.motion import thumbnail
 from beamdae.report.terminal import number
-from beamdae.results.occurrences import counted
+from beamdae.results.occurrences import happened
 from beamdae.results.solution import Solution
 
 _CELL = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
@@ -42,7 +42,7 @@ def _facts(solution: Solution) -> dict[str, str]:
         "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
     }
     if solution.equations.events:
-        facts["events"] = counted(one.name for one in solution.occurred)
+        facts["events"] = happened(solution.occurred)
     for k, sentence in enumerate(solution.warnings):
         facts[f"warning {k + 1}"] = sentence
     return facts

@@ -201,9 +201,9 @@ def panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list
         axis.set_xlabel("t [s]")
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
-    if wanted > _PANELS:
-        figure.supxlabel(f"{_PANELS} of {wanted} {what}", fontsize=9, color="0.4")
-    figure.suptitle(wrapped(title), fontsize=11)
+    # Not below, where legends are.
+    some = [f"{number} of {wanted} {what}"] if wanted > number else []
+    figure.suptitle("\n".join(filter(None, [wrapped(title), *some])), fontsize=11)
     return figure, axes
 
 

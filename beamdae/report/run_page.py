@@ -13,7 +13,7 @@ from beamdae.report.page.tabled import curves_of, rows_a_curve
 from beamdae.report.scene.frames import frames_of
 from beamdae.results.files import versions
 from beamdae.results.headers import observed_columns
-from beamdae.results.occurrences import counted
+from beamdae.results.occurrences import happened
 from beamdae.results.solution import Solution
 
 _ID = "run"
@@ -74,7 +74,7 @@ def _tables(
 ) -> list[dict[str, Any]]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
-        facts["events"] = counted(one.name for one in solution.occurred)
+        facts["events"] = happened(solution.occurred)
     observed = {name: columns[name] for name in observed_columns(columns)}
     return [
         {"title": "Run", "rows": list(facts.items())},

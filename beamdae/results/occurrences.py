@@ -62,6 +62,22 @@ def counted(names: Iterable[str]) -> str:
     return ", ".join(x if n == 1 else f"{x} {n} times" for x, n in told.items()) or "none"
 
 
+def happened(occurred: Sequence[Occurrence]) -> str:
+    """Which events happened, how often, and when for the first time."""
+    times: dict[str, list[float]] = {}
+    for one in occurred:
+        times.setdefault(one.name, []).append(one.t)
+    return (
+        ", ".join(
+            f"{name} at {at[0]:.4g} s"
+            if len(at) == 1
+            else f"{name} {len(at)} times from {at[0]:.4g} s"
+            for name, at in times.items()
+        )
+        or "none"
+    )
+
+
 def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:
     """Columns: which events happened when, and what was observed then."""
     columns: dict[str, Any] = {

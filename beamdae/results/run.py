@@ -144,8 +144,20 @@ class Run:
 
     @cached_property
     def drift_columns(self) -> dict[str, Array]:
-        """The columns of `Solution.drift` by header, as arrays."""
-        rows = self._measured(measures.books_of(self.equations))[:, -2:]
+        """The columns of `Solution.drift` by header, of the joints that are active at each time."""
+        times, state = self._output
+        configurations = [interval.configuration for interval in self.trajectory.intervals]
+        which = self.trajectory.which(self.t)
+        rows = np.zeros((len(times), len(measures.DRIFT_COLUMNS)))
+        for active in dict.fromkeys(configurations):
+            here = np.array([x is active for x in configurations])[which]
+            if not here.any():
+                continue
+            found = State(*(x[here] for x in state))
+            equations = self.equations
+            if active is not None:
+                equations, found = active.equations, found._replace(lam=active.own(found.lam))
+            rows[here] = measures.books_of(equations)(times[here], *found)[:, -2:]
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     def summary(self) -> dict[str, Any]:

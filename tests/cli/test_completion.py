@@ -63,6 +63,21 @@ def test_an_outline_is_read_and_not_run(here):
     assert not Path("ran").exists()
 
 
+@pytest.mark.parametrize(
+    ("source", "defines"),
+    [
+        ("bd.sweep(bd.load_model('model.py'), {'mass': [1.0]})\n", False),
+        ("from beamdae import sweep, load_model\nsweep(load_model('model.py'), {})\n", False),
+        ("@bd.sweep(None, {})\ndef masses(run):\n    return {}\n", True),
+        ("from beamdae import sweep\n@sweep(None, {})\ndef masses(run):\n    return {}\n", True),
+        ("all_of_them = bd.study(None)\n", True),
+    ],
+)
+def test_regression_a_script_that_uses_models_defines_none(tmp_path, source, defines):
+    (tmp_path / "script.py").write_text("import beamdae as bd\n" + source, encoding="utf-8")
+    assert outline(tmp_path / "script.py").defines is defines
+
+
 def test_model_files_folders_and_examples(here):
     assert completion.model_files("") == ["model.py", "empty/", "sub/"]
     assert completion.model_files("sub/") == ["sub/other.py"]

@@ -1,0 +1,32 @@
+"""What is told of events that happened, and of what they switched."""
+
+import beamdae as bd
+from beamdae.results.occurrences import happened
+
+
+def test_what_happened_is_told_with_the_time():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.y", crosses=1.0, name="half way", do="record")
+    mech.when("ball.x", crosses=9.0, name="never", do="record")
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
+    # sqrt(2 h / g), h = 1 m
+    assert happened(solution.occurred) == "half way at 0.4515 s"
+    assert happened(solution.occurred * 3) == "half way 3 times from 0.4515 s"
+    assert happened(()) == "none"
+
+
+def test_regression_joints_that_are_switched_off_do_not_drift():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    string = mech.add(bd.Distance("string", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    mech.when("bob.x", direction="down", do=bd.deactivate(string), name="cut")
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 1.5)
+    (cut,) = solution.occurred
+    drift = solution.drift
+    # Between its steps a run is off by the error of its polynomials, some times rtol.
+    assert drift["drift.position"].max() < 1e-4
+    assert drift["drift.position"][solution.t < cut.t].max() > 0.0
+    assert (drift[solution.t > cut.t] == 0.0).all(axis=None)
