@@ -443,7 +443,7 @@ def test_names_people_use_are_taken(name):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (BEAM, "<beamdae.beams.beam.Beam object>"),
+        (BEAM, "Beam(name='beam', 1 m in 1 elements)"),
         ("a\nb", r"'a\nb'"),
         (np.zeros((2, 2)), "array([[0., 0.], [0., 0.]])"),
         pytest.param(10**5000, "a value of type int", id="5000"),
