@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.options import (
     EndTime,
+    Jobs,
     ModelName,
     Out,
     OutputStep,
@@ -38,9 +37,7 @@ def compare_command(
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; default one a core.", metavar="N")
-    ] = None,
+    jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
     out: Out = Path("results"),
@@ -56,7 +53,7 @@ def compare_command(
     from beamdae.studies.pool import pool_of
 
     work = Work(study, out / study.name, _draws, parquet)
-    carry_out(work, lambda: pool_of("compare", "--workers", workers, scheduler), _say)
+    carry_out(work, lambda: pool_of("compare", "--jobs", jobs, scheduler), _say)
 
 
 def _draws(results: Results) -> tuple[Draws, Draws]:

@@ -63,6 +63,10 @@ StudyFile = Annotated[
         autocompletion=completion.model_files,
     ),
 ]
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", "--workers", help="Processes; default one a core.", metavar="N"),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://host:8786."),

@@ -13,6 +13,7 @@ from beamdae.cli.asked import integrator_of
 from beamdae.cli.options import (
     EndTime,
     IntegratorName,
+    Jobs,
     ModelName,
     Out,
     OutputStep,
@@ -63,10 +64,7 @@ def sweep_command(
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", "--workers", help="Processes; default one a core.", metavar="N"),
-    ] = None,
+    jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
     out: Out = Path("results"),

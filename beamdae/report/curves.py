@@ -51,7 +51,7 @@ def picture_path(name: str, path: Any) -> Path:
 
 
 def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
-    """Draw columns of one or several runs over time, a panel a column.
+    """Draw columns of one or several runs over time, a panel a column, twelve at most.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
         )
     ]
     styles = [looks[k % len(looks)] for k in range(len(runs))]
-    for axis, column in zip(axes, columns, strict=True):
+    for axis, column in zip(axes, columns, strict=False):
         for table, style in zip(tables, styles, strict=True):
             (own,) = selected(table, column)
             drawn = pictures.drawable({TIME: table[TIME], own: table[own]})

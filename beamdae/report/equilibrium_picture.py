@@ -14,7 +14,6 @@ from beamdae.report.letters import shortened
 from beamdae.report.pictures import (
     AXIS,
     COLORS,
-    PANELS,
     as_written,
     drawable,
     dressed,
@@ -63,10 +62,10 @@ def plot_of_path(found: Equilibrium, names: Sequence[str]) -> Plot:
 
 
 def _figure(found: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()) -> Figure:
-    names = names or [name for name in moving(columns) if _changes(found, name)][:PANELS]
+    names = names or [name for name in moving(columns) if _changes(found, name)]
     factors, unstable = found.factors.sum(axis=1), _unstable_stretches(found)
     figure, axes = panels(len(names), title)
-    for axis, name in zip(axes, names, strict=True):
+    for axis, name in zip(axes, names, strict=False):
         values = columns[name]
         for is_unstable, stretch in groupby(range(len(values) - 1), unstable.__getitem__):
             rows = list(stretch)

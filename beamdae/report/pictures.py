@@ -31,7 +31,7 @@ Array = np.ndarray
 # Okabe & Ito's palette, readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
-PANELS = 12
+_PANELS = 12
 # What is larger could overflow when the range of an axis is taken.
 _HUGE = 1e300
 # Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
@@ -55,9 +55,7 @@ def picture_of_run(path: Path, table: Columns, title: str) -> Path:
     """
     drawn = drawable(table)
     groups = _groups(drawn)
-    figure, axes = panels(min(len(groups), PANELS), title)
-    if len(groups) > PANELS:
-        figure.supxlabel(f"{PANELS} of {len(groups)} observables", fontsize=9, color="0.4")
+    figure, axes = panels(len(groups), title, "observables")
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         for column, color in zip(columns, repeated(COLORS), strict=False):
@@ -189,11 +187,12 @@ def repeated(styles: Sequence[Any]) -> list[Any]:
     return list(styles) * 8
 
 
-def panels(number: int, title: str) -> tuple[Figure, list[Axes]]:
-    """A figure with so many axes over time, in two columns."""
+def panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
+    """A figure with so many axes over time, in two columns; of more it has twelve and says so."""
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
 
+    wanted, number = number, min(number, _PANELS)
     columns = 1 if number == 1 else 2
     rows = max(math.ceil(number / columns), 1)
     figure = Figure(figsize=(4.6 * columns + 0.6, 2.3 * rows + 1.2), layout="constrained")
@@ -202,7 +201,9 @@ def panels(number: int, title: str) -> tuple[Figure, list[Axes]]:
         axis.set_xlabel("t [s]")
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
-    figure.suptitle(wrapped(title), fontsize=11)
+    # Not below, where legends are.
+    some = [f"{number} of {wanted} {what}"] if wanted > number else []
+    figure.suptitle("\n".join(filter(None, [wrapped(title), *some])), fontsize=11)
     return figure, axes
 
 

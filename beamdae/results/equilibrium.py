@@ -177,7 +177,7 @@ class Equilibrium:
         return found[headers[0]] if len(headers) == 1 else found
 
     def plot(self, *names: str) -> Plot:
-        """Draw the load factor over columns by name, default all that change.
+        """Draw the load factor over columns by name, default all that change, twelve at most.
 
         Dashed where it is unstable, with limit and branch points marked.
 

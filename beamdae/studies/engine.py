@@ -220,10 +220,11 @@ def _perform(
     missing = [task for task in plan.tasks if task.key not in outcomes]
     count = Count(plan.tasks, outcomes, executor.workers, progress)
     count.tell("")
-    if not missing or interrupts.noted:
-        return interrupts.noted
+    if interrupts.noted:
+        return True
     try:
         interrupts.raising = True
+        # Where nothing is missing as well: a pool ends what it has opened once it is gone through.
         with closing(executor.outcomes(missing)) as found:
             for task, outcome, keep in found:
                 _require_columns(plan, task, outcome)

@@ -166,6 +166,7 @@ class DaskPool:
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
+            self._client.close()
             raise BeamdaeError(f"{named}: the scheduler has no workers.")
 
     def outcomes(self, tasks: Sequence[Task]) -> Outcomes:

@@ -62,7 +62,7 @@ def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -
     labels = list(families) if several else _measures(panels)
     styles = _styles(labels, several and _graded(swept, scale.name, len(families)))
     figure, axes = pictures.panels(len(panels), "")
-    for axis, panel in zip(axes, panels, strict=True):
+    for axis, panel in zip(axes, panels, strict=False):
         for family, rows in families.items():
             for what, column in panel.lines.items():
                 style = styles.get(family if several else what, {"color": pictures.COLORS[0]})
@@ -83,9 +83,9 @@ def _numbers_of(column: pd.Series) -> Array:
 
 
 def _with_numbers(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
-    """Those with something to draw, as many as there is room for."""
+    """Those with something to draw."""
     known = {c: not np.isnan(_numbers_of(table[c])).all() for x in panels for c in x.lines.values()}
-    return [x for x in panels if any(known[c] for c in x.lines.values())][: pictures.PANELS]
+    return [x for x in panels if any(known[c] for c in x.lines.values())]
 
 
 def _graded(swept: SweepResults, x: str, families: int) -> bool:
@@ -126,7 +126,7 @@ def maps(
     up = Scale.of(swept, other)
     chosen = _with_numbers(swept.table, [one for panel in panels for one in panel.apart()])
     figure, axes = pictures.panels(len(chosen), "")
-    for axis, panel in zip(axes, chosen, strict=True):
+    for axis, panel in zip(axes, chosen, strict=False):
         (column,) = panel.lines.values()
         pictures.dressed(axis, shortened(panel.title, pictures.AXIS), "")
         _map(axis, across, up, _numbers_of(swept.table[column]))

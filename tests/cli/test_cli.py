@@ -337,7 +337,7 @@ def widths():
     assert list(table["width"]) == [0.01, 0.02]
     assert_mistake(command("compare", study, "--set", "width=1"), "a study sets its own parameters")
     assert_mistake(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
-    assert_mistake(command("compare", study, "--workers", "0"), "--workers", "at least 1")
+    assert_mistake(command("compare", study, "--jobs", "0"), "--jobs", "at least 1")
 
 
 def test_check_tells_size_and_start(command):

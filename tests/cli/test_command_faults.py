@@ -364,7 +364,7 @@ def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(here, monkeypatc
 
 def test_workers_beyond_all_use_are_refused(here):
     result = CliRunner().invoke(app, ["compare", "model.py", "--workers", str(10**9)])
-    assert (result.exit_code, "--workers must be at most" in result.stderr) == (2, True)
+    assert (result.exit_code, "--jobs must be at most" in result.stderr) == (2, True)
 
 
 # Studies.

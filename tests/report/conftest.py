@@ -32,7 +32,6 @@ def opened(browser, tmp_path):
         path = write_page(tmp_path / "page.html", page)
         context = browser.new_context(**settings)
         contexts.append(context)
-        context.set_default_timeout(5000)
         tab = context.new_page()
         tab.on("console", lambda message: complaints.append(message.text))
         tab.on("pageerror", lambda problem: complaints.append(str(problem)))

@@ -168,6 +168,13 @@ def test_curves_are_drawn_over_time_with_a_legend_of_several(run, tmp_path):
     assert run.plot("tip.y")._repr_png_().startswith(b"\x89PNG")
 
 
+def test_of_many_columns_twelve_are_drawn_and_the_picture_says_so(run):
+    own = list(run.table().columns[1:]) + list(run.coordinates().columns)
+    figure = run.plot(*dict.fromkeys(own)).figure
+    assert len(figure.axes) == 12
+    assert figure.get_suptitle() == f"12 of {len(set(own))} columns"
+
+
 def test_without_names_what_tells_most_is_drawn(run):
     assert [axis.get_title() for axis in run.plot().figure.axes] == ["tip.x", "tip.y", "tip.angle"]
 

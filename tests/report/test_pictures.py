@@ -74,7 +74,7 @@ def test_of_forty_observables_twelve_are_drawn_and_the_picture_says_so(tmp_path,
     monkeypatch.setattr(pictures, "saved", lambda figure, path: figures.append(figure))
     pictures.picture_of_run(tmp_path / "r.png", table(**{f"o{k}.x [m]": T for k in range(40)}), "r")
     assert len(figures[0].axes) == 12
-    assert "12 of 40 observables" in {text.get_text() for text in figures[0].texts}
+    assert figures[0].get_suptitle() == "r\n12 of 40 observables"
 
 
 def test_styles_of_legend_and_curves_agree(tmp_path, monkeypatch):

@@ -58,12 +58,17 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
                 os.kill(victims.pop(), signal.SIGKILL)
 
         found = engine.run(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
+        again = engine.run(STUDY, tmp_path / "dask", DaskPool(address))
+        # Nothing was left to do, and its connection is closed nevertheless.
+        with pytest.raises(ValueError, match="No clients found"):
+            distributed.Client.current()
         over = {"mass": [1.0, -1.0, 2.0]}
         outputs = {"rows": lambda run: len(run.t)}
         with pytest.warns(bd.BeamdaeWarning, match="1 of 3 runs did not reach their end"):
             swept = bd.sweep(swing, over, outputs=outputs, scheduler=address)
     assert list(swept.table["rows"].fillna(0.0)) == [401.0, 0.0, 401.0]
     assert len(victims) == 1
+    assert len(again.table) == len(STUDY.cases)
     serial = engine.run(STUDY, tmp_path / "serial", SerialPool())
     assert set(found.table["status"]) == {"ok"}
     pd.testing.assert_frame_equal(

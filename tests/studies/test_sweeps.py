@@ -213,7 +213,8 @@ def test_a_sweep_runs_its_cases_alone(swept):
 
 def test_a_sweep_goes_on_where_it_stopped(swept, tmp_path):
     def refused(tasks):
-        raise AssertionError(f"{len(list(tasks))} cases were run again")
+        assert list(tasks) == []
+        yield from ()
 
     pool = SerialPool()
     pool.outcomes = refused
