@@ -67,7 +67,7 @@ def _draws(results: Results) -> tuple[Draws, Draws]:
 
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """The study of a file, or one of its models with the default integrators."""
-    from beamdae.cli.model_file import contents, load_model
+    from beamdae.cli.model_file import contents, load_model, only_or
     from beamdae.errors import nearest
     from beamdae.studies import Case, Study, Sweep, default_integrators
 
@@ -75,11 +75,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     if name in studies or (studies and name is None):
         if settings:
             raise BeamdaeError(f"--set {next(iter(settings))}: a study sets its own parameters.")
-        if name is None and len(studies) > 1:
-            raise BeamdaeError(
-                f"{path}: it holds several studies, name one with --model: {', '.join(studies)}."
-            )
-        found = studies[name or next(iter(studies))]
+        found = studies[only_or(name, studies, f"{path}: it holds several studies")]
         if isinstance(found, Sweep):
             raise BeamdaeError(f"{path}: {found.name} is a sweep, which beamdae sweep runs.")
         return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
@@ -53,16 +53,12 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
         raise BeamdaeError(
             f"{path}: it holds no model, decorate a function with @bd.model(t_end=)."
         )
-    if name is None and len(models) > 1:
+    chosen = only_or(name, models, f"{path}: it holds several models")
+    if not (isinstance(chosen, str) and chosen in models):
         raise BeamdaeError(
-            f"{path}: it holds several models, name one with --model: {', '.join(models)}."
-        )
-    if name is not None and not (isinstance(name, str) and name in models):
-        raise BeamdaeError(
-            f"{path}: no model {shown(name)}{nearest(name, models)}, "
+            f"{path}: no model {shown(chosen)}{nearest(chosen, models)}, "
             f"the models are {', '.join(models)}."
         )
-    chosen = name or next(iter(models))
     # The same under two names is one.
     called_so = {id(x.build) for x in _held(module) if x.name == chosen}
     if len(called_so) > 1:
@@ -71,6 +67,20 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
             "its own; that of a model is the name of its function."
         )
     return models[chosen]
+
+
+def only_or(name: str | None, known: Iterable[str], several: str) -> str:
+    """The name that is asked for, or that of the only one there is.
+
+    Raises
+    ------
+    BeamdaeError
+        If none is asked for and there are `several`.
+    """
+    names = list(known)
+    if name is None and len(names) > 1:
+        raise BeamdaeError(f"{several}, name one with --model: {', '.join(names)}.")
+    return names[0] if name is None else name
 
 
 def _held(module: ModuleType) -> list[Model]:

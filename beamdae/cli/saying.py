@@ -1,7 +1,7 @@
 """What commands say: results on standard output, what went wrong on standard error.
 
-Next: what a command found is told twice, in tables and by `record`, for --json; a command does not
-ask which of them is wanted.
+What a command found it tells twice, in tables and, for --json, by `record`: it does not ask which
+of them is wanted.
 """
 
 from __future__ import annotations

@@ -178,7 +178,7 @@ def _refuse(
 
 def _of_file(path: Path, name: str | None) -> Sweep:
     """The sweep of a file, by `name` if it holds several."""
-    from beamdae.cli.model_file import contents
+    from beamdae.cli.model_file import contents, only_or
     from beamdae.studies import Sweep
 
     models, studies = contents(path)
@@ -190,13 +190,10 @@ def _of_file(path: Path, name: str | None) -> Sweep:
             f"{path}: it holds no sweep, say what to vary with --over NAME=VALUES, of the "
             f"parameters {parameters or 'of a model, which it does not hold either'}."
         )
-    if name is None and len(sweeps) > 1:
-        raise BeamdaeError(
-            f"{path}: it holds several sweeps, name one with --model: {', '.join(sweeps)}."
-        )
-    if name is not None and name not in sweeps:
-        raise BeamdaeError(f"{path}: no sweep {name!r}{nearest(name, sweeps)}.")
-    return sweeps[name or next(iter(sweeps))]
+    chosen = only_or(name, sweeps, f"{path}: it holds several sweeps")
+    if chosen not in sweeps:
+        raise BeamdaeError(f"{path}: no sweep {chosen!r}{nearest(chosen, sweeps)}.")
+    return sweeps[chosen]
 
 
 def _draws(results: Results) -> tuple[Draws, Draws]:

@@ -84,12 +84,8 @@ class SavedRun(Tabulated):
 
     def at_times(self, times: Array) -> SavedRun:
         """The same at some of its own times [s]."""
-        rows = np.flatnonzero(np.isin(self.times, times))
-        if not np.array_equal(self.times[rows], times):
-            raise BeamdaeError(
-                f"at_times: the saved run {self.told['file']} has no rows at some of the times; "
-                "load it with its model, bd.load(path, model)."
-            )
+        whose = f"the saved run {self.told['file']}"
+        rows = self._rows_at(times, whose, "load it with its model, bd.load(path, model)")
         columns, kept = ({h: x[rows] for h, x in y.items()} for y in (self.columns, self.kept))
         return SavedRun(self.status, self.statistics, self.told, columns, kept)
 

@@ -49,6 +49,13 @@ class Tabulated:
         """The same at other times [s], ascending and within the run."""
         raise NotImplementedError
 
+    def _rows_at(self, times: Array, whose: str, advice: str) -> Array:
+        """Which rows are at some of its own times [s], where it has no others."""
+        rows = np.flatnonzero(np.isin(self.times, times))
+        if not np.array_equal(self.times[rows], times):
+            raise BeamdaeError(f"at_times: {whose} has no rows at some of the times; {advice}.")
+        return rows
+
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
         """Columns over time, by name.
 

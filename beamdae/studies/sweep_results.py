@@ -137,7 +137,7 @@ class SweepResults:
         """Columns of the parameters."""
         return [parameter_column(self.sweep, name) for name in self.sweep.parameters]
 
-    @property
+    @cached_property
     def told(self) -> list[str]:
         """Columns of what tells most of the runs."""
         return [column for panel in self.panels() for column in panel.lines.values()]

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Status
 from beamdae.results.tabulated import Tabulated
 
@@ -55,13 +54,9 @@ class SweptRun(Tabulated):
 
     def at_times(self, times: Array) -> SweptRun:
         """The same at some of its own times [s]."""
-        chosen = np.isin(self.times, times)
-        if not np.array_equal(self.times[chosen], times):
-            raise BeamdaeError(
-                f"at_times: the run {self.name} has no rows at some of the times; its sweep and "
-                "the other run must have the same output_step."
-            )
-        return SweptRun(self.name, self.parameters, self.status, self.rows[chosen], self.warnings)
+        advice = "its sweep and the other run must have the same output_step"
+        rows = self.rows.iloc[self._rows_at(times, f"the run {self.name}", advice)]
+        return SweptRun(self.name, self.parameters, self.status, rows, self.warnings)
 
     def __repr__(self) -> str:
         ended = f"{self.status.kind}, {self.status.sentence}"
