@@ -71,14 +71,15 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     from beamdae.errors import nearest
     from beamdae.studies import Case, Study, Sweep, default_integrators
 
-    models, studies = contents(path)
+    models, held = contents(path)
+    studies = {key: one for key, one in held.items() if not isinstance(one, Sweep)}
+    if name in held.keys() - studies or (name is None and held and not studies):
+        sweep = name or next(iter(held))
+        raise BeamdaeError(f"{path}: {sweep} is a sweep, which beamdae sweep runs.")
     if name in studies or (studies and name is None):
         if settings:
             raise BeamdaeError(f"--set {next(iter(settings))}: a study sets its own parameters.")
-        found = studies[only_or(name, studies, f"{path}: it holds several studies")]
-        if isinstance(found, Sweep):
-            raise BeamdaeError(f"{path}: {found.name} is a sweep, which beamdae sweep runs.")
-        return found
+        return studies[only_or(name, studies, f"{path}: it holds several studies")]
     if studies and name is not None and name not in models:
         raise BeamdaeError(f"{path}: no study {name!r}{nearest(name, studies)}.")
     model = load_model(path, name)

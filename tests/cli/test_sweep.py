@@ -114,3 +114,18 @@ def test_the_command_runs_the_sweep_of_a_file(tmp_path):
     assert [case["status"] for case in told["cases"]] == ["ok", "failed"]
     other = CliRunner().invoke(app, ["compare", str(path)])
     assert "speeds is a sweep, which beamdae sweep runs." in other.output
+
+
+def test_regression_compare_does_not_take_sweeps_for_studies(tmp_path):
+    path = tmp_path / "sweeps.py"
+    path.write_text(MODEL + SWEEP + SWEEP.replace("def speeds", "def others"))
+    for arguments, sentence in (
+        (["compare", str(path)], "speeds is a sweep, which beamdae sweep runs."),
+        (["compare", str(path), "--model", "speeds"], "speeds is a sweep, which"),
+        (["compare", str(path), "--model", "nine"], "no model 'nine', the models are swing."),
+        (["sweep", str(path)], "it holds several sweeps, name one with --model: "),
+        (["sweep", str(path), "--model", "speed"], "no sweep 'speed' (did you mean 'speeds'?)."),
+    ):
+        result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+        assert result.exit_code == 2
+        assert sentence in result.output
