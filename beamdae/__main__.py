@@ -10,11 +10,11 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = 130
     try:
-        from beamdae.cli import interrupts
+        from beamdae.cli import signals as interrupts
 
         interrupts.listen()
         code = 0
-        from beamdae.cli.commands import main as run
+        from beamdae.cli.app import main as run
     except KeyboardInterrupt:
         if not code:
             interrupts.deaf()

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.spectrum import Spectrum, spectrum
+from beamdae.analysis.modes.frequency_range import Spectrum, spectrum
 from beamdae.beams.beam import Beam
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.mobility import free_motions, loose_groups, rigid_mobility
-from beamdae.equations.reduced import without_dependent
-from beamdae.equations.redundancy import DependentSet, dependent_sets, scaled_joints
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.mobility import free_motions, loose_groups, rigid_mobility
+from beamdae.equations.starts.reduced_equations import without_dependent
+from beamdae.equations.starts.redundancy import DependentSet, dependent_sets, scaled_joints
 from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.route import branch_of, plan
+from beamdae.integrators.run_plan import branch_of, plan
 from beamdae.model_functions import Built, Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.checked import facts_of
+from beamdae.report.terminal.check_report import facts_of
 from beamdae.results.start_changes import StartFacts, start_facts
 from beamdae.simulation import as_equations, simulate
 

@@ -13,18 +13,18 @@ import numpy as np
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.given_start import started
+from beamdae.equations.starts.given_start import started
 from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, one_of, positive, shown
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.memory import require_memory
 from beamdae.model_functions import Built, Model
+from beamdae.parts.initial_state import AS_DRAWN, require_start
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.starts import AS_DRAWN, require_start
-from beamdae.results.checkpoint import Checkpoint
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.symbolic.memory import require_memory
+from beamdae.results.storage.checkpoint import Checkpoint
 
 _MOST_ROWS = 1e7
 _SAME_TIME = 1e-12

@@ -5,9 +5,9 @@ import scipy.sparse as sp
 
 import beamdae as bd
 from beamdae.equations.formulations import first_order
-from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.starts.start_sums import StartEquations
 from beamdae.equations.step_equations import Predicted, step_equations
-from beamdae.integrators.radau_coefficients import GAMMA, PAIR
+from beamdae.integrators.radau.coefficients import GAMMA, PAIR
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)

@@ -10,9 +10,9 @@ import pytest
 from support import ARC
 
 import beamdae as bd
-from beamdae.beams.exact import GeometricallyExact
-from beamdae.beams.floating_frame import FloatingFrame
-from beamdae.beams.varying import VaryingSection
+from beamdae.beams.exact.kinematics import GeometricallyExact
+from beamdae.beams.floating_frame.kinematics import FloatingFrame
+from beamdae.beams.varying_section import VaryingSection
 from beamdae.equations.formulations import FIRST_ORDER
 
 INTEGRATORS = {

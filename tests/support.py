@@ -11,10 +11,10 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.consistent_start import Starter
-from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.start_sums import StartEquations
 from beamdae.equations.sums import Places, reaction_sum
-from beamdae.integrators import ida
+from beamdae.integrators.ida import ida
 from beamdae.sundials.library import UnavailableError
 from beamdae.symbolic.kernel_sums import evaluate
 

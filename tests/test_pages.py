@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
-from beamdae.cli.commands import app
+from beamdae.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 TUTORIAL = ROOT / "models" / "tutorials" / "four_bar.md"

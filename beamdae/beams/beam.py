@@ -8,14 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.beams.beam_checks import require_room, require_slender
 from beamdae.beams.curvature import curvature_facts, warn_of_curvature
-from beamdae.beams.formulas import as_it_is, fiber_strain, fiber_stress, section_forces
+from beamdae.beams.floating_frame.formulas import (
+    as_it_is,
+    fiber_strain,
+    fiber_stress,
+    section_forces,
+)
 from beamdae.beams.formulations import made_kinematics
 from beamdae.beams.kinematics import Kinematics, MaterialPoint
-from beamdae.beams.limits import require_room, require_slender
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
-from beamdae.beams.varying import SectionLaw, Taper, VaryingSection, require_section
+from beamdae.beams.varying_section import SectionLaw, Taper, VaryingSection, require_section
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError, count, finite, one_of, point
 from beamdae.parts.attachments import Attachment

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
-from beamdae.beams.varying import VaryingSection
+from beamdae.beams.varying_section import VaryingSection
 from beamdae.errors import BeamdaeWarning
 
 # Curvature times element length at which the compliance of an arc is off by 1 %, by nodes and

@@ -14,8 +14,8 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import BeamdaeError, finite, keep, one_of, pair, point, shown
 from beamdae.parts.attachments import rotate
-from beamdae.parts.forces import dead_load, kernel_of, load_statement
-from beamdae.parts.formula_checks import as_column, evaluated, require_formula_of
+from beamdae.parts.forces.formula_checks import as_column, evaluated, require_formula_of
+from beamdae.parts.forces.loads import dead_load, kernel_of, load_statement
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.beams.element_data import ELASTICITY, INERTIA, SECTION, Layout
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
-from beamdae.beams.varying import VaryingSection
+from beamdae.beams.varying_section import VaryingSection
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError
 

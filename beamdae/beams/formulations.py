@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
-from beamdae.beams.exact import GeometricallyExact
-from beamdae.beams.floating_frame import FloatingFrame
+from beamdae.beams.exact.kinematics import GeometricallyExact
+from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import Kinematics, given_kinematics
 from beamdae.beams.mesh import Mesh
 from beamdae.errors import BeamdaeError, one_of

@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam
-from beamdae.beams.track import nearest_arc_length, track_point
+from beamdae.beams.slider_path import nearest_arc_length, track_point
 from beamdae.errors import BeamdaeError, keep, one_of, shown
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.events import Event
-from beamdae.parts.joints import allowed_gap, load_columns, load_in
+from beamdae.parts.joints.joint import allowed_gap, load_columns, load_in
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.formulas import Combined, combined_kernel, plain
 from beamdae.symbolic.statements import (

@@ -9,10 +9,10 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
-from beamdae.beams.varying import SectionLaw, Taper, require_section
+from beamdae.beams.varying_section import SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import PlaneCurve, Segment, require_curve
 from beamdae.errors import BeamdaeError, count, one_of, shown
-from beamdae.parts.joints import Weld
+from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import require_name
 

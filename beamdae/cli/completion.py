@@ -10,8 +10,8 @@ from contextlib import contextmanager, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-from beamdae.cli.example_files import PREFIX, as_file, names
-from beamdae.cli.outlines import Outline, outline
+from beamdae.cli.model_files.example_files import PREFIX, as_file, names
+from beamdae.cli.model_files.outlines import Outline, outline
 from beamdae.errors import BeamdaeError
 
 # Bash takes words apart at these signs.

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from beamdae.cli.saying import hushed, progress_console
+from beamdae.cli.output import hushed, progress_console
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
-    from beamdae.studies.engine import Standing
+    from beamdae.studies.execution.engine import Standing
 
 # Letters of a bar: more are of no use, and with fewer it says nothing.
 _WIDEST, _NARROWEST = 14, 3
@@ -53,7 +53,7 @@ class Reached:
         from rich.table import Table
         from rich.text import Text
 
-        from beamdae.report.fitted import cut
+        from beamdae.report.terminal.responsive_table import cut
 
         width = options.max_width
         told = f"{self.done} {clock(self.left)}"

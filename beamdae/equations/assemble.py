@@ -11,23 +11,23 @@ import numpy as np
 
 from beamdae.equations.building import build
 from beamdae.equations.configurations import configurations_of
+from beamdae.equations.coordinate_map import Owners, owners_of, places_at
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     PartCoordinates,
 )
-from beamdae.equations.fit import (
+from beamdae.equations.singular_laws import laws_of
+from beamdae.equations.starts.given_start import started
+from beamdae.equations.statement_checks import (
     require_body_fits,
     require_pieces_fit,
     stated,
 )
-from beamdae.equations.given_start import started
-from beamdae.equations.owners import Owners, owners_of, places_at
-from beamdae.equations.poles import laws_of
 from beamdae.errors import BeamdaeError, shown
-from beamdae.parts.extent import extent_of
+from beamdae.memory import require_memory
+from beamdae.parts.drawing_size import extent_of
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.memory import require_memory
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.configurations import Configurations
+from beamdae.equations.coordinate_map import Owners
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,
@@ -18,15 +19,14 @@ from beamdae.equations.equations_of_motion import (
     RangeTerm,
 )
 from beamdae.equations.event_terms import event_terms
-from beamdae.equations.fit import (
+from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.equations.singular_laws import LawOfPart
+from beamdae.equations.statement_checks import (
     asked,
     asked_multipliers,
     require_columns_fit,
     require_unique,
 )
-from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-from beamdae.equations.owners import Owners
-from beamdae.equations.poles import LawOfPart
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
@@ -35,8 +35,9 @@ from beamdae.equations.structure import (
 )
 from beamdae.errors import BeamdaeError
 from beamdae.parts.events import Event
-from beamdae.symbolic.alike import Alike, by_kernel, recognized
 from beamdae.symbolic.formulas import MOST_KINDS, Combined
+from beamdae.symbolic.kernel_groups import Alike, by_kernel, recognized
+from beamdae.symbolic.rotations import Turned, turned_operator
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
@@ -47,7 +48,6 @@ from beamdae.symbolic.statements import (
     QuantityKernel,
     RangeStatement,
 )
-from beamdae.symbolic.turns import Turned, turned_operator
 
 Array = np.ndarray
 

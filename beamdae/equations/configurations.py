@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from beamdae.equations.coordinate_map import owners_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
-from beamdae.equations.owners import owners_of
 from beamdae.errors import BeamdaeError
-from beamdae.parts.as_found import AsFound, Held, found_by
 from beamdae.parts.events import Impact, impacts_of, switches_of
-from beamdae.parts.gaps import ClosedGap
-from beamdae.parts.joints import Joint, JointByFormula
+from beamdae.parts.joints.closed_gap import ClosedGap
+from beamdae.parts.joints.frozen_constraint import AsFound, Held, found_by
+from beamdae.parts.joints.joint import Joint, JointByFormula
 from beamdae.parts.laws import Law, later
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part

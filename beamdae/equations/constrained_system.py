@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.building import build
+from beamdae.equations.coordinate_map import Owners
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
 from beamdae.equations.expressions import KIND, Expressions, column, numbers, texts
-from beamdae.equations.fit import require_unit
-from beamdae.equations.owners import Owners
-from beamdae.equations.poles import varying_laws
+from beamdae.equations.singular_laws import varying_laws
+from beamdae.equations.statement_checks import require_unit
 from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
 from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
 from beamdae.model_functions import Built

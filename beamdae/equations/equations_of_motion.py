@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.poles import LawOfPart
+from beamdae.equations.singular_laws import LawOfPart
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction

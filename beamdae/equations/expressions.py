@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.fit import require_unit
+from beamdae.equations.statement_checks import require_unit
 from beamdae.errors import BeamdaeError, entries, finite, number, shown
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import require_name

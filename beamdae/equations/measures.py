@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import Structure, once
 from beamdae.equations.sums import BOOKED, Places, balance_sum
-from beamdae.native.codes import DONE
+from beamdae.linear.return_codes import DONE
 from beamdae.native.loops import prepared
 from beamdae.native.vectors import combine, largest
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate

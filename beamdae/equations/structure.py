@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.turns import Turn
+from beamdae.symbolic.rotations import Turn
 
 
 class Keeping(Protocol):

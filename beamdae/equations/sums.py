@@ -12,9 +12,9 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.constraint_kernel import UNHELD
 from beamdae.symbolic.force_kernel import Tangents
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.local import MATRIX_SHARED
+from beamdae.symbolic.local_symbols import MATRIX_SHARED
+from beamdae.symbolic.rotations import turned
 from beamdae.symbolic.sum_builder import Copies, Gathered, SumBuilder
-from beamdae.symbolic.turns import turned
 
 Array = np.ndarray
 _TIME = 2

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from beamdae.equations.expressions import KIND, Expressions, column
-from beamdae.equations.fit import require_unique
+from beamdae.equations.statement_checks import require_unique
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.statements import (
     SX,

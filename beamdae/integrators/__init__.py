@@ -4,10 +4,10 @@ May import: results, equations, symbolic; SUNDIALS in `ida` alone.
 Next: an `Integrator` whose `integrate` hands a `Method`, its step, to `drive`.
 """
 
+from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.generalized_alpha import GeneralizedAlpha
-from beamdae.integrators.ida import Ida
+from beamdae.integrators.ida.ida import Ida
 from beamdae.integrators.integrator import Integrator
-from beamdae.integrators.radau import Radau
+from beamdae.integrators.radau.radau import Radau
 
 __all__ = ["Auto", "GeneralizedAlpha", "Ida", "Integrator", "Radau"]

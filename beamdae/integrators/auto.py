@@ -8,12 +8,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida import Bdf, Ida
+from beamdae.integrators.ida.ida import Bdf, Ida
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.method import Method
-from beamdae.integrators.radau import Radau
-from beamdae.integrators.route import Route
-from beamdae.integrators.scouting import SCOUTING_RTOL
+from beamdae.integrators.pilot_run import SCOUTING_RTOL
+from beamdae.integrators.radau.radau import Radau
+from beamdae.integrators.run_plan import Route
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

@@ -13,25 +13,25 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.equations.blame import blame
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.failure_diagnosis import blame
 from beamdae.equations.formulations import State
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.events import STEPS_AT_ONCE, Leg, Watch, output_times
+from beamdae.integrators.events.event_detection import STEPS_AT_ONCE, Leg, Watch, output_times
+from beamdae.integrators.events.switching import Methods, first_configuration, switched
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import Limits, Pace
 from beamdae.integrators.method import Method, StepError
-from beamdae.integrators.route import Route, branch_of, plan
+from beamdae.integrators.pilot_run import WHOSE, scouted
+from beamdae.integrators.redundant_constraints import spared, with_all
 from beamdae.integrators.rows import NoRoomError, Rows
-from beamdae.integrators.scouting import WHOSE, scouted
-from beamdae.integrators.spared import spared, with_all
+from beamdae.integrators.run_plan import Route, branch_of, plan
 from beamdae.integrators.steps import taken
-from beamdae.integrators.switching import Methods, first_configuration, switched
-from beamdae.results.occurrences import Occurrence
+from beamdae.linear.factorizations import single_threaded
+from beamdae.results.event_records import Occurrence
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
-from beamdae.symbolic.factorizations import single_threaded
 
 Array = np.ndarray
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.formulations import FirstOrder, Formulation, State
-from beamdae.equations.spectrum import Mode
-from beamdae.integrators.route import Route
+from beamdae.equations.natural_frequencies import Mode
+from beamdae.integrators.run_plan import Route
 
 Array = np.ndarray
 

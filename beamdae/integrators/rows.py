@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from beamdae.equations.formulations import State
+from beamdae.memory import available_memory, gigabytes
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.memory import available_memory, gigabytes
 
 Array = np.ndarray
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from beamdae.native.machine import MachineError, library_address
+from beamdae.native.llvm import MachineError, library_address
 from beamdae.native.operations import (
     LANES,
     LIBRARY_FUNCTIONS,

@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.lane_code import imports, lane_source, require_form, writing
-from beamdae.native.machine import Loaded
-from beamdae.native.objects import Source, is_on, machine_code
+from beamdae.native.llvm import Loaded
+from beamdae.native.object_code import Source, is_on, machine_code
 from beamdae.native.operations import WIDTH
 
 Array = np.ndarray

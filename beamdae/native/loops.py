@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import told
-from beamdae.native import elimination, vectors
-from beamdae.native.machine import Loaded, MachineError
-from beamdae.native.objects import Source, is_on, machine_code
+from beamdae.linear import elimination
+from beamdae.native import vectors
+from beamdae.native.llvm import Loaded, MachineError
+from beamdae.native.object_code import Source, is_on, machine_code
 
 Array = np.ndarray
 

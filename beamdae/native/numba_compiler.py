@@ -17,7 +17,7 @@ from numba.core.runtime.context import NRTContext
 
 from beamdae.errors import told
 from beamdae.native import overloads, structs
-from beamdae.native.machine import MachineError, linked
+from beamdae.native.llvm import MachineError, linked
 
 _NUMBERS = {"int": numba.int64, "float": numba.float64}
 _ARGUMENTS = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}

@@ -14,7 +14,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.extending import overload as _overload
 
-from beamdae.native import elimination, structs, vectors
+# Nobody calls them but loops.
+from beamdae.linear import elimination
+from beamdae.native import structs, vectors
 
 # Nobody calls them but loops.
 overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.native.codes import DONE, SINGULAR
+from beamdae.linear.return_codes import DONE, SINGULAR
 
 Array = np.ndarray
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from beamdae.errors import BeamdaeError, finite, keep, one_of, shown
-from beamdae.parts.drivers import Driven, Driver, TranslationalDriver
-from beamdae.parts.joints import Joint, JointByFormula
+from beamdae.parts.joints.drivers import Driven, Driver, TranslationalDriver
+from beamdae.parts.joints.joint import Joint, JointByFormula
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import Quantity

@@ -11,13 +11,13 @@ import numpy as np
 from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
 from beamdae.model_functions import Built
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.bodies import Ground
+from beamdae.parts.bodies.rigid_body import Ground
 from beamdae.parts.events import Event, impacts_of
 from beamdae.parts.gravity import GravityLaws
+from beamdae.parts.initial_state import require_start
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import observed
 from beamdae.parts.part import Part, require_name
-from beamdae.parts.starts import require_start
 from beamdae.symbolic.statements import Quantity
 
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"

@@ -6,9 +6,9 @@ import html
 from collections.abc import Mapping
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.motion import thumbnail
-from beamdae.report.terminal import number
-from beamdae.results.occurrences import happened
+from beamdae.report.pictures.motion import thumbnail
+from beamdae.report.terminal.tables import number
+from beamdae.results.event_records import happened
 from beamdae.results.solution import Solution
 
 _CELL = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'

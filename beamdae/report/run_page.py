@@ -7,14 +7,14 @@ from datetime import datetime
 from typing import Any
 
 from beamdae.equations.measures import TIME
-from beamdae.report import terminal
-from beamdae.report.fitted import FittedTable
-from beamdae.report.page.tabled import curves_of, rows_a_curve
-from beamdae.report.scene.frames import frames_of
-from beamdae.results.files import versions
+from beamdae.report.page.curves_data import curves_of, rows_a_curve
+from beamdae.report.scene.scene_frames import frames_of
+from beamdae.report.terminal import tables as terminal
+from beamdae.report.terminal.responsive_table import FittedTable
+from beamdae.results.event_records import happened
 from beamdae.results.headers import observed_columns
-from beamdae.results.occurrences import happened
 from beamdae.results.solution import Solution
+from beamdae.results.storage.files import versions
 
 _ID = "run"
 # Of the hash of the equations, enough to tell runs apart.

@@ -13,19 +13,19 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import count
-from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write_result
+from beamdae.results.column_selection import every_column, selected
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
-from beamdae.results.recovered import of_state
-from beamdae.results.section_forces import SectionForces
-from beamdae.results.selecting import every_column, selected
-from beamdae.results.validity import BeamRange, ranges_of
+from beamdae.results.section_forces.recovered import of_state
+from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.files import write_result
+from beamdae.results.strain_validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.report.curves import Plot
+    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -186,7 +186,7 @@ class Equilibrium:
         BeamdaeError
             If there is no column of such a name.
         """
-        from beamdae.report.equilibrium_picture import plot_of_path
+        from beamdae.report.pictures.equilibrium_path import plot_of_path
 
         return plot_of_path(self, names)
 

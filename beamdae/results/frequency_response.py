@@ -15,7 +15,7 @@ from beamdae.results.solution import Solution
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.report.curves import Plot
+    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -103,7 +103,7 @@ class FrequencyResponse:
 
     def plot(self, column: str) -> Plot:
         """Draw half the range of an observed column over the parameter: dashed where unstable."""
-        from beamdae.report.response_curve import picture_of_response
+        from beamdae.report.pictures.response_curve import picture_of_response
 
         return picture_of_response(self, column)
 

@@ -15,16 +15,16 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
-from beamdae.results.branches import SingularPosition, branch_warnings, singular_positions
-from beamdae.results.checkpoint import state_hash
-from beamdae.results.doubts import doubts
-from beamdae.results.energy_ledger import EnergyLedger, Quality
-from beamdae.results.occurrences import Occurrence
+from beamdae.results.energy_balance import EnergyLedger, Quality
+from beamdae.results.event_records import Occurrence
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.provenance import provenance
+from beamdae.results.quality_warnings import doubts
+from beamdae.results.singular_positions import SingularPosition, branch_warnings, singular_positions
 from beamdae.results.start_changes import StartFacts, start_facts
+from beamdae.results.storage.checkpoint import state_hash
+from beamdae.results.storage.provenance import provenance
+from beamdae.results.strain_validity import BeamRange, beam_ranges
 from beamdae.results.trajectory import Trajectory
-from beamdae.results.validity import BeamRange, beam_ranges
 
 Array = np.ndarray
 

@@ -12,29 +12,29 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.assemble import equations_of_motion
-from beamdae.equations.observing import observing
+from beamdae.equations.observation import observing
 from beamdae.errors import BeamdaeError, entries, finite, shown
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.starts import AS_DRAWN
-from beamdae.results.checkpoint import Checkpoint
-from beamdae.results.files import write_result
+from beamdae.parts.initial_state import AS_DRAWN
+from beamdae.results.event_records import table_of
 from beamdae.results.instant import Instant
-from beamdae.results.joining import joined
-from beamdae.results.occurrences import table_of
-from beamdae.results.packed import Packed, packed, unpacked
-from beamdae.results.recovered import section_forces
+from beamdae.results.joined_runs import joined
 from beamdae.results.run import Run
-from beamdae.results.saved import save
-from beamdae.results.section_forces import SectionForces
-from beamdae.results.tabulated import Tabulated
+from beamdae.results.section_forces.recovered import section_forces
+from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.files import write_result
+from beamdae.results.storage.packed_run import Packed, packed, unpacked
+from beamdae.results.storage.saved_run import save
+from beamdae.results.time_series import Tabulated
 from beamdae.symbolic.statements import Named, Quantity
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.report.curves import Plot
-    from beamdae.report.page.alone import Animation
+    from beamdae.report.page.motion_player import Animation
+    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -122,7 +122,7 @@ class Solution(Run, Tabulated):
         trail: Any = False,
     ) -> Animation | Path:
         """Moving pictures of the run, see `beamdae.animate`."""
-        from beamdae.report.motion import animate
+        from beamdae.report.pictures.motion import animate
 
         return animate(self, path, speed, frames, color, trail)
 

@@ -13,12 +13,12 @@ from beamdae.errors import BeamdaeError, iterated, shown
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
-from beamdae.results.files import versions
 from beamdae.results.solution import Solution
+from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
-from beamdae.studies.contents import FingerprintError
-from beamdae.studies.fingerprints import digest, parameter_digest
-from beamdae.studies.sources import file_digest, package_digest
+from beamdae.studies.store.contents import FingerprintError
+from beamdae.studies.store.fingerprints import digest, parameter_digest
+from beamdae.studies.store.sources import file_digest, package_digest
 
 # Longer texts are no labels, and two of them may look alike.
 _LONGEST = 60

@@ -15,10 +15,10 @@ from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.deviations import column_names, compared
 from beamdae.studies.event_columns import event_values
+from beamdae.studies.execution.case_run import NOT_RUN, Outcome, mistake
 from beamdae.studies.references import Reference
+from beamdae.studies.run_values import by_time, values
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.told import by_time, values
-from beamdae.studies.work import NOT_RUN, Outcome, mistake
 
 CaseProgress = Callable[[str, float], None]
 

@@ -13,7 +13,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, file_name
 from beamdae.studies.case import Case, Known
 from beamdae.studies.deviations import column_names
-from beamdae.studies.work import Limits, Task, mistake
+from beamdae.studies.execution.case_run import Limits, Task, mistake
 
 _ROWS = 400
 _MOST_REPETITIONS = 1000

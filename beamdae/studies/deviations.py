@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, iterated, nearest, shown
+from beamdae.results.column_selection import selected
 from beamdae.results.headers import Header, observed_columns
-from beamdae.results.selecting import selected
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6

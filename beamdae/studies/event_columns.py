@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.results.occurrences import counted
+from beamdae.results.event_records import counted
 from beamdae.results.solution import Solution
 
 EVENTS = "events"

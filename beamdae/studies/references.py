@@ -15,8 +15,8 @@ from beamdae.studies.case import Case, Known
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import common_rows, compared, deviations
 from beamdae.studies.event_columns import extrapolated
+from beamdae.studies.execution.case_run import Outcome, Task
 from beamdae.studies.naming import distinct
-from beamdae.studies.work import Outcome, Task
 
 # Two methods of different kind; what they agree on is what both mean.
 REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from beamdae.studies.references import RESOLUTION
+from beamdae.studies.run_values import SPREAD
 from beamdae.studies.tables import COST, ERROR, REFINED
-from beamdae.studies.told import SPREAD
 
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
 _COLUMNS = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]

@@ -10,9 +10,9 @@ import pandas as pd
 from beamdae.studies.case import Case, text_of
 from beamdae.studies.deviations import deviations, reactions
 from beamdae.studies.event_columns import event_errors, is_count, misfit
+from beamdae.studies.execution.case_run import Outcome
 from beamdae.studies.references import Reference
-from beamdae.studies.told import COUNTS, MEASURES
-from beamdae.studies.work import Outcome
+from beamdae.studies.run_values import COUNTS, MEASURES
 
 ERROR, COST = "error [-]", "wall time [s]"
 # What integrators are refined by, a column each.

@@ -11,7 +11,7 @@ import casadi as ca
 
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.local import SX, Local, column_misfit
+from beamdae.symbolic.local_symbols import SX, Local, column_misfit
 
 # In place of the level of a constraint that has none: mu = 0.
 UNHELD = -1

@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.local import SX, Local, column_misfit
+from beamdae.symbolic.local_symbols import SX, Local, column_misfit
 
 # Which of stiffness (0), damping (1) and mass (2) are added up in each of the matrices.
 Tangents = tuple[tuple[int, ...], ...]

@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.local import Local
+from beamdae.symbolic.local_symbols import Local
 
 Array = np.ndarray
 

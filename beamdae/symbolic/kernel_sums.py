@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.lanes import LaneKernel, lane_kernel
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.native.vectors import add, add_weighted, call_kernel, combine, fill, gather, pick
 from beamdae.symbolic.compiled import Compiled
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 
 from beamdae.symbolic.constraint_kernel import UNHELD, ConstraintKernel
-from beamdae.symbolic.local import SX, column_misfit
+from beamdae.symbolic.local_symbols import SX, column_misfit
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.local import SX, Local, column_misfit
+from beamdae.symbolic.local_symbols import SX, Local, column_misfit
 from beamdae.symbolic.nonholonomic_kernel import NonholonomicKernel
 
 __all__ = [

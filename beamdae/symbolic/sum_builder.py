@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from beamdae.native.lanes import padded
 from beamdae.symbolic.kernel_sums import Kernel, Stretch, SumPlan
-from beamdae.symbolic.sparse_sums import products
+from beamdae.symbolic.sparse_operators import products
 
 Array = np.ndarray
 

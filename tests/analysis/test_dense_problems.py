@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
 import beamdae as bd
-from beamdae.analysis.linearization import linearization
+from beamdae.analysis.linear.linearization import linearization
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01, damping=2e-4)

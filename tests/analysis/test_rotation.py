@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.linearization import linearization
-from beamdae.analysis.rotation import Turning
+from beamdae.analysis.linear.linearization import linearization
+from beamdae.analysis.linear.rotation import Turning
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01)

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis import stability as module
-from beamdae.analysis.controls import ColumnControl, Norm, Way
-from beamdae.analysis.loading import loading_of
-from beamdae.analysis.stability import stability
+from beamdae.analysis.statics import stability as module
+from beamdae.analysis.statics.load_scaling import loading_of
+from beamdae.analysis.statics.path_controls import ColumnControl, Norm, Way
+from beamdae.analysis.statics.stability import stability
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 

@@ -24,12 +24,12 @@ from support import (
 )
 
 import beamdae as bd
-from beamdae.beams.floating_frame import FloatingFrame
-from beamdae.beams.floating_frame_element import ElementType, beam_kernel
+from beamdae.beams.floating_frame.element import ElementType, beam_kernel
+from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import shape_functions
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import FIRST_ORDER, first_order
+from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.step_equations import Predicted, step_equations
 
 every_variant = every(VARIANTS)

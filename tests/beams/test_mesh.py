@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS
 
 import beamdae as bd
-from beamdae.beams.floating_frame_element import FRAME, NODE
+from beamdae.beams.floating_frame.element import FRAME, NODE
 
 SECTION = VARIANTS[0].section
 CURVES = {

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric
 
 import beamdae as bd
-from beamdae.beams.track import nearest_arc_length, track_point
+from beamdae.beams.slider_path import nearest_arc_length, track_point
 
 CHORD = VARIANTS[2]
 

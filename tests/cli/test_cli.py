@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.commands import app
-from beamdae.studies.pool import SerialPool
+from beamdae.cli.app import app
+from beamdae.studies.execution.pool import SerialPool
 
 ARM = """
 import numpy as np
@@ -71,7 +71,7 @@ def command(tmp_path, monkeypatch):
 @pytest.fixture
 def serial(monkeypatch):
     """No processes: what a command writes and says of a study does not depend on them."""
-    monkeypatch.setattr("beamdae.studies.pool.LocalPool", lambda workers: SerialPool())
+    monkeypatch.setattr("beamdae.studies.execution.pool.LocalPool", lambda workers: SerialPool())
 
 
 def assert_mistake(result, *words):
@@ -463,7 +463,7 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     def second(_):
         raise AssertionError("went again")
 
-    monkeypatch.setattr("beamdae.integrators.ida.Bdf.advance", interrupted)
+    monkeypatch.setattr("beamdae.integrators.ida.ida.Bdf.advance", interrupted)
     monkeypatch.setattr("beamdae.verification.error_estimate", second)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)

@@ -10,10 +10,11 @@ import pytest
 from terminals import process, shell
 from typer.testing import CliRunner
 
-from beamdae.cli import commands, interrupts
-from beamdae.cli.commands import app
+from beamdae.cli import app as commands
+from beamdae.cli import signals as interrupts
+from beamdae.cli.app import app
 from beamdae.errors import KernelWarning
-from beamdae.studies.pool import SerialPool
+from beamdae.studies.execution.pool import SerialPool
 
 MODEL = '''
 import os
@@ -103,7 +104,7 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 # Interrupts, each sent by the process to itself at the moment in question.
 
 AT_STEP = """
-from beamdae.integrators import ida
+from beamdae.integrators.ida import ida
 taken, advance = [], ida.Bdf.advance
 def striking(self, most):
     taken.append(None)
@@ -113,7 +114,7 @@ def striking(self, most):
 ida.Bdf.advance = striking
 """
 WHILE_WRITING = """
-from beamdae.results import files
+from beamdae.results.storage import files
 write = files._write_columns
 def striking(*arguments):
     strike()
@@ -310,7 +311,7 @@ def test_a_model_that_ends_the_process_is_a_mistake(here, command, place, line, 
 def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
     titles = []
     monkeypatch.setattr(
-        "beamdae.report.pictures.picture_of_run",
+        "beamdae.report.pictures.figures.picture_of_run",
         lambda path, table, title: titles.append(title) or path,
     )
     result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])
@@ -329,7 +330,7 @@ def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
         seen.append(study.limits.time)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("beamdae.studies.engine.run", never)
+    monkeypatch.setattr("beamdae.studies.execution.engine.run", never)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "3.5"])
     assert (seen, result.exit_code) == ([3.5], 130)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "nan"])
@@ -372,7 +373,7 @@ def test_workers_beyond_all_use_are_refused(here):
 
 @pytest.fixture
 def serial(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.pool.LocalPool", lambda workers: SerialPool())
+    monkeypatch.setattr("beamdae.studies.execution.pool.LocalPool", lambda workers: SerialPool())
 
 
 DEAD = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
@@ -404,7 +405,7 @@ def test_an_interrupted_study_says_how_far_it_is_and_has_a_page(here, monkeypatc
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("beamdae.integrators.radau.Radau.integrate", interrupted)
+    monkeypatch.setattr("beamdae.integrators.radau.radau.Radau.integrate", interrupted)
     for _ in range(2):
         result = CliRunner().invoke(app, ["compare", "model.py"])
         assert result.exit_code == 130, result.output
@@ -418,7 +419,7 @@ def test_a_picture_that_fails_costs_no_other(here, monkeypatch):
     def broken(*_):
         raise ValueError("[/b] odd data")
 
-    monkeypatch.setattr("beamdae.studies.pictures._of_one_group", broken)
+    monkeypatch.setattr("beamdae.studies.study_pictures._of_one_group", broken)
     result = CliRunner().invoke(app, ["compare", "model.py"])
     assert result.exit_code == 1
     assert "failed: comparison: it cannot be drawn, ValueError: [/b] odd data" in result.stderr

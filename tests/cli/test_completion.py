@@ -6,8 +6,8 @@ import pytest
 from terminals import process
 
 from beamdae.cli import completion
-from beamdae.cli.example_files import names
-from beamdae.cli.outlines import outline
+from beamdae.cli.model_files.example_files import names
+from beamdae.cli.model_files.outlines import outline
 
 SOURCE = '''
 import pathlib

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from typer.testing import CliRunner
 
-from beamdae.cli.commands import app
+from beamdae.cli.app import app
 
 MODEL = """
 import beamdae as bd

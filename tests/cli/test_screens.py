@@ -8,8 +8,9 @@ import pytest
 from terminals import in_terminal, process
 from typer.testing import CliRunner
 
-from beamdae.cli import progress, saying
-from beamdae.cli.commands import app
+from beamdae.cli import output as saying
+from beamdae.cli import progress
+from beamdae.cli.app import app
 
 WIDTHS = (60, 80, 120)
 MODEL = '''

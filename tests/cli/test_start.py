@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
 import sys
-from beamdae.cli import run_work
+from beamdae.cli import run_outputs as run_work
 # The table is told, and the picture not yet drawn.
 def draw(run, solution):
     print("imported:", *sys.modules)

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from beamdae.cli.commands import app
+from beamdae.cli.app import app
 
 TRUSS = """
 import beamdae as bd

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from turning import turning
 from typer.testing import CliRunner
 
-from beamdae.cli.commands import app
-from beamdae.cli.sweep import listed
+from beamdae.cli.app import app
+from beamdae.cli.commands.sweep import listed
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from support import ARC, FEW, VARIANTS, Numeric
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import Starter
 
 few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
 TIP = tuple(ARC.point(ARC.length))

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, assert_derivative
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import FIRST_ORDER, first_order, first_order_parts
-from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.start_sums import StartEquations
 from beamdae.equations.step_equations import Predicted, step_equations
 
 TIME = np.array([0.3, 0.4])

@@ -9,9 +9,9 @@ import pytest
 from spin_up import spin_up
 
 import beamdae as bd
+from beamdae import memory
 from beamdae.beams.mesh import Mesh
-from beamdae.equations.poles import laws_of, require_no_pole
-from beamdae.symbolic import memory
+from beamdae.equations.singular_laws import laws_of, require_no_pole
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025)

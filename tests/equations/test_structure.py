@@ -11,9 +11,9 @@ from slider_crank import slider_crank
 import beamdae as bd
 from beamdae.equations import structure
 from beamdae.equations.formulations import first_order
-from beamdae.equations.start_sums import start_sums
+from beamdae.equations.starts.start_sums import start_sums
 from beamdae.equations.step_equations import step_equations
-from beamdae.linear import analysis
+from beamdae.linear import pivots as analysis
 
 # Fixed steps, adaptive ones, and both ways to first-order equations.
 METHODS = [

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.integrators import radau_method
+from beamdae.integrators.radau import radau_method
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 SWING = pendulum(GRAVITY, ANGLE, SPEED).equations

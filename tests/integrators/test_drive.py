@@ -23,9 +23,9 @@ from beamdae.integrators import rows as rows_of_a_run
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.method import fitted
-from beamdae.integrators.route import plan
+from beamdae.integrators.run_plan import plan
+from beamdae.linear import factorizations
 from beamdae.results.outcome import Statistics
-from beamdae.symbolic import factorizations
 
 
 class Rolling:

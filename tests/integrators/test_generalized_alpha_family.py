@@ -12,18 +12,18 @@ from numpy.testing import assert_allclose
 from tolerance_cases import every_case, every_case_in_its_time
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
+from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.step_equations import step_equations
-from beamdae.integrators import alpha_loop
-from beamdae.integrators.alpha_jerk import JerkEquations, normal_jerk
-from beamdae.integrators.alpha_loop import FIRST_STEP, _accept, _reject
-from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
-from beamdae.integrators.alpha_run import Motion
-from beamdae.integrators.alpha_step import Start, parameters
-from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
+from beamdae.integrators.alpha import alpha_loop
+from beamdae.integrators.alpha.alpha_loop import FIRST_STEP, _accept, _reject
+from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
+from beamdae.integrators.alpha.alpha_workspace import Motion
+from beamdae.integrators.alpha.family import Start, parameters
+from beamdae.integrators.alpha.jerk import JerkEquations, normal_jerk
+from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 
 MEMBERS = [
     *(("generalized-alpha", rho) for rho in (0.0, 0.3, 0.8, 1.0)),

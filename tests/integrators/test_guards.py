@@ -12,15 +12,15 @@ import pytest
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import Starter
 from beamdae.integrators import limits
-from beamdae.integrators.alpha_method import AdaptiveSteps, FixedSteps
+from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida import Bdf
+from beamdae.integrators.ida.ida import Bdf
+from beamdae.integrators.ida.python_solver import PreconditionedResidual
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import Pace
-from beamdae.integrators.preconditioned import PreconditionedResidual
-from beamdae.integrators.radau_method import Collocating
+from beamdae.integrators.radau.radau_method import Collocating
 from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory

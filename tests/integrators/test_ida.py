@@ -18,12 +18,15 @@ from support import by_class
 
 import beamdae as bd
 from beamdae.equations.formulations import first_order
-from beamdae.integrators import ida, ida_compiled, looping, preconditioned
-from beamdae.integrators.preconditioned import PreconditionedResidual
-from beamdae.integrators.silence import silent
-from beamdae.linear.analysis import plans
-from beamdae.native.objects import is_on
-from beamdae.symbolic.factorizations import SingularMatrixError
+from beamdae.integrators import compiled_run as looping
+from beamdae.integrators.ida import compiled_solver as ida_compiled
+from beamdae.integrators.ida import ida
+from beamdae.integrators.ida import python_solver as preconditioned
+from beamdae.integrators.ida.python_solver import PreconditionedResidual
+from beamdae.integrators.ida.suppress_stdout import silent
+from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.linear.pivots import plans
+from beamdae.native.object_code import is_on
 
 compiled = pytest.mark.skipif(not is_on(), reason="without machine code")
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from quick_return import quick_return
 
 import beamdae as bd
-from beamdae.integrators.ida import FIRST_ORDER
+from beamdae.integrators.ida.ida import FIRST_ORDER
 
 slow = pytest.mark.slow(reason="tells of the same law as the others")
 # On index 3 velocities are never tested by "auto": their error grows as the step falls.

@@ -6,7 +6,7 @@ from benchmarks.cases import AREVALO, CYCLOID, KNIFE_EDGE, ROTATING_ROD, pendulu
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.integrators import radau_method
+from beamdae.integrators.radau import radau_method
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 

@@ -8,9 +8,9 @@ import scipy.sparse as sp
 
 import beamdae as bd
 from beamdae.errors import KernelWarning
-from beamdae.integrators.looping import Matrix
+from beamdae.integrators.compiled_run import Matrix
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 
 
 def test_pivots_of_a_matrix_serve_another_of_its_pattern_and_its_own_follow():

@@ -13,8 +13,9 @@ from support import by_class
 
 import beamdae as bd
 from beamdae.equations import assemble
-from beamdae.integrators import preconditioned, rows
-from beamdae.integrators.alpha_method import FixedSteps
+from beamdae.integrators import rows
+from beamdae.integrators.alpha.alpha_method import FixedSteps
+from beamdae.integrators.ida import python_solver as preconditioned
 from beamdae.results.solution import Solution
 
 GIGABYTE = 1e9
@@ -111,7 +112,7 @@ def test_other_errors_are_not_put_down_to_memory(monkeypatch):
 
 
 def test_more_rows_than_there_is_memory_for_are_refused(monkeypatch):
-    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 1e6)
+    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
         match=r"^simulate: output in 100001 rows needs about 0\.0088 GB of memory, 0\.001 GB are",
@@ -140,7 +141,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
     by_class(monkeypatch)
     monkeypatch.setattr(preconditioned, "IDA", without)
     assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
-    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 1e6)
+    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
         match=r"^Ida: scikit-sundae without SuperLU_MT, for 726 unknowns, needs about 0\.0042 GB",
@@ -149,7 +150,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
 
 
 def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
-    monkeypatch.setattr("beamdae.symbolic.memory._left_by_others", lambda: 10.0 * assemble._MEMORY)
+    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 10.0 * assemble._MEMORY)
     mech = bd.Mechanism()
     for k in range(10):
         mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))

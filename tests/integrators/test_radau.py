@@ -8,15 +8,16 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.integrators import radau_loop, radau_stages
 from beamdae.integrators.error_control import Scales
-from beamdae.integrators.radau_coefficients import GAMMA, PAIR, A, C, T
-from beamdae.integrators.radau_method import Tolerance
-from beamdae.integrators.radau_stages import estimate_error, solve_stages
-from beamdae.integrators.route import plan
+from beamdae.integrators.radau import radau_loop
+from beamdae.integrators.radau import stages as radau_stages
+from beamdae.integrators.radau.coefficients import GAMMA, PAIR, A, C, T
+from beamdae.integrators.radau.radau_method import Tolerance
+from beamdae.integrators.radau.stages import estimate_error, solve_stages
+from beamdae.integrators.run_plan import plan
+from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.native import loops, vectors
-from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native.machine import MachineError
+from beamdae.native.llvm import MachineError
 
 
 def oscillator(omega, damping=0.0):

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
-from beamdae.results.checkpoint import Checkpoint
+from beamdae.results.storage.checkpoint import Checkpoint
 
 RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.linear.analysis import plans
-from beamdae.native import elimination
-from beamdae.native.elimination import factors_of, refactorize, solve
-from beamdae.symbolic.factorizations import SingularMatrixError
+from beamdae.linear import elimination
+from beamdae.linear.elimination import factors_of, refactorize, solve
+from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.linear.pivots import plans
 
 
 def analyze(pattern, nonzeros, refactorize=refactorize):

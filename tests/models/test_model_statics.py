@@ -10,7 +10,7 @@ from test_models import FOLDER, MODELS
 from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.commands import app
+from beamdae.cli.app import app
 
 # What those that do not rest somewhere alone say.
 SENTENCES = {

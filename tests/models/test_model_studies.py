@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.cli.model_file import contents
-from beamdae.studies import engine
-from beamdae.studies.plan import Plan
-from beamdae.studies.pool import LocalPool
+from beamdae.cli.model_files.model_file import contents
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.plan import Plan
+from beamdae.studies.execution.pool import LocalPool
 
 FOLDER = Path(__file__).parents[2] / "models" / "studies"
 FILES = sorted(FOLDER.glob("*_integrators.py"))

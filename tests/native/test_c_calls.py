@@ -10,7 +10,7 @@ import pytest
 
 from beamdae.native import loops
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.native.vectors import (
     array_at,
     call_for_int,

@@ -15,7 +15,8 @@ from numpy.testing import assert_array_equal
 
 from beamdae.errors import KernelWarning
 from beamdae.native import cache as module
-from beamdae.native import machine, objects
+from beamdae.native import llvm as machine
+from beamdae.native import object_code as objects
 from beamdae.native.lanes import WIDTH, lane_kernel
 
 S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)

@@ -11,12 +11,12 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose, assert_array_equal
 
-from beamdae.linear.analysis import plans
-from beamdae.native.codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native.elimination import Linear, factorize_linear, solve_linear
+from beamdae.linear.elimination import Linear, factorize_linear, solve_linear
+from beamdae.linear.pivots import plans
+from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.native.lanes import WIDTH, lane_kernel
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.native.vectors import call_kernel, combine, factorize, solve
 
 pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")

@@ -11,10 +11,10 @@ from support import ARC, SOFT, VARIANTS
 import beamdae as bd
 from beamdae.equations.formulations import first_order
 from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.looping import Running
-from beamdae.integrators.preconditioned import WrappedIda
+from beamdae.integrators.compiled_run import Running
+from beamdae.integrators.ida.python_solver import WrappedIda
 from beamdae.native.lane_code import lane_source
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.parts.part import Part
 
 

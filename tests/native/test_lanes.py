@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from beamdae.beams.floating_frame_element import ElementType, beam_kernel
+from beamdae.beams.floating_frame.element import ElementType, beam_kernel
 from beamdae.native import operations
 from beamdae.native.lane_code import lane_source
 from beamdae.native.lanes import WIDTH, LaneKernel, lane_kernel, padded

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from beamdae.native import loops, machine, objects
+from beamdae.native import llvm as machine
+from beamdae.native import loops
+from beamdae.native import object_code as objects
 
 ROOT = Path(__file__).parents[2]
 

@@ -13,10 +13,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from beamdae.errors import KernelWarning
-from beamdae.native import loops, objects
-from beamdae.native.codes import DONE, FULL
+from beamdae.linear.return_codes import DONE, FULL
+from beamdae.native import loops
+from beamdae.native import object_code as objects
+from beamdae.native.llvm import MachineError
 from beamdae.native.loops import Loop
-from beamdae.native.machine import MachineError
 from beamdae.native.vectors import combine
 
 FACTOR, OFFSETS = 3, (0.25, -2.0)

@@ -8,9 +8,10 @@ import llvmlite.binding as llvm
 import pytest
 
 from beamdae.errors import KernelWarning
-from beamdae.native import machine, objects
-from beamdae.native.machine import Loaded, MachineError, compiled, library_address
-from beamdae.native.objects import Source, machine_code
+from beamdae.native import llvm as machine
+from beamdae.native import object_code as objects
+from beamdae.native.llvm import Loaded, MachineError, compiled, library_address
+from beamdae.native.object_code import Source, machine_code
 
 LOOP = """
 define i64 @total(ptr %numbers, i64 %count) {

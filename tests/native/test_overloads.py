@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from beamdae.native import vectors
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.native.vectors import (
     add,
     add_weighted,

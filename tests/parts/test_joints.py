@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import Starter
 
 TANGENT, CHORD = VARIANTS[0], VARIANTS[2]
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from support import Numeric
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import Starter
 
 
 def started(mech):

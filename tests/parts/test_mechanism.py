@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric
 
 import beamdae as bd
-from beamdae.parts.extent import extent_of
+from beamdae.parts.drawing_size import extent_of
 
 nan = float("nan")
 

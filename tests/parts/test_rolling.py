@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
-from beamdae.integrators.alpha_jerk import JerkEquations, normal_jerk
-from beamdae.integrators.alpha_run import Motion
-from beamdae.native.codes import DONE
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.integrators.alpha.alpha_workspace import Motion
+from beamdae.integrators.alpha.jerk import JerkEquations, normal_jerk
+from beamdae.linear.return_codes import DONE
 
 
 def run(model, integrator, t_end, step=None):

@@ -9,9 +9,9 @@ from properties.frames import ABSOLUTE, Frame, bare, carried
 from support import Numeric
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State as FullState
-from beamdae.equations.rank import joint_matrix
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.rank import joint_matrix
 
 # Of nine-point differences along a motion, over the time in which it changes: they truncate at
 # 1e-20 of the ninth derivative, and round at 1e-16 / 3e-3.

@@ -13,7 +13,7 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.report.scene import poses
-from beamdae.report.scene.bodies import scene_of
+from beamdae.report.scene.body_scene import scene_of
 
 SLOW = pytest.mark.slow(reason="half a second and more")
 EVERYTHING = JOINTS | NONHOLONOMIC | LOADS

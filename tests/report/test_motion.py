@@ -8,9 +8,9 @@ from pendulum import pendulum
 
 import beamdae as bd
 from beamdae.parts.part import Drawing
-from beamdae.report.scene.frames import frames_of
-from beamdae.report.scene.of_run import scene_of_run
-from beamdae.results.shapes import frame_times
+from beamdae.report.scene.run_scene import scene_of_run
+from beamdae.report.scene.scene_frames import frames_of
+from beamdae.results.outlines import frame_times
 
 FRAMES = 11
 

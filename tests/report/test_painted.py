@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.report.scene.bodies import SECTIONS
-from beamdae.report.scene.painted import painted
-from beamdae.results.shapes import frame_times
+from beamdae.report.scene.beam_colors import painted
+from beamdae.report.scene.body_scene import SECTIONS
+from beamdae.results.outlines import frame_times
 
 FRAMES = 11
 

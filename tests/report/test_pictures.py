@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beamdae.report import pictures
-from beamdae.report.letters import plain, shortened
-from beamdae.studies import pictures as plots
+from beamdae.report.pictures import figures as pictures
+from beamdae.report.text import plain, shortened
+from beamdae.studies import study_pictures as plots
 from beamdae.studies.references import Reference
 
 T = np.linspace(0.0, 1.0, 11)

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 import beamdae as bd
-from beamdae.report import pictures, terminal
+from beamdae.report.pictures import figures as pictures
+from beamdae.report.terminal import tables as terminal
 
 T = np.linspace(0.0, 1.0, 11)
 FRAME = pd.DataFrame(

@@ -14,10 +14,10 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.report.scene import poses
-from beamdae.report.scene.bodies import SECTIONS, scene_of
-from beamdae.report.scene.frames import frames_of
-from beamdae.report.scene.of_run import scene_of_run
-from beamdae.results.shapes import frame_times
+from beamdae.report.scene.body_scene import SECTIONS, scene_of
+from beamdae.report.scene.run_scene import scene_of_run
+from beamdae.report.scene.scene_frames import frames_of
+from beamdae.results.outlines import frame_times
 
 FRAMES = 11
 T_END = 0.2

@@ -10,8 +10,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 import beamdae as bd
-from beamdae.report import terminal
-from beamdae.report.fitted import Column, FittedTable, cut
+from beamdae.report.terminal import tables as terminal
+from beamdae.report.terminal.responsive_table import Column, FittedTable, cut
 
 WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")

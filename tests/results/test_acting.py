@@ -7,9 +7,9 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.acting import acting_on
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.results.section_forces.applied_loads import acting_on
 
 SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
 PARTS = JOINTS | LOADS

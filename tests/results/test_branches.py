@@ -6,8 +6,8 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.equations.formulations import State
-from beamdae.equations.rank import has_loops, joint_matrix
-from beamdae.results.branches import branch_warnings, singular_positions
+from beamdae.equations.starts.rank import has_loops, joint_matrix
+from beamdae.results.singular_positions import branch_warnings, singular_positions
 from beamdae.results.trajectory import Interval, Trajectory
 
 SPEED = 6.0

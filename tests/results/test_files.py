@@ -16,10 +16,10 @@ from numpy.testing import assert_array_equal
 from pandas.testing import assert_frame_equal
 
 from beamdae.errors import BeamdaeError
-from beamdae.report import pictures
 from beamdae.report.page.page import write_page
-from beamdae.results import files
-from beamdae.results.files import guarded, replacing, safe_cell, write, write_text
+from beamdae.report.pictures import figures as pictures
+from beamdae.results.storage import files
+from beamdae.results.storage.files import guarded, replacing, safe_cell, write, write_text
 
 posix = pytest.mark.skipif(os.name != "posix", reason="other systems have no such files")
 TABLE = pd.DataFrame({"t [s]": [0.0, 0.5], "tip.x [m]": [-0.1, 1e-300]})
@@ -157,7 +157,7 @@ import sys
 from pathlib import Path
 import pandas as pd
 from beamdae.errors import BeamdaeError
-from beamdae.results.files import write
+from beamdae.results.storage.files import write
 folder = Path(sys.argv[1])
 write(folder / "run.csv", pd.DataFrame({"t [s]": [0.0]}), {})
 before = {p.name: p.read_bytes() for p in folder.iterdir()}
@@ -233,7 +233,7 @@ NAMES = ["Träger.x [m]", "梁.phi [rad]", "a, b", 'the "tip"', "x;y", "emoji �
 def test_texts_are_utf_8_whatever_the_locale(tmp_path):
     script = (
         "import sys, pandas as pd\nfrom pathlib import Path\n"
-        "from beamdae.results.files import write, write_text\n"
+        "from beamdae.results.storage.files import write, write_text\n"
         f"names = {NAMES!a}\n"
         "write(Path('run.csv'), pd.DataFrame([range(len(names))], columns=names), {'m': names})\n"
         "write_text(Path('page.html'), ''.join(names) + chr(13) + chr(10) + chr(0xDCFF))\n"

@@ -1,7 +1,7 @@
 """What is told of events that happened, and of what they switched."""
 
 import beamdae as bd
-from beamdae.results.occurrences import happened
+from beamdae.results.event_records import happened
 
 
 def test_what_happened_is_told_with_the_time():

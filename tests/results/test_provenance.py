@@ -11,7 +11,7 @@ from conformance import JOINTS, LOADS, NONHOLONOMIC
 from support import ARC, SOFT
 
 import beamdae as bd
-from beamdae.results.provenance import provenance
+from beamdae.results.storage.provenance import provenance
 
 EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
 

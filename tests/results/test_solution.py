@@ -10,7 +10,7 @@ from conformance import integrators
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.results.files import versions
+from beamdae.results.storage.files import versions
 
 WORKS = ["work_of_loads", "work_of_drivers", "dissipated"]
 LEDGER = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity", *WORKS, "imbalance")]

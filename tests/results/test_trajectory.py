@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.formulations import State
-from beamdae.integrators.radau_coefficients import C
-from beamdae.integrators.route import plan
+from beamdae.integrators.radau.coefficients import C
+from beamdae.integrators.run_plan import plan
 from beamdae.results.trajectory import Interval, Trajectory
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])

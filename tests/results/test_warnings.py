@@ -12,7 +12,7 @@ from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
 from beamdae.results.headers import observed_columns
-from beamdae.studies.told import by_time
+from beamdae.studies.run_values import by_time
 from beamdae.verification import exceeded
 
 

@@ -9,8 +9,10 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.headers import observed_columns
-from beamdae.studies import deviations, told, work
+from beamdae.studies import deviations
+from beamdae.studies import run_values as told
 from beamdae.studies.case import default_integrators
+from beamdae.studies.execution import case_run as work
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.studies import engine
-from beamdae.studies.pool import DaskPool, SerialPool
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.pool import DaskPool, SerialPool
 
 
 @pytest.fixture
@@ -79,6 +79,6 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
 @pytest.mark.slow(reason="waits for an answer")
 @pytest.mark.usefixtures("distributed")
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.pool._PATIENCE", 0.2)
+    monkeypatch.setattr("beamdae.studies.execution.pool._PATIENCE", 0.2)
     with pytest.raises(bd.BeamdaeError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask sched"):
         DaskPool("tcp://127.0.0.1:9")

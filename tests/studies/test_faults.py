@@ -17,13 +17,13 @@ from slow_study import slow_study
 
 import beamdae as bd
 from beamdae.results.outcome import Status
-from beamdae.studies import engine, pool
-from beamdae.studies.engine import Results
-from beamdae.studies.estimates import Forecast
-from beamdae.studies.interrupts import Interrupts
-from beamdae.studies.page_data import page
-from beamdae.studies.pool import LocalPool, SerialPool
-from beamdae.studies.work import Limits, Outcome
+from beamdae.studies.execution import engine, pool
+from beamdae.studies.execution.case_run import Limits, Outcome
+from beamdae.studies.execution.deferred_interrupts import Interrupts
+from beamdae.studies.execution.engine import Results
+from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.execution.time_estimates import Forecast
+from beamdae.studies.study_page import page
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
@@ -278,9 +278,9 @@ DRIVER = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-    from beamdae.cli.model_file import contents
-    from beamdae.studies import engine
-    from beamdae.studies.pool import LocalPool
+    from beamdae.cli.model_files.model_file import contents
+    from beamdae.studies.execution import engine
+    from beamdae.studies.execution.pool import LocalPool
     study = contents(Path("file.py"))[1]["masses"]
     print("ready", flush=True)
     tell = lambda standing: print("done", standing.done, flush=True)

@@ -17,14 +17,14 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.cli.model_file import contents
+from beamdae.cli.model_files.model_file import contents
 from beamdae.studies import case as case_module
-from beamdae.studies import engine
-from beamdae.studies.contents import FingerprintError
-from beamdae.studies.fingerprints import digest, parameter_digest
-from beamdae.studies.pool import LocalPool, SerialPool
-from beamdae.studies.sources import package_digest
-from beamdae.studies.store import Store
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.store.contents import FingerprintError
+from beamdae.studies.store.fingerprints import digest, parameter_digest
+from beamdae.studies.store.sources import package_digest
+from beamdae.studies.store.store import Store
 
 BODY = """
 @bd.model(t_end=0.01{data})
@@ -361,7 +361,7 @@ def test_fingerprints_are_the_same_in_every_process():
     code = (
         "import sys; sys.path[:0] = ['tests', 'tests/studies']\n"
         "import test_fingerprints as t, beamdae as bd\n"
-        "from beamdae.studies.fingerprints import digest\n"
+        "from beamdae.studies.store.fingerprints import digest\n"
         "print([digest(x) for x in t.values().values()])\n"
         "print([bd.Case(t.swing, {'extra': x}).mechanism() for x in t.values().values()])\n"
     )

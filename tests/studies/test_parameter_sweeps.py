@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, swept, turning
 
 import beamdae as bd
-from beamdae.studies.sweep_tables import MEASURES
+from beamdae.studies.sweeps.tables import MEASURES
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,12 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.outcome import Status
-from beamdae.studies import engine, store
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.case_run import Limits, Outcome, Task
+from beamdae.studies.execution.pool import SerialPool
 from beamdae.studies.naming import file_names
-from beamdae.studies.pool import SerialPool
-from beamdae.studies.store import Store
-from beamdae.studies.work import Limits, Outcome, Task
+from beamdae.studies.store import store
+from beamdae.studies.store.store import Store
 
 
 @bd.model(t_end=0.1)

@@ -19,16 +19,17 @@ from slow_study import slow_study
 from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.commands import app
-from beamdae.cli.model_file import contents
-from beamdae.studies import engine, work
-from beamdae.studies.page_data import page
-from beamdae.studies.pool import LocalPool, SerialPool
+from beamdae.cli.app import app
+from beamdae.cli.model_files.model_file import contents
+from beamdae.studies.execution import case_run as work
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.case_run import Limits, Outcome
+from beamdae.studies.execution.pool import LocalPool, SerialPool
 from beamdae.studies.references import NOT_RUN
-from beamdae.studies.store import Store
+from beamdae.studies.store.store import Store
+from beamdae.studies.study_page import page
 from beamdae.studies.summaries import mesh_summary, summary
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.work import Limits, Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-10))
@@ -559,7 +560,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     kept = len(list(outcomes.glob("*.json")))
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than the runs.
-    monkeypatch.setattr("beamdae.studies.pictures.plots", lambda results: {})
+    monkeypatch.setattr("beamdae.studies.study_pictures.plots", lambda results: {})
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0, again.stderr
     assert f"{kept} kept from before" in again.stderr

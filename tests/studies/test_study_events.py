@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 from rich.console import Console
 
 import beamdae as bd
-from beamdae.report import terminal
+from beamdae.report.terminal import tables as terminal
+from beamdae.studies.execution.case_run import Outcome
 from beamdae.studies.references import agreed, reference_tasks
+from beamdae.studies.run_values import by_time, values
 from beamdae.studies.tables import case_table, row
-from beamdae.studies.told import by_time, values
-from beamdae.studies.work import Outcome
 
 
 @bd.model(t_end=1.0)

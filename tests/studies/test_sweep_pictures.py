@@ -9,10 +9,10 @@ from turning import THICK, THIN, swept
 
 import beamdae as bd
 from beamdae.report.page.page import write_page
-from beamdae.studies.page_data import page
-from beamdae.studies.sweep_page import page_of_sweep
-from beamdae.studies.sweep_scales import Scale
-from beamdae.studies.sweep_tables import MEASURES
+from beamdae.studies.study_page import page
+from beamdae.studies.sweeps.page import page_of_sweep
+from beamdae.studies.sweeps.scales import Scale
+from beamdae.studies.sweeps.tables import MEASURES
 
 
 @pytest.fixture(scope="module")

@@ -15,13 +15,15 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.commands import app
+from beamdae.cli.app import app
 from beamdae.report.page.page import write_page
-from beamdae.studies import engine, page_data, rows
-from beamdae.studies.packing import packed
-from beamdae.studies.pictures import plots
-from beamdae.studies.plan import Plan
-from beamdae.studies.pool import LocalPool, SerialPool
+from beamdae.studies import study_page as page_data
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.packing import packed
+from beamdae.studies.execution.plan import Plan
+from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.store import rows
+from beamdae.studies.study_pictures import plots
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
@@ -77,7 +79,9 @@ def test_rows_are_read_back_to_the_last_bit(table):
 
 def test_the_model_of_tasks_that_differ_in_numbers_is_packed_once(monkeypatch):
     packings = []
-    monkeypatch.setattr("beamdae.studies.packing.packed", lambda x: packings.append(x) or packed(x))
+    monkeypatch.setattr(
+        "beamdae.studies.execution.packing.packed", lambda x: packings.append(x) or packed(x)
+    )
     study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
     known = {}
     tasks = [study.task(case) for case in study.cases]
@@ -95,7 +99,9 @@ class Arm(tuple):
 
 def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
     around = []
-    monkeypatch.setattr("beamdae.studies.work.packed_around", lambda *_: around.append(1))
+    monkeypatch.setattr(
+        "beamdae.studies.execution.case_run.packed_around", lambda *_: around.append(1)
+    )
     task = replace(
         sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
     )

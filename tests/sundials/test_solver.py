@@ -13,7 +13,7 @@ from sundials.both_ways import Direct, Robertson, same, wrapped
 from support import by_class
 
 import beamdae as bd
-from beamdae.integrators import preconditioned
+from beamdae.integrators.ida import python_solver as preconditioned
 from beamdae.sundials import solver as solver_module
 from beamdae.sundials.library import library
 from beamdae.sundials.solver import IdaError, Solver, Statistics, reason

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import beamdae as bd
 from beamdae.equations import building
 from beamdae.equations.formulations import first_order
-from beamdae.symbolic.alike import Alike
+from beamdae.symbolic.kernel_groups import Alike
 from beamdae.symbolic.statements import Named, Quantity
 
 MODELS = Path(__file__).parents[2] / "models"

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.step_equations import step_equations
-from beamdae.symbolic.factorizations import SparseFactorization
-from beamdae.symbolic.orderings import bordered
+from beamdae.linear.factorizations import SparseFactorization
+from beamdae.linear.orderings import bordered
 
 STEPS = (1e-2, 1e-4, 1e-6)
 MECHANISMS = {

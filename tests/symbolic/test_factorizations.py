@@ -14,15 +14,15 @@ from sksundae.ida import IDA
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import (
     FIRST_ORDER,
     first_order,
     first_order_jacobian,
     first_order_residual,
 )
-from beamdae.integrators import preconditioned
-from beamdae.symbolic.factorizations import (
+from beamdae.equations.starts.consistent_start import Starter
+from beamdae.integrators.ida import python_solver as preconditioned
+from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
     SingularMatrixError,

@@ -14,9 +14,9 @@ from beamdae.equations.formulations import State, first_order, first_order_parts
 from beamdae.equations.step_equations import Predicted, step_equations, step_matrix, step_residual
 from beamdae.equations.sums import data_of, local_operator
 from beamdae.native.loops import Loop
-from beamdae.native.objects import is_on
+from beamdae.native.object_code import is_on
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.turns import turned, turned_operator
+from beamdae.symbolic.rotations import turned, turned_operator
 
 TIME = np.array([0.1, 0.5])
 # Rounding of the sums of a frame over 100 elements.

@@ -5,7 +5,7 @@ import pytest
 from reach.run import EI, TIMES, curve
 from reach.statics import cantilever, exact_tips, tip_and_rotation
 
-from beamdae.beams.reach import error_by_rotation
+from beamdae.beams.floating_frame.strain_validity import error_by_rotation
 
 FORCE, HALF_CIRCLE = ((0.0, 6.0 * EI), 0.0), ((0.0, 0.0), np.pi * EI)
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lsim
 
 import beamdae as bd
-from beamdae.analysis.linearization import linearization
+from beamdae.analysis.linear.linearization import linearization
 from benchmarks.modes import FORMULATIONS
 
 _SPEED, _JET, _END, _STEP = 20.0, 1e-3, 0.15, 1e-3

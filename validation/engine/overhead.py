@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import beamdae as bd
-from beamdae.studies import engine
-from beamdae.studies.pool import LocalPool
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.pool import LocalPool
 
 pendulum = bd.load_model(Path(__file__).parents[2] / "models" / "pendulum.py")
 

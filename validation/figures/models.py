@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import beamdae as bd
-from beamdae.report.drawing import figure_of_drawing
+from beamdae.report.pictures.drawing import figure_of_drawing
 
 NAMES = (
     "four_bar",

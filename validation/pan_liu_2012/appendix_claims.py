@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.equations.start_sums import StartEquations
+from beamdae.equations.starts.start_sums import StartEquations
 from pan_liu_2012.appendix import ARC, ELEMENTS, NODES, SECTION, State, derived, parts, printed
 from pan_liu_2012.claims import DIFFERS, Judgement, Tables, agrees, claim
 

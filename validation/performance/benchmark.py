@@ -40,8 +40,8 @@ from timing import Times, in_turns, integrated, taken, within_loops
 from workers import Worker, checkout, exudyn
 
 import beamdae as bd
+from beamdae.linear.factorizations import single_threaded
 from beamdae.results.outcome import Statistics
-from beamdae.symbolic.factorizations import single_threaded
 
 MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
 Systems = tuple[tuple[str, dict[str, Any]], ...]

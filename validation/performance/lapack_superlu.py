@@ -9,10 +9,10 @@ from systems import beam
 from timing import taken
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import first_order
+from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.step_equations import Predicted, step_equations
-from beamdae.symbolic.factorizations import factorization, single_threaded
+from beamdae.linear.factorizations import factorization, single_threaded
 
 TIME = np.array([0.1, 0.5])
 

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import (
     FirstOrderSums,
     first_order,
     first_order_jacobian,
     first_order_residual,
 )
+from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.step_equations import (
     Predicted,
     StepSums,
@@ -28,8 +28,8 @@ from beamdae.equations.step_equations import (
     step_matrix,
     step_residual,
 )
-from beamdae.integrators.looping import Matrix, Running
-from beamdae.native.codes import DONE
+from beamdae.integrators.compiled_run import Matrix, Running
+from beamdae.linear.return_codes import DONE
 from beamdae.native.vectors import combine, factorize, solve
 
 Array = np.ndarray

@@ -33,9 +33,9 @@ import pandas as pd
 from tables import RESULTS, write
 
 import beamdae as bd
-from beamdae.studies import engine
-from beamdae.studies.pool import LocalPool
-from beamdae.studies.told import by_time
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.pool import LocalPool
+from beamdae.studies.run_values import by_time
 
 STEP = 1e-3
 ROWS = 400

@@ -24,7 +24,7 @@ from reach.statics import SECTION, cantilever, exact_tips, tip_and_rotation
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.beams.reach import error_by_rotation
+from beamdae.beams.floating_frame.strain_validity import error_by_rotation
 
 EI = SECTION.EI
 LOADS = {

@@ -233,10 +233,10 @@ def invoked(arguments: list[str]) -> Seen:
     """A command in this process, a study's cases one after the other."""
     from typer.testing import CliRunner
 
-    from beamdae.cli.commands import app
-    from beamdae.studies.pool import SerialPool
+    from beamdae.cli.app import app
+    from beamdae.studies.execution.pool import SerialPool
 
-    with mock.patch("beamdae.studies.pool.LocalPool", return_value=SerialPool()):
+    with mock.patch("beamdae.studies.execution.pool.LocalPool", return_value=SerialPool()):
         done = CliRunner().invoke(app, arguments, prog_name="beamdae")
     problem = done.exception
     if problem is not None and not isinstance(problem, SystemExit):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from beamdae.native.machine import compiled
+from beamdae.native.llvm import compiled
 from robustness.bench import (
     ROOT,
     Bench,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
-from beamdae.studies.work import Limits
+from beamdae.studies.execution.case_run import Limits
 from robustness.places import MECHANISMS, NUMBERS, PARTS
 from robustness.places_forces import FORCES
 from robustness.places_joints import JOINTS

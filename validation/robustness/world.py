@@ -193,7 +193,7 @@ def integrated(world: World, integrator: Any) -> bd.Solution:
 
 def done(world: World, study: Any) -> Any:
     """The study, run here and now."""
-    from beamdae.studies import engine
-    from beamdae.studies.pool import SerialPool
+    from beamdae.studies.execution import engine
+    from beamdae.studies.execution.pool import SerialPool
 
     return engine.run(study, world.folder, SerialPool()).table

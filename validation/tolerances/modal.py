@@ -7,8 +7,8 @@ from scipy.linalg import eigh, null_space
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.consistent_start import Starter
 from beamdae.equations.formulations import State
+from beamdae.equations.starts.consistent_start import Starter
 
 
 def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np.ndarray]:

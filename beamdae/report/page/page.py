@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.letters import plain
-from beamdae.report.page.stored import stored_curves, stored_frames
+from beamdae.report.page.encoding import stored_curves, stored_frames
 from beamdae.report.page.template import filled
-from beamdae.results.files import write_text
+from beamdae.report.text import plain
+from beamdae.results.storage.files import write_text
 
 # Each once in the page, one after the other: what they define is known to all of them.
 _STYLES = ("page", "charts", "table", "mechanism", "screens")
@@ -81,7 +81,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "groups", cases that are looked at together, such as those of the same parameters: "id",
           "label"; "reference", what their errors are measured against, with "methods",
           "uncertainty" (the least error it resolves), "accepted" and "sentence", or None;
-          "frames", what moves, as `beamdae.report.scene.frames.frames_of` gives it.
+          "frames", what moves, as `beamdae.report.scene.scene_frames.frames_of` gives it.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
           "status", "error" and "cost"; the last two show the entries of a case with these names.
           The label of a case (key "label") and its status come first, named or not.
@@ -93,7 +93,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           default none), "rank" (a number: the order in which they are, and in which they are sorted
           by their label), "status" ("ok" or a sentence), "values" by column,
           "error", "cost" [s], "below" (the error is less than the reference resolves), "limited"
-          (stopped by a limit), "curves" as `beamdae.report.page.tabled.curves_of` has them: "t" [s]
+          (stopped by a limit), "curves" as `beamdae.report.page.curves_data.curves_of` has them: "t" [s]
           and over it "observed" by name, "error", "energy" by name ("imbalance" is drawn by its
           size), "position drift", "velocity drift", and "difference", to the reference, with
           "observed" and "energy" by name.

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from beamdae.equations.owners import owners_of
-from beamdae.equations.section_motions import At, evaluated, place_and_turn
+from beamdae.equations.coordinate_map import owners_of
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
+from beamdae.results.section_forces.section_motions import At, evaluated, place_and_turn
 
 Array = np.ndarray
 

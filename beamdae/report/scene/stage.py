@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.report.scene.looks import look_of
-from beamdae.report.scene.painted import Painted
+from beamdae.report.scene.beam_colors import Painted
 from beamdae.report.scene.scene import Curve, Scene, corners
+from beamdae.report.scene.styles import look_of
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

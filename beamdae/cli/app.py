@@ -1,0 +1,107 @@
+"""The command line: what can be done with model files."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from beamdae.cli import completion, streams
+from beamdae.cli import signals as interrupts
+from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, spoken
+from beamdae.cli.commands.check import check_command
+from beamdae.cli.commands.compare import compare_command
+from beamdae.cli.commands.draw import draw_command
+from beamdae.cli.commands.examples import examples_command, new_command
+from beamdae.cli.commands.list import list_command
+from beamdae.cli.commands.modes import modes_command
+from beamdae.cli.commands.run import run_command
+from beamdae.cli.commands.static import static_command
+from beamdae.cli.commands.sweep import sweep_command
+from beamdae.cli.output import warned
+from beamdae.errors import BeamdaeWarning, KernelWarning
+
+app = typer.Typer(
+    name="beamdae",
+    cls=Commands,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    epilog=EXIT_CODES,
+)
+
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run_command,
+    "compare": compare_command,
+    "sweep": sweep_command,
+    "check": check_command,
+    "draw": draw_command,
+    "static": static_command,
+    "modes": modes_command,
+    "list": list_command,
+    "examples": examples_command,
+    "new": new_command,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name, cls=Command)(spoken(_name, _command))
+
+
+def main() -> None:
+    """Run the command line, to its exit code whatever becomes of its signals and streams."""
+    code = 0
+    try:
+        streams.secure()
+        _quiet()
+        with completion.words_as_typed():
+            app(prog_name="beamdae")
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:
+        code = interrupts.code()
+    interrupts.deaf()
+    sys.exit(streams.ended(interrupts.code() if interrupts.heard() else code))
+
+
+def _quiet() -> None:
+    """Nothing but sentences on standard error, whatever libraries have to say there."""
+    # What is not finite is told by a sentence.
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
+    warnings.formatwarning = _in_a_line
+    # It goes on without a cache of fonts, and says so on many lines.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        # As their specification has it; matplotlib would make it a folder of the working folder.
+        if not os.path.isabs(os.environ.get(name, "/")):
+            del os.environ[name]
+
+
+_formatted = warnings.formatwarning
+
+
+def _in_a_line(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
+    """Warnings of beamdae's own are sentences; of others it matters where they come from."""
+    if issubclass(category, (BeamdaeWarning, KernelWarning)):
+        return f"warning: {warned(str(message))}\n"
+    return _formatted(message, category, *place, **more)
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"beamdae {version('beamdae')}")
+        raise typer.Exit
+
+
+@app.callback()
+def beamdae(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say the version."),
+    ] = False,
+) -> None:
+    """Simulate curved beams in flexible multibody systems."""

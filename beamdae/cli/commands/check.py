@@ -1,0 +1,58 @@
+"""`beamdae check`: what a model is and what is wrong with it, without a run to its end."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.model_options import configured
+from beamdae.cli.options import ModelFile, ModelName, Settings
+from beamdae.cli.output import console, record
+from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    from beamdae.checks import Check
+
+
+def check_command(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    predict: Annotated[
+        bool, typer.Option(help="Predict steps and time by a trial of a second.")
+    ] = True,
+) -> None:
+    """Build a model, find its consistent start, and explain what it can do and what is wrong.
+
+    Ends with 0 where it can be run, and with 2 after a mistake, which the report explains.
+    """
+    model = configured(path, model_name, settings)
+    from beamdae.checks import check
+    from beamdae.parts.mechanism import Mechanism
+    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal.check_report import facts_of
+
+    mechanism = model()
+    found = check(mechanism, model.t_end, predict)
+    parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
+    facts = dict(facts_of(found))
+    for name, part in parts.items():
+        facts |= {f"{name}, {what}": terminal.number(value) for what, value in part.facts.items()}
+    kinds = {name: type(part).__name__ for name, part in parts.items()}
+    record(lambda: {**_found(found), "parts": kinds})
+    screen = console()
+    screen.print(model.name, style="bold")
+    if parts:
+        screen.print(terminal.parts(kinds))
+    screen.print(terminal.facts("", facts))
+    if not found.ok:
+        raise BeamdaeError(found.problem)
+
+
+def _found(check: Check) -> dict[str, Any]:
+    """What --json tells of a check."""
+    told = asdict(check)
+    del told["name"]
+    return {"ok": check.ok, "mobility": check.mobility, **told}

@@ -1,0 +1,111 @@
+"""`beamdae modes`: natural modes of a model, as a table and pictures."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from beamdae.cli.model_options import configured
+from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
+from beamdae.cli.output import console, record, say_warnings, say_written
+from beamdae.cli.output_files import Written
+from beamdae.errors import BeamdaeError, count, one_of
+
+# What modes are about.
+_STATES = ("reference", "equilibrium")
+
+
+def modes_command(
+    path: ModelFile,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    about: Annotated[
+        str,
+        typer.Option(
+            metavar="STATE", help="reference or equilibrium.", autocompletion=lambda: _STATES
+        ),
+    ] = "reference",
+    number: Annotated[int, typer.Option("-n", "--number", help="How many modes.")] = 10,
+    damping: Annotated[bool, typer.Option(help="Damped modes, or undamped ones.")] = True,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--speed",
+            metavar="RAD/S",
+            help="About a steady rotation; several, by repeating it, make a Campbell diagram.",
+        ),
+    ] = None,
+    animate: Annotated[
+        list[int] | None,
+        typer.Option("--animate", metavar="MODE", help="Write a mode as a GIF; repeat."),
+    ] = None,
+    out: Out = Path("results"),
+) -> None:
+    """Find the natural modes of a model and write a table (CSV) and their shapes (PNG).
+
+    Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
+    """
+    model = configured(path, model_name, settings)
+    one_of("modes", "--about", about, _STATES)
+    speeds, animated = speed or [], animate or []
+    if speeds and about != "reference":
+        raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")
+    if len(speeds) > 1 and animated:
+        raise BeamdaeError("modes: --animate needs modes at one --speed, not several.")
+    files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
+    files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated}
+    require_writable(out, tuple(file.name for file in files.values()))
+    from beamdae.analysis.linear.rotation import rotation
+    from beamdae.analysis.modes.campbell import campbell
+    from beamdae.analysis.modes.modes import modes
+
+    built = model()
+    found: Any
+    if len(speeds) > 1:
+        found = campbell(built, speeds, number, damping=damping)
+    else:
+        found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
+        for k in animated:
+            count("modes", "--animate", k, most=len(found))
+    _write(found, model.name, files, animated)
+
+
+def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
+    """The table on the disk and on the screen, then the pictures."""
+    from beamdae.analysis.modes.modes import Modes
+    from beamdae.report.pictures.figures import saved
+    from beamdae.report.pictures.mode_shapes import figure_of_campbell, figure_of_modes
+    from beamdae.report.terminal import tables as terminal
+    from beamdae.results.storage.files import guarded, write_text
+
+    table = found.table()
+    written = Written([write_text(files["csv"], guarded(table).to_csv(index=False))])
+    one_state = isinstance(found, Modes)
+    rows = "modes" if one_state else "speeds"
+    about = found.about if one_state else "rotations"
+    record(lambda: {"about": about, rows: table.to_dict("records")})
+    screen = console()
+    screen.print(name, style="bold")
+    screen.print(terminal.modes(table) if one_state else terminal.campbell(table))
+    say_warnings(screen, found.warnings)
+    if not one_state:
+        title = f"{name}, Campbell diagram"
+        written.draw(name, lambda: [saved(figure_of_campbell(found, title), files["png"])])
+    elif found.mechanism is not None and len(found):
+        title = f"{name}, modes about {found.about}"
+        written.draw(name, lambda: [saved(figure_of_modes(found, title), files["png"])])
+        for k in animated:
+            written.draw(name, partial(_animated, found, k, files[f"{k}"]))
+    say_written(screen, written.paths)
+    if written.failed:
+        raise typer.Exit(1)
+
+
+def _animated(found: Any, mode: int, file: Path) -> list[Path]:
+    from beamdae.report.pictures.mode_shapes import animate_mode
+
+    animate_mode(found, mode, file)
+    return [file]

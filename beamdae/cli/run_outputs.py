@@ -1,0 +1,204 @@
+"""The work of `beamdae run`, each part of it as far as an interrupt lets it."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beamdae.cli import signals as interrupts
+from beamdae.cli.output import console, record, say_warnings
+from beamdae.cli.output_files import Written
+from beamdae.cli.progress import run_progress
+from beamdae.errors import BeamdaeWarning
+
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
+    from beamdae.results.outcome import Status
+    from beamdae.results.solution import Solution
+    from beamdae.results.storage.continued_runs import Parts
+
+
+@dataclass
+class Run:
+    """A run of a model and what has become of it, as far as it got.
+
+    Attributes
+    ----------
+    table
+        Where the table of all of the run is; other files are named after it.
+    columns
+        Those of that table.
+    end
+        The file that tells where the run ended, if one was written.
+    errors, beyond
+        How far off the observed columns are, and the sentence on those that are too far.
+    cut_short
+        Whether an interrupt ended something after the run.
+    """
+
+    model: Model
+    method: Any
+    table: Path
+    columns: dict[str, Any] = field(default_factory=dict)
+    written: Written = field(default_factory=Written)
+    end: Path | None = None
+    errors: Any = None
+    beyond: str = ""
+    cut_short: bool = False
+
+    @property
+    def picture(self) -> Path:
+        """Where the run is drawn."""
+        return self.table.with_suffix(".png")
+
+    @property
+    def page(self) -> Path:
+        """Where the page of the run is."""
+        return self.table.with_suffix(".html")
+
+    @property
+    def title(self) -> str:
+        """Model and method."""
+        return f"{self.model.name}, {self.method.label}"
+
+    @contextmanager
+    def goes_on(self) -> Iterator[None]:
+        """Go on after this, also where an interrupt ends it, once there are files."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            if not self.written.paths:
+                raise
+            self.cut_short = True
+
+
+def can_go_on(status: Status) -> bool:
+    """Whether there is more of the run to come; where it had not begun yet, it begins again."""
+    from beamdae.results.outcome import OF_SCOUT
+
+    return not status.success and OF_SCOUT not in status.sentence
+
+
+def integrate(run: Run, t_end: float | None, output_step: float | None, *start: Any) -> Solution:
+    """The solution, also one that an interrupt ended; `start` as `simulate` takes it."""
+    from beamdae.simulation import simulate
+
+    with run_progress(t_end or run.model.t_end) as progress, warnings.catch_warnings():
+        # They are told with the result.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+
+        def reached(label: str, t: float) -> None:
+            progress(label, t)
+            # One that was lost, as in a callback of other code, is made up for.
+            if interrupts.heard():
+                raise KeyboardInterrupt
+
+        try:
+            told = partial(reached, run.method.label)
+            return simulate(run.model, run.method, t_end, output_step, told, *start)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("before the run had begun; nothing was written") from None
+
+
+def write(run: Run, parts: Parts, solution: Solution, checkpoint: Path | None) -> None:
+    """Write the table, and where the run ended if that is asked for or it can go on."""
+    with interrupts.held():
+        run.columns, files = parts.write(solution)
+        run.written.paths += files
+        if checkpoint is not None or can_go_on(solution.status):
+            beside = run.table.with_name(f"{run.table.stem}_end.json")
+            run.end = solution.checkpoint(checkpoint or beside)
+            run.written.paths.append(run.end)
+    run.cut_short = interrupts.heard()
+
+
+def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
+    """Find how far the observed columns are off, and write that beside the table."""
+    from beamdae import verification
+    from beamdae.results.storage.files import write_beside
+
+    if not solution.columns:
+        return
+    what = "verification" if verify else "estimate of errors"
+    with run_progress(float(solution.t[-1]), what) as progress:
+        told = partial(progress, run.method.label)
+        if verify:
+            errors = verification.verified(solution, progress=told)
+        else:
+            errors = verification.estimated(solution, told)
+    # The second run takes an interrupt for its own.
+    if interrupts.heard():
+        return
+    run.errors, run.beyond = errors, verification.exceeded(solution, errors)
+    with interrupts.held():
+        write_beside(table, solution.beside(errors=_by_column(run, solution)))
+
+
+def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
+    """What is known of the error of each observed column."""
+    import numpy as np
+
+    rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
+    return {
+        column: {name: None if x != x else x for name, x in zip(run.errors, row, strict=True)}
+        for column, row in zip(solution.columns, rows, strict=True)
+    }
+
+
+def draw(run: Run, solution: Solution) -> None:
+    """Draw the run; the title says if it ended early."""
+    from beamdae.report.pictures.figures import picture_of_run
+
+    status = solution.status
+    title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
+    run.written.draw(run.picture.name, lambda: [picture_of_run(run.picture, run.columns, title)])
+
+
+def write_page(run: Run, solution: Solution) -> None:
+    """Write the page of the run."""
+    from beamdae.report.page import page
+    from beamdae.report.run_page import page_of_run
+
+    def written() -> list[Path]:
+        further = [run.beyond] if run.beyond else []
+        shown = page_of_run(solution, run.model.name, run.columns, run.errors, further)
+        return [page.write_page(run.page, shown)]
+
+    run.written.draw(run.page.name, written)
+
+
+def say(run: Run, solution: Solution) -> None:
+    """Tables and sentences of a run on the screen."""
+    from beamdae.report.terminal import tables as terminal
+    from beamdae.results.event_records import happened
+
+    record(lambda: _found(run, solution))
+    screen = console()
+    rows = terminal.run_facts(solution.summary(), solution.integrator)
+    if solution.equations.events:
+        rows["events"] = happened(solution.occurred)
+    screen.print(terminal.facts(run.model.name, rows))
+    if solution.columns:
+        screen.print(terminal.ranges(solution.columns, run.errors))
+    if solution.validity:
+        screen.print(terminal.validity(solution.validity))
+    say_warnings(screen, [*filter(None, [run.beyond]), *solution.warnings])
+    # Whoever reads a pipe has it now as well.
+    sys.stdout.flush()
+
+
+def _found(run: Run, solution: Solution) -> dict[str, Any]:
+    """What --json tells of a run: what is beside its table, and its observed columns."""
+    from beamdae.report.terminal import tables as terminal
+
+    told = solution.beside()
+    del told["equations"], told["warnings"]
+    errors = {} if run.errors is None else _by_column(run, solution)
+    observed = terminal.extremes(solution.columns).items()
+    return told | {"observed": {name: x | errors.get(name, {}) for name, x in observed}}

@@ -1,0 +1,203 @@
+"""The generalized-alpha integrator of the paper and its family: Arnold & Bruls on index 3 and 2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.step_equations import step_equations
+from beamdae.errors import BeamdaeError, finite, keep, one_of, positive
+from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
+from beamdae.integrators.alpha.family import FAMILIES, Parameters, Start, parameters
+from beamdae.integrators.drive import drive
+from beamdae.integrators.integrator import (
+    Accuracy,
+    Integrator,
+    Progress,
+    require_limits,
+    require_tolerance,
+)
+from beamdae.integrators.limits import require_few
+from beamdae.integrators.pilot_run import SCOUTING_RTOL
+from beamdae.integrators.run_plan import Route
+from beamdae.results.solution import Solution
+
+Array = np.ndarray
+
+# Local tolerance over rtol^(3/2). The largest error over a run stays below 100 rtol with it, and
+# below 50 rtol in the cases of validation/tolerances.
+_CALIBRATION = 4.0
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(Integrator):
+    """Second-order one-step integrator with controllable damping of high frequencies.
+
+    (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n with Newmark's
+    formulas in the algorithmic acceleration a; the equations of motion hold at t_{n+1}.
+    Arnold & Bruls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0.
+
+    Parameters
+    ----------
+    step
+        Step [s]; shortened to end on breakpoints and on the end time. With `rtol`, the first step
+        after the start and after every breakpoint.
+    rho_inf
+        Spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
+    formulation
+        "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
+        (2015) 149), which holds the constraints on position and velocity level.
+    start
+        "cured": starting values that keep the multipliers second order from the first step,
+        a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
+        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without. For "newmark"
+        1/2 - gamma stands for alpha_m - alpha_f.
+    newton_tolerance
+        Bound on the error of Newton's iteration relative to the largest acceleration. What it
+        leaves stays below a hundredth of the error of the steps, in multipliers below a fiftieth
+        (the published systems, steps of 0.25 to 4 ms). Errors of the iteration add up in the
+        multipliers of the index-3 form when rho_inf is near 1: for convergence studies of lam take
+        1e-10.
+    linear_solver
+        "dense", "sparse", or "auto" by size.
+    time_limit
+        The run is given up after so many seconds; None: no limit.
+    family
+        "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (of first order unless
+        rho_inf = 1): what damps how much, see `alpha_step.parameters`.
+    rtol
+        None: every step is `step`. Otherwise steps adapt to an estimate of the local error of
+        positions (`alpha_step.Parameters.defect`) that keeps their error over a run within 100
+        rtol, up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are
+        of second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
+        passes over: what is left of them keeps steps short.
+    max_steps
+        With `rtol`: the run is given up after so many steps. None: no limit, but it is given up
+        where no end is in sight, see `limits.Pace`.
+    """
+
+    step: float = 1e-3
+    rho_inf: float = 0.8
+    formulation: str = "index3"
+    start: str = "cured"
+    newton_tolerance: float = 1e-6
+    linear_solver: str = "auto"
+    time_limit: float | None = None
+    family: str = "generalized-alpha"
+    rtol: float | None = None
+    max_steps: int | None = None
+
+    def __post_init__(self) -> None:
+        keep(
+            self,
+            step=positive("GeneralizedAlpha", "step", self.step),
+            rho_inf=finite("GeneralizedAlpha", "rho_inf", self.rho_inf),
+            newton_tolerance=positive(
+                "GeneralizedAlpha", "newton_tolerance", self.newton_tolerance
+            ),
+        )
+        one_of("GeneralizedAlpha", "family", self.family, FAMILIES)
+        least = 0.5 if self.family == "hht" else 0.0
+        if not least <= self.rho_inf <= 1.0:
+            where = " for family 'hht'" if self.family == "hht" else ""
+            raise BeamdaeError(
+                f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
+                f"got {self.rho_inf:g}."
+            )
+        one_of("GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2"))
+        one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
+        one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        require_limits(self)
+        self._check_adaptivity()
+
+    def _check_adaptivity(self) -> None:
+        if self.rtol is None:
+            if self.max_steps is not None:
+                raise BeamdaeError(
+                    f"GeneralizedAlpha: max_steps needs rtol, with a fixed step the end time tells "
+                    f"how many steps there are, got {self.max_steps}."
+                )
+            return
+        require_tolerance(self)
+        if self.family == "newmark" and self.rho_inf < 1.0:
+            raise BeamdaeError(
+                "GeneralizedAlpha: rtol needs a method of second order, family 'newmark' is one "
+                f"with rho_inf = 1 only, got {self.rho_inf:g}."
+            )
+
+    @property
+    def _member(self) -> Parameters:
+        return parameters(self.family, self.rho_inf)
+
+    @property
+    def alpha_m(self) -> float:
+        """Weight of a_n in the average of algorithmic accelerations."""
+        return self._member.alpha_m
+
+    @property
+    def alpha_f(self) -> float:
+        """Weight of q''_n in the average of accelerations."""
+        return self._member.alpha_f
+
+    @property
+    def gamma(self) -> float:
+        """Newmark parameter of the velocities."""
+        return self._member.gamma
+
+    @property
+    def beta(self) -> float:
+        """Newmark parameter (gamma + 1/2)^2 / 4 of the positions."""
+        return self._member.beta
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The step, or the relative tolerance if there is one."""
+        return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
+
+    @property
+    def order(self) -> int:
+        """2 in the step, 1 where the family is "newmark" with rho_inf < 1; 1 in rtol."""
+        damped = self.family == "newmark" and self.rho_inf < 1.0
+        return 1 if self.rtol is not None or damped else 2
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        family = "" if self.family == "generalized-alpha" else f"family={self.family}, "
+        name, value = self.accuracy
+        return f"GeneralizedAlpha({family}{name}={value:g})"
+
+    def integrate(
+        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
+    ) -> Solution:
+        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        if self.rtol is None:
+            require_few("GeneralizedAlpha", "step", self.step, float(times[-1] - times[0]))
+        scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
+        return drive(self, equations, times, self._method, progress, scout)
+
+    def _method(self, route: Route) -> FixedSteps | AdaptiveSteps:
+        index3 = self.formulation == "index3"
+        form = step_equations(route.equations, not index3)
+        start = Start(self._member, route.starter, index3, self.start == "cured")
+        common = (form, start, route.scales, self.newton_tolerance, self.linear_solver)
+        if self.rtol is None:
+            return FixedSteps(*common, step=self.step)
+        return AdaptiveSteps(
+            *common,
+            first=self.step,
+            largest=route.longest_step("GeneralizedAlpha", None),
+            duration=route.duration,
+            tolerance=local_tolerance(self.rtol),
+        )
+
+
+def local_tolerance(rtol: float) -> float:
+    """Tolerance of the error of one step that keeps the error of a whole run near `rtol`.
+
+    A step makes an error of h^3 and a run one of h^2: the latter is proportional to `rtol` if the
+    former is to rtol^(3/2), as in `ErrorControl.tolerance`.
+    """
+    return _CALIBRATION * rtol**1.5

@@ -1,0 +1,139 @@
+"""Curves of runs over time, for a notebook or a file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beamdae.equations.measures import TIME
+from beamdae.errors import BeamdaeError, entries, may_be_path, shown
+from beamdae.report.pictures import figures as pictures
+from beamdae.report.text import shortened
+from beamdae.results.column_selection import every_column, selected
+from beamdae.results.headers import Header
+from beamdae.results.time_series import Tabulated
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Letters of the name of a panel.
+_NAME = 40
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A picture that a notebook shows; `figure` is matplotlib's, to be changed at will."""
+
+    figure: Figure
+
+    def _repr_png_(self) -> bytes:
+        found = io.BytesIO()
+        self.figure.savefig(found, dpi=110, format="png")
+        return found.getvalue()
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as a file, PNG, SVG or PDF by its name; returns the path."""
+        return pictures.saved(self.figure, picture_path("Plot.save", path))
+
+
+def picture_path(name: str, path: Any) -> Path:
+    """The path of a picture to be written."""
+    text = str(path) if isinstance(path, (str, Path)) else ""
+    if not (may_be_path(text) and Path(text).suffix):
+        raise BeamdaeError(
+            f"{name}: path must be that of a file with a suffix such as .png, got {shown(path)}."
+        )
+    return Path(text)
+
+
+def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
+    """Draw columns of one or several runs over time, a panel a column, twelve at most.
+
+    Parameters
+    ----------
+    solutions
+        A solution, or several.
+    names
+        Headers with or without their units, or names of observables for all their columns, see
+        `Solution.__getitem__`; default the columns that tell most of the first run.
+    labels
+        Of the runs; default their integrators.
+
+    Returns
+    -------
+    Plot
+        Shown by a notebook; `Plot.save` writes it to a file.
+
+    Raises
+    ------
+    BeamdaeError
+        If a run has no column of such a name.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> mech.observe("ball", ball.point)
+    >>> runs = [bd.simulate(mech, method, t_end=0.1) for method in (bd.Ida(), bd.Radau())]
+    >>> path = bd.plot(runs, "ball.y").save("ball.png")
+    """
+    runs = _runs(solutions)
+    told = _labels(runs, labels)
+    tables = [every_column(run.all_columns(), run.coordinates()) for run in runs]
+    first = runs[0].all_columns()
+    wanted = names or pictures.characteristic_columns(first)
+    found = (c for name in wanted for c in selected(tables[0], name, observed=first))
+    columns = list(dict.fromkeys(found))
+    figure, axes = pictures.panels(len(columns), "")
+    looks = [
+        {"color": color, "ls": dash}
+        for color, dash in zip(
+            pictures.repeated(pictures.COLORS), pictures.repeated(pictures.DASHES), strict=False
+        )
+    ]
+    styles = [looks[k % len(looks)] for k in range(len(runs))]
+    for axis, column in zip(axes, columns, strict=False):
+        for table, style in zip(tables, styles, strict=True):
+            (own,) = selected(table, column)
+            drawn = pictures.drawable({TIME: table[TIME], own: table[own]})
+            time = drawn[TIME]
+            axis.plot(time, drawn[own], lw=1.4, **style, **pictures.mark(time))
+        header = Header.of(column)
+        name = column.removesuffix(f" [{header.unit}]")
+        pictures.dressed(axis, shortened(name, _NAME), f"[{header.unit}]")
+    if len(runs) > 1:
+        lines = {label: {"lw": 1.4, **style} for label, style in zip(told, styles, strict=True)}
+        pictures.legend(figure, lines)
+    pictures.as_written(figure)
+    return Plot(figure)
+
+
+def _runs(solutions: Any) -> list[Tabulated]:
+    found = [solutions] if isinstance(solutions, Tabulated) else None
+    found = found or entries("plot", "solutions", solutions, "a solution or several")
+    for one in found:
+        if not isinstance(one, Tabulated):
+            raise BeamdaeError(f"plot: solutions must be solutions, got {shown(one)}.")
+    if not found:
+        raise BeamdaeError("plot: solutions must be a solution or several, got none.")
+    return found
+
+
+def _labels(runs: Sequence[Tabulated], labels: Any) -> list[str]:
+    if labels is None:
+        own = [run.label for run in runs]
+        several = len(set(own)) < len(own)
+        return [f"{label} ({k + 1})" if several else label for k, label in enumerate(own)]
+    told = entries("plot", "labels", labels, "a text for each run")
+    are_short = all(isinstance(label, (str, Real)) for label in told)
+    if not are_short or len(told) != len(runs) or len(set(map(str, told))) < len(told):
+        raise BeamdaeError(
+            f"plot: labels must be {len(runs)} different texts, one for each run, got "
+            f"{shown(labels)}."
+        )
+    return [str(label) for label in told]

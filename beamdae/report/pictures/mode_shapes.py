@@ -1,0 +1,225 @@
+"""Pictures of natural modes: shapes, moving pictures of one, and Campbell diagrams."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.analysis.modes.campbell import Campbell
+from beamdae.analysis.modes.modes import Modes
+from beamdae.errors import BeamdaeError, count, shown
+from beamdae.parts.mechanism import Mechanism
+from beamdae.report.page.motion_player import Animation, animation
+from beamdae.report.pictures.curves import Plot
+from beamdae.report.pictures.figures import COLORS, as_written, dressed, wrapped
+from beamdae.report.pictures.movies import Film
+from beamdae.report.scene.body_scene import scene_of, sections_of
+from beamdae.report.scene.poses import Moved, Poses, Vibrating
+from beamdae.report.scene.scene import Scene
+from beamdae.report.scene.scene_frames import plain_frames
+from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
+from beamdae.results.outlines import outlines
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = np.ndarray
+
+_PANELS, _COLUMNS = 12, 3
+# Of the extent of the drawing: how far the largest displacement is drawn.
+_AMPLITUDE = 0.12
+# Multiples of the speed in a Campbell diagram.
+_ORDERS = (1, 2, 3, 4)
+# What a panel measures [inch], and for how long a period is shown [s].
+_WIDTH, _LOWEST, _HIGHEST, _CAPTION, _PERIOD = 3.2, 0.8, 3.6, 0.35, 2.0
+
+
+class _Shapes:
+    """Scenes of modes about a state, each as large as can be seen."""
+
+    def __init__(self, part: str, modes: Modes) -> None:
+        self._modes, self._mechanism = modes, _of_mechanism(part, modes)
+        self.still = self._scene(Moved(self._mechanism, modes.q[None]), 1)
+        low, high = self.still.extent()
+        self._largest = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
+
+    def moved(self, k: int, phases: Array) -> Scene:
+        """A mode at some phases of its period, a frame each."""
+        shape = self._modes.shapes[k]
+        return self._scene(self._vibrating(k, self._scale(k) * shape, phases), len(phases))
+
+    def _vibrating(self, k: int, shape: Array, phases: Array) -> Vibrating:
+        return Vibrating(self._mechanism, self._modes.q, shape, phases)
+
+    def _scale(self, k: int) -> float:
+        """How far its largest displacement is drawn, over what it is."""
+        poses = self._vibrating(k, self._modes.shapes[k], np.array([0.0, 1.0, 1j]))
+        drawn = outlines(self._mechanism, sections_of(self._mechanism))
+        found = [poses(drawing.places)[..., :2] for _, drawing in drawn]
+        rest, real, imaginary = np.concatenate(found, axis=1)
+        largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
+        return self._largest / largest if largest > 0.0 else 0.0
+
+    def _scene(self, poses: Poses, frames: int) -> Scene:
+        return scene_of(
+            self._mechanism, poses, np.zeros(frames), left_out=lambda part: part.is_load
+        )
+
+
+def draw_modes(modes: Modes) -> Plot:
+    """Draw the shapes of modes, twelve at most, over the state they are about.
+
+    Displacements are linear in the shapes, and as large as can be seen.
+
+    Parameters
+    ----------
+    modes
+        Of a mechanism, see `beamdae.modes`.
+
+    Returns
+    -------
+    Plot
+        Shown by a notebook; `Plot.save` writes it to a file.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no mode, or the model has no parts that can be drawn.
+    """
+    return Plot(figure_of_modes(modes))
+
+
+def figure_of_modes(modes: Modes, title: str = "") -> Figure:
+    """The shapes of modes as a figure."""
+    shapes = _Shapes("draw_modes", modes)
+    panels = [shapes.moved(k, np.ones(1)) for k in range(min(len(modes), _PANELS))]
+    low, high = frame_of([shapes.still, *panels])
+    columns = min(len(panels), _COLUMNS)
+    rows = math.ceil(len(panels) / columns)
+    width, height = high - low
+    own = float(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST)) + _CAPTION
+    figure = _figure(
+        (max(_WIDTH * columns, 5.0), own * rows + 0.5), title or f"modes about {modes.about}"
+    )
+    for k, scene in enumerate(panels):
+        axis = figure.add_subplot(rows, columns, k + 1)
+        axis.set_aspect("equal")
+        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axis.set_axis_off()
+        Stage(axis, shapes.still, pale=True)
+        Stage(axis, scene)
+        axis.set_title(_told(modes, k), fontsize=9)
+    as_written(figure)
+    return figure
+
+
+def animate_mode(
+    modes: Modes, mode: int, path: str | Path | None = None, frames: int = 32
+) -> Animation | Path:
+    """Moving pictures of a period of a mode, damping left out: for a notebook, or as a file.
+
+    Parameters
+    ----------
+    modes
+        Of a mechanism, see `beamdae.modes`.
+    mode
+        Its number, from 1 on.
+    path
+        Of a GIF or MP4 file, see `beamdae.animate`. None: for a notebook.
+    frames
+        How many pictures a period.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no such mode, nothing can be drawn, or the file is of another kind or cannot be
+        written.
+    """
+    shapes = _Shapes("animate_mode", modes)
+    k = count("animate_mode", "mode", mode, most=len(modes)) - 1
+    number = count("animate_mode", "frames", frames, least=2, most=500)
+    # From rest on, as far as the shape is real.
+    phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
+    scene = shapes.moved(k, phases)
+    if path is None:
+        return _in_notebook(scene, number, modes, k)
+    figure, axis = plain_stage(frame_of([shapes.still, scene]))
+    Stage(axis, shapes.still, pale=True)
+    caption(axis).set_text(f"mode {_told(modes, k)}")
+    film = Film(figure, Stage(axis, scene).show, number, max(round(number / _PERIOD), 1))
+    return film.written("animate_mode", path)
+
+
+def _in_notebook(scene: Scene, frames: int, modes: Modes, k: int) -> Animation:
+    """A period, or two seconds of what has none."""
+    frequency = float(modes.frequencies[k])
+    period = 1.0 / frequency if frequency > 0.0 else _PERIOD
+    low, high = scene.extent()
+    width, height = (high - low).tolist()
+    times = np.arange(frames) * period / frames
+    shown_as = plain_frames(scene, times)
+    return animation(shown_as, (width, height), f"mode {_told(modes, k)}", period / _PERIOD, False)
+
+
+def draw_campbell(found: Campbell) -> Plot:
+    """Draw frequencies over the speed of rotation, with multiples of the speed.
+
+    Parameters
+    ----------
+    found
+        See `beamdae.campbell`.
+    """
+    return Plot(figure_of_campbell(found))
+
+
+def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figure:
+    """A Campbell diagram as a figure."""
+    if not isinstance(found, Campbell):
+        raise BeamdaeError(f"draw_campbell: found must be what campbell gives, got {shown(found)}.")
+    figure = _figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
+    axis = figure.add_subplot()
+    order = np.argsort(found.speeds)
+    speeds, frequencies = found.speeds[order], found.frequencies[order]
+    highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
+    turns = np.abs(speeds) / (2.0 * np.pi)
+    for multiple in _ORDERS:
+        axis.plot(speeds, multiple * turns, color="0.6", lw=0.8, ls=(0, (4, 3)))
+        if multiple * turns[-1] <= highest:
+            at = (speeds[-1], multiple * turns[-1])
+            axis.annotate(f" {multiple}", at, color="0.4", va="center")
+    for k, values in enumerate(frequencies.T):
+        axis.plot(speeds, values, color=COLORS[k % len(COLORS)], lw=1.4, marker=".", ms=4)
+    dressed(axis, "", "frequency [Hz]")
+    axis.set_ylim(0.0, highest)
+    axis.set_xlabel("speed [rad/s]")
+    as_written(figure)
+    return figure
+
+
+def _of_mechanism(part: str, modes: Any) -> Mechanism:
+    if not isinstance(modes, Modes):
+        raise BeamdaeError(f"{part}: modes must be what modes gives, got {shown(modes)}.")
+    if modes.mechanism is None or not len(modes):
+        raise BeamdaeError(f"{part}: modes must be those of a mechanism, there is nothing to draw.")
+    if not outlines(modes.mechanism, 2):
+        raise BeamdaeError(f"{part}: modes must be those of parts that are drawn, there are none.")
+    return modes.mechanism
+
+
+def _told(modes: Modes, k: int) -> str:
+    ratio = modes.damping_ratios[k]
+    damped = f", damping {ratio:.2g}" if modes.kinds[k] == "vibration" and ratio else ""
+    kind = f"{modes.frequencies[k]:.4g} Hz" if modes.frequencies[k] else modes.kinds[k]
+    return f"{k + 1}: {kind}{damped}"
+
+
+def _figure(size: tuple[float, float], title: str) -> Figure:
+    # Here, for it takes longer to import than some commands to run.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(wrapped(title), fontsize=11)
+    return figure

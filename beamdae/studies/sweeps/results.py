@@ -1,0 +1,299 @@
+"""What became of a sweep: its table, its runs by parameters, its pictures and its page."""
+
+from __future__ import annotations
+
+import html
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    may_be_path,
+    nearest,
+    number,
+    shown,
+    told,
+    unboxed,
+)
+from beamdae.results.storage.files import file_path, guarded, write_text
+from beamdae.studies.case import text_of
+from beamdae.studies.execution import engine
+from beamdae.studies.execution.pool import SerialPool, pool_of
+from beamdae.studies.execution.study_progress import Standing
+from beamdae.studies.sweeps.run import SweptRun
+from beamdae.studies.sweeps.sweep import Sweep
+from beamdae.studies.sweeps.tables import (
+    REASON,
+    STATUS,
+    TRAJECTORY,
+    WARNINGS,
+    Panel,
+    characteristic,
+    observed,
+    panels_of,
+    parameter_column,
+    sweep_table,
+)
+
+if TYPE_CHECKING:
+    from beamdae.report.pictures.curves import Plot
+
+TABLE = "sweep.csv"
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResults:
+    """What became of a sweep; a notebook shows its table.
+
+    Attributes
+    ----------
+    sweep
+        What was run.
+    results
+        Costs, quality and files of its runs, as those of studies.
+    table
+        One row a case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
+        columns over the run, such as "tip.y max [m]"; wall time, the reason where it did not reach
+        its end, what it warns of, and the file of its rows.
+    """
+
+    sweep: Sweep
+    results: engine.Results
+    table: pd.DataFrame
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether there was an interrupt; a sweep with a folder goes on when it is run again."""
+        return self.results.interrupted
+
+    @cached_property
+    def _by_row(self) -> dict[int, SweptRun]:
+        found = {}
+        for k, (case, said) in enumerate(zip(self.sweep.cases, self.sweep.settings, strict=True)):
+            outcome = self.results.outcome(case)
+            if outcome.table is not None:
+                doubts = tuple(filter(None, [outcome.values.get(WARNINGS, "")]))
+                tag, status = self.sweep.tag(case), outcome.status
+                found[k] = SweptRun(tag, said, status, outcome.table, doubts)
+        return found
+
+    @property
+    def runs(self) -> list[SweptRun]:
+        """The runs that have rows, in the order of the table, such as for `bd.plot`."""
+        return list(self._by_row.values())
+
+    def run(self, **parameters: Any) -> SweptRun:
+        """The run of such parameters; those that tell it from no other may be left out.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none with these values, or several, or it has no rows.
+        """
+        row = self._row(parameters)
+        if row not in self._by_row:
+            reason = str(self.table[REASON].iloc[row]).removesuffix(".")
+            tag = self.sweep.tag(self.sweep.cases[row])
+            raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows, {reason}.")
+        return self._by_row[row]
+
+    def _row(self, parameters: Mapping[str, Any]) -> int:
+        name, known, settings = self.sweep.name, self.sweep.parameters, self.sweep.settings
+        for one in parameters:
+            if one not in known:
+                raise BeamdaeError(
+                    f"{name}: no parameter {shown(one)}{nearest(one, known)} is swept, but "
+                    f"{', '.join(known)}."
+                )
+        asked = ", ".join(f"{one}={shown(value)}" for one, value in parameters.items())
+        rows = [k for k, said in enumerate(settings) if _fits(said, parameters)]
+        if not rows:
+            raise BeamdaeError(f"{name}: no case has {asked}, `table` has all there are.")
+        left = [x for x in known if any(settings[k][x] != settings[rows[0]][x] for k in rows)]
+        if left:
+            raise BeamdaeError(
+                f"{name}: {len(rows)} cases have {asked or 'any values'}, give "
+                f"{' and '.join(left)} as well."
+            )
+        return rows[0]
+
+    def panels(self, *names: str) -> list[Panel]:
+        """What pictures show of names; default what tells most."""
+        headers = observed(self.results, self.sweep)
+        chosen = names or characteristic(self.results, self.sweep)
+        return [panel for name in chosen for panel in panels_of(self.sweep, headers, name)]
+
+    @property
+    def parameters(self) -> list[str]:
+        """Columns of the parameters."""
+        return [parameter_column(self.sweep, name) for name in self.sweep.parameters]
+
+    @cached_property
+    def told(self) -> list[str]:
+        """Columns of what tells most of the runs."""
+        return [column for panel in self.panels() for column in panel.lines.values()]
+
+    def plot(self, *names: str, x: str | None = None) -> Plot:
+        """Draw what is told of the runs over a parameter, a curve for each choice of the others.
+
+        Parameters
+        ----------
+        names
+            Of outputs, of observed columns ("tip.y", all that is told of it), or of one measure
+            ("tip.y max"); default the outputs, or the columns that tell most.
+        x
+            The parameter on the axis; default the one with most values that are numbers.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of a name, or nothing varies.
+        """
+        from beamdae.studies.sweeps.pictures import curves
+
+        return curves(self, self.panels(*names), x)
+
+    def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
+        """Draw what is told of the runs in color over two parameters; see `plot`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is none of a name, or other than two parameters vary.
+        """
+        from beamdae.studies.sweeps.pictures import maps
+
+        return maps(self, self.panels(*names), x, y)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table as CSV; headers and texts no spreadsheet takes for formulas.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        text = guarded(self.table).to_csv(index=False, lineterminator="\n")
+        return write_text(file_path("to_csv", path), text)
+
+    def page(self, path: str | Path) -> Path:
+        """Write a page for any browser: the table, and the runs over each other.
+
+        Raises
+        ------
+        BeamdaeError
+            If it cannot be written.
+        """
+        from beamdae.report.page.page import write_page
+        from beamdae.studies.sweeps.page import page_of_sweep
+
+        return write_page(file_path("page", path), page_of_sweep(self))
+
+    def __repr__(self) -> str:
+        return f"<SweepResults of {self._summary}>"
+
+    def _repr_html_(self) -> str:
+        table = self.table.drop(columns=[c for c in self.table if self._empty(str(c))])
+        return f"<b>{html.escape(self._summary)}</b>{table.to_html(max_rows=20, max_cols=16)}"
+
+    def _empty(self, column: str) -> bool:
+        return column in (REASON, TRAJECTORY, WARNINGS) and not self.table[column].any()
+
+    @property
+    def _summary(self) -> str:
+        done = int((self.table[STATUS] == "ok").sum())
+        over = ", ".join(self.sweep.varied) or "nothing"
+        return f"{self.sweep.name} over {over}: {len(self.table)} cases, {done} reached their end"
+
+
+def _fits(said: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
+    return all(_same(said[name], unboxed(value)) for name, value in parameters.items())
+
+
+def _same(said: Any, value: Any) -> bool:
+    size, wanted = number(said), number(value)
+    if size is not None and wanted is not None:
+        return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
+    return bool(said == (value if isinstance(value, (bool, str)) else text_of(value)))
+
+
+def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:
+    """The function of a user's own, whose mistakes are told as such."""
+    if progress is None:
+        return None
+    if not callable(progress):
+        raise BeamdaeError(f"{part}: progress must be a function, got {shown(progress)}.")
+
+    def hear(standing: Standing) -> None:
+        try:
+            progress(standing)
+        except Exception as problem:
+            raise BeamdaeError(f"{part}: progress failed, {told(problem)}.") from problem
+
+    return hear
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: str | Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    progress: Callable[[Standing], None] | None,
+) -> SweepResults:
+    """Run a sweep from Python, see `bd.sweep`."""
+    alone = scheduler is None and number(jobs) == 1.0
+    executor = SerialPool() if alone else pool_of(sweep.name, "jobs", jobs, scheduler)
+    hear = _heard(sweep.name, progress)
+    if folder is None:
+        # Kept in memory alone, once it has run.
+        with TemporaryDirectory(prefix="beamdae-") as scratch:
+            found = engine.run(sweep, Path(scratch), executor, hear)
+    else:
+        found = engine.run(sweep, _folder(sweep.name, folder), executor, hear)
+    swept = results_of(found)
+    if folder is None:
+        swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
+    else:
+        swept.to_csv(found.folder / TABLE)
+    for sentence in _sentences(swept):
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
+    return swept
+
+
+def _folder(part: str, given: Any) -> Path:
+    if not isinstance(given, (str, Path)) or not may_be_path(str(given)) or not str(given).strip():
+        raise BeamdaeError(
+            f"{part}: folder must be the path of a folder of results, got {shown(given)}."
+        )
+    return Path(given)
+
+
+def results_of(found: engine.Results) -> SweepResults:
+    """What the engine made of a sweep."""
+    assert isinstance(found.study, Sweep)
+    return SweepResults(found.study, found, sweep_table(found, found.study))
+
+
+def _sentences(swept: SweepResults) -> Iterator[str]:
+    """On the runs that did not reach their end, and on those that are to be read with warnings."""
+    failed, doubted = swept.table[STATUS] != "ok", swept.table[WARNINGS] != ""
+    for which, why, said in (
+        (failed, REASON, "did not reach their end"),
+        (doubted & ~failed, WARNINGS, "have warnings"),
+    ):
+        rows = swept.table[which]
+        if len(rows):
+            first = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+            yield (
+                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {said}, the first of "
+                f"them {first}: {str(rows[why].iloc[0]).removesuffix('.')}; the table has all."
+            )
