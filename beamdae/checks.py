@@ -15,7 +15,7 @@ from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.starts.mobility import free_motions, loose_groups, rigid_mobility
 from beamdae.equations.starts.reduced_equations import without_dependent
 from beamdae.equations.starts.redundancy import DependentSet, dependent_sets, scaled_joints
-from beamdae.errors import BeamdaeError, BeamdaeWarning, one_of, positive
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.run_plan import branch_of, plan
 from beamdae.model_functions import Built, Model
@@ -187,10 +187,10 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     BeamdaeError
         If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
     """
-    name, predict = "mechanism", one_of("check", "predict", predict, (True, False))
+    name, predict = "mechanism", require_choice("check", "predict", predict, (True, False))
     if isinstance(model, (Model, Built)) and model.origin is not None:
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
-    end = None if t_end is None else positive("check", "t_end", t_end)
+    end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
     starter, state, problem = _start(equations, end or 1.0)
     time, own = _first(equations, end or 1.0), Starter(equations)

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 from beamdae.errors import (
     BeamdaeError,
-    entries,
-    finite,
-    keep,
-    nearest,
-    number,
-    positive,
-    shown,
-    unboxed,
+    as_real,
+    require_finite,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+    suggest,
+    unbox_scalar,
 )
 
 _LONGEST_NAME = 120
@@ -73,15 +73,15 @@ class Model:
         ):
             raise BeamdaeError(
                 f"{self.name}: parameters must be a dict of values by name, "
-                f"got {shown(self.parameters)}."
+                f"got {short_repr(self.parameters)}."
             )
-        files = tuple(entries(self.name, "data", self.data, "a list of names of files"))
+        files = tuple(require_sequence(self.name, "data", self.data, "a list of names of files"))
         for name in files:
             if not isinstance(name, str) or not name.isprintable() or not name:
                 raise BeamdaeError(
-                    f"{self.name}: data must be a list of names of files, got {shown(name)}."
+                    f"{self.name}: data must be a list of names of files, got {short_repr(name)}."
                 )
-        keep(self, t_end=positive(self.name, "t_end", self.t_end), data=files)
+        set_fields(self, t_end=require_positive(self.name, "t_end", self.t_end), data=files)
 
     @property
     def name(self) -> str:
@@ -116,7 +116,7 @@ class Model:
             if not there:
                 raise BeamdaeError(
                     f"{self.name}: data must name files beside {self.home / '*.py'} or in the "
-                    f"working directory, there is no file {shown(name)}."
+                    f"working directory, there is no file {short_repr(name)}."
                 )
             found += there
         return found
@@ -130,7 +130,7 @@ class Model:
             what = "None" if built is None else f"the model {built.name}"
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
         if isinstance(built, Built):
-            keep(built, origin=Origin(self.name, parameters, self.t_end))
+            set_fields(built, origin=Origin(self.name, parameters, self.t_end))
         return built
 
     @property
@@ -156,7 +156,7 @@ class Model:
             if name not in self.parameters:
                 allowed = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
-                    f"{self.name}: no parameter {shown(name)}{nearest(name, self.parameters)}, "
+                    f"{self.name}: no parameter {short_repr(name)}{suggest(name, self.parameters)}, "
                     f"the parameters are {allowed}."
                 )
         checked = {name: self._typed(name, value) for name, value in values.items()}
@@ -164,12 +164,12 @@ class Model:
 
     def _typed(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
-        value = unboxed(value)
+        value = unbox_scalar(value)
         if isinstance(value, str) and kind is not str:
             value = self._parsed(name, value, kind)
-        found = number(value)
+        found = as_real(value)
         if kind is float and found is not None:
-            return finite(self.name, name, value)
+            return require_finite(self.name, name, value)
         if kind is int and found is not None and found.is_integer():
             return int(value)
         truth = isinstance(value, bool) and kind is not bool
@@ -179,13 +179,15 @@ class Model:
 
     def _wrong(self, name: str, value: Any) -> BeamdaeError:
         kind = type(self.parameters[name]).__name__
-        return BeamdaeError(f"{self.name}: {name} must be of type {kind}, got {shown(value)}.")
+        return BeamdaeError(f"{self.name}: {name} must be of type {kind}, got {short_repr(value)}.")
 
     def _parsed(self, name: str, text: str, kind: type) -> Any:
         if kind is bool:
             if text.lower() in ("true", "false"):
                 return text.lower() == "true"
-            raise BeamdaeError(f"{self.name}: {name} must be true or false, got {shown(text)}.")
+            raise BeamdaeError(
+                f"{self.name}: {name} must be true or false, got {short_repr(text)}."
+            )
         if kind not in (int, float, tuple, list, dict):
             # A default of None leaves the type open; an object is not to be told by a text.
             return text
@@ -205,13 +207,13 @@ def file_name(part: str, value: Any) -> str:
         dot or a space, is reserved (CON, NUL, COM1), or longer than 120 bytes.
     """
     if not isinstance(value, str):
-        raise BeamdaeError(f"{part}: its name must be a text, got {shown(value)}.")
+        raise BeamdaeError(f"{part}: its name must be a text, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
     fits = 0 < length <= _LONGEST_NAME and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _SEPARATING & set(value)):
         raise BeamdaeError(
             f"{part}: its name must do as that of a folder, 1 to {_LONGEST_NAME} bytes of letters, "
-            f"digits, _ - + = , and inner dots and spaces, got {shown(value)}."
+            f"digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(
@@ -222,7 +224,7 @@ def file_name(part: str, value: Any) -> str:
 
 def _require_function(build: Any) -> None:
     if not inspect.isfunction(build):
-        raise BeamdaeError(f"model: build must be a function, got {shown(build)}.")
+        raise BeamdaeError(f"model: build must be a function, got {short_repr(build)}.")
 
 
 def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
@@ -248,7 +250,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     >>> swing.parameters
     {'mass': 2.0}
     """
-    positive("model", "t_end", t_end)
+    require_positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:
         _require_function(function)
@@ -259,7 +261,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
                     f"{function.__name__}: the parameter {parameter.name!r} needs a default value "
                     "and must be given by name."
                 )
-            parameters[parameter.name] = unboxed(parameter.default)
+            parameters[parameter.name] = unbox_scalar(parameter.default)
         made = Model(function, t_end, parameters, data)
         made.files()
         return made

@@ -14,7 +14,14 @@ from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.given_start import started
-from beamdae.errors import BeamdaeError, BeamdaeWarning, may_be_path, one_of, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    is_valid_path,
+    require_choice,
+    require_positive,
+    short_repr,
+)
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.memory import require_memory
@@ -109,7 +116,7 @@ def simulate(
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
     if progress is not None and not callable(progress):
-        raise BeamdaeError(f"simulate: progress must be a function, got {shown(progress)}.")
+        raise BeamdaeError(f"simulate: progress must be a function, got {short_repr(progress)}.")
     told: list[str] = []
     try:
         if begun is None:
@@ -126,7 +133,7 @@ def simulate(
         ) from None
     if not isinstance(solution, Solution):
         raise BeamdaeError(
-            f"simulate: {method.method}.integrate must return a Solution, got {shown(solution)}."
+            f"simulate: {method.method}.integrate must return a Solution, got {short_repr(solution)}."
         )
     information["t_end"] = float(times[-1])
     solution = replace(solution, model=information, begun=tuple(told))
@@ -144,7 +151,7 @@ def _going_on(
     equations = begun.starting(drawn)
     told: list[str] = []
     changed = begun.difference(drawn, information.get("parameters", {}))
-    if changed and not one_of("simulate", "accept_changes", accept, (True, False)):
+    if changed and not require_choice("simulate", "accept_changes", accept, (True, False)):
         raise BeamdaeError(
             f"{name}: start is the end of a run with {changed}; go on with the same, or say "
             "accept_changes=True (--accept-changes)."
@@ -164,19 +171,23 @@ def _end_of_another(start: Any) -> Checkpoint | None:
         return start.starting()
     # Words have no suffix.
     named = isinstance(start, str) and Path(start).suffix != ""
-    if (named or isinstance(start, Path)) and may_be_path(str(start)):
+    if (named or isinstance(start, Path)) and is_valid_path(str(start)):
         return Checkpoint.read(start)
     return start if isinstance(start, Checkpoint) else None
 
 
 def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
     """Times of the rows to `t_end` [s]: `begin`, and those after it that a run from 0 has."""
-    t_end = positive("simulate", "t_end", t_end)
+    t_end = require_positive("simulate", "t_end", t_end)
     if not t_end > begin:
         raise BeamdaeError(
             f"simulate: t_end = {t_end:g} s must be later than the start, t = {begin:g} s."
         )
-    step = t_end / 1000 if output_step is None else positive("simulate", "output_step", output_step)
+    step = (
+        t_end / 1000
+        if output_step is None
+        else require_positive("simulate", "output_step", output_step)
+    )
     if t_end / step > _MOST_ROWS:
         raise BeamdaeError(
             f"simulate: output_step {step:g} s gives more than {_MOST_ROWS:.0e} rows "
@@ -239,4 +250,4 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
         model = model.equations
     if isinstance(model, EquationsOfMotion):
         return model if start is None else started(model, start)
-    raise BeamdaeError(f"{name}: expected a model or a mechanism, got {shown(model)}.")
+    raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")

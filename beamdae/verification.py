@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.results.headers import Header
@@ -202,11 +202,11 @@ def _verdict(error: float, allowed: float) -> str:
 
 def _integrator_of(asked: str, solution: Any) -> Integrator:
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"{asked}: solution must be that of a run, got {shown(solution)}.")
+        raise BeamdaeError(f"{asked}: solution must be that of a run, got {short_repr(solution)}.")
     if not isinstance(solution.made_by, Integrator):
         raise BeamdaeError(
             f"{asked}: made_by of the solution must be the integrator of its run, "
-            f"got {shown(solution.made_by)}."
+            f"got {short_repr(solution.made_by)}."
         )
     return require_integrator(asked, solution.made_by)
 

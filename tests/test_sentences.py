@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.errors import count, finite, number, point, shown
+from beamdae.errors import as_real, require_count, require_finite, require_point, short_repr
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.001)
@@ -368,7 +368,7 @@ def test_every_value_in_every_place_is_taken_or_refused_in_a_sentence(name):
     ],
 )
 def test_what_is_a_number(value, expected):
-    assert number(value) == expected
+    assert as_real(value) == expected
 
 
 @pytest.mark.parametrize(
@@ -381,14 +381,14 @@ def test_what_is_a_number(value, expected):
 )
 def test_regression_numbers_too_large_are_told(value, told):
     with pytest.raises(bd.BeamdaeError) as problem:
-        finite("bob", "mass", value)
+        require_finite("bob", "mass", value)
     assert str(problem.value).startswith(f"bob: {told}")
 
 
 def test_a_count_has_a_most():
     with pytest.raises(bd.BeamdaeError, match="elements must be at most 5, got 1e"):
-        count("b", "elements", 10**9, most=5)
-    assert count("b", "elements", np.int64(3)) == 3
+        require_count("b", "elements", 10**9, most=5)
+    assert require_count("b", "elements", np.int64(3)) == 3
 
 
 @pytest.mark.parametrize(
@@ -401,7 +401,7 @@ def test_regression_what_has_no_order_is_no_point(value):
 
 @pytest.mark.parametrize("value", [(1, 2), [1, 2], np.array([1, 2]), range(1, 3)])
 def test_points_are_kept_as_plain_numbers(value):
-    assert point("disk", "center", value) == (1.0, 2.0)
+    assert require_point("disk", "center", value) == (1.0, 2.0)
     body = bd.RigidBody("disk", np.array(2.0), Fraction(1, 2), center=value)
     assert (body.mass, body.inertia, body.center) == (2.0, 0.5, (1.0, 2.0))
     assert type(body.mass) is type(body.inertia) is float
@@ -451,7 +451,7 @@ def test_names_people_use_are_taken(name):
     ],
 )
 def test_values_are_shown_on_one_short_line(value, text):
-    assert shown(value) == text
+    assert short_repr(value) == text
 
 
 # Mechanics that cannot be meant ------------------------------------------------------------------

@@ -22,7 +22,13 @@ from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section
 from beamdae.beams.varying_section import SectionLaw, Taper, VaryingSection, require_section
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
-from beamdae.errors import BeamdaeError, count, finite, one_of, point
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_count,
+    require_finite,
+    require_point,
+)
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.formulas import Combined, plain
@@ -132,13 +138,13 @@ class Beam(Part):
         self.name = require_name("Beam", name)
         self.curve = require_curve(name, curve)
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
-        self.velocity = point(name, "velocity", velocity)
-        self.angular_velocity = finite(name, "angular_velocity", angular_velocity)
+        self.velocity = require_point(name, "velocity", velocity)
+        self.angular_velocity = require_finite(name, "angular_velocity", angular_velocity)
         self.mesh = Mesh(
             curve,
-            count(name, "elements", elements),
-            one_of(name, "nodes", count(name, "nodes", nodes), (2, 3, 4)),
-            one_of(name, "elements_shape", elements_shape, ("curved", "straight")),
+            require_count(name, "elements", elements),
+            require_choice(name, "nodes", require_count(name, "nodes", nodes), (2, 3, 4)),
+            require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
         require_room(name, self.mesh)
         require_slender(name, self.section, self.length)
@@ -235,7 +241,7 @@ class Beam(Part):
         return Attachment(self, at.drawn, at.inclination, at.operator, at.motion, s=s)
 
     def _inside(self, s: float) -> float:
-        s = finite(self.name, "arc length s", s)
+        s = require_finite(self.name, "arc length s", s)
         if not -1e-9 * self.length <= s <= self.length * (1.0 + 1e-9):
             raise BeamdaeError(
                 f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g}."
@@ -248,7 +254,7 @@ class Beam(Part):
         Columns u, v [m] and phi [rad]: components in the inertial frame (`axes="inertial"`), in
         the floating frame ("frame") or in the local tangent frame of the point ("local").
         """
-        one_of(self.name, "axes", axes, ("inertial", "frame", "local"))
+        require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         at = self.kinematics.deformation(self._inside(s), axes)
         columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
         values, data = Combined.of(as_it_is, (at.values,))

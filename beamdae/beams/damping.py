@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.kinematics import Element
-from beamdae.errors import BeamdaeError, keep, non_negative, shown
+from beamdae.errors import BeamdaeError, require_non_negative, set_fields, short_repr
 from beamdae.parts.part import Part, require_name
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
 
@@ -50,12 +50,12 @@ class RayleighDamping(Part):
     stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("RayleighDamping", self.name))
+        set_fields(self, name=require_name("RayleighDamping", self.name))
         _require_beam(self.name, self.beam)
-        keep(
+        set_fields(
             self,
-            mass=non_negative(self.name, "mass", self.mass),
-            stiffness=non_negative(self.name, "stiffness", self.stiffness),
+            mass=require_non_negative(self.name, "mass", self.mass),
+            stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
         )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
@@ -87,9 +87,11 @@ class AirDrag(Part):
     coefficient: float
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("AirDrag", self.name))
+        set_fields(self, name=require_name("AirDrag", self.name))
         _require_beam(self.name, self.beam)
-        keep(self, coefficient=non_negative(self.name, "coefficient", self.coefficient))
+        set_fields(
+            self, coefficient=require_non_negative(self.name, "coefficient", self.coefficient)
+        )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The drag on all elements."""
@@ -99,7 +101,7 @@ class AirDrag(Part):
 
 def _require_beam(part: str, beam: Beam) -> None:
     if not isinstance(beam, Beam):
-        raise BeamdaeError(f"{part}: beam must be a Beam, got {shown(beam)}.")
+        raise BeamdaeError(f"{part}: beam must be a Beam, got {short_repr(beam)}.")
 
 
 def _statement(

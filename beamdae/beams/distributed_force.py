@@ -12,7 +12,15 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.errors import BeamdaeError, finite, keep, one_of, pair, point, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_finite,
+    require_pair,
+    require_point,
+    set_fields,
+    short_repr,
+)
 from beamdae.parts.attachments import rotate
 from beamdae.parts.forces.formula_checks import as_column, evaluated, require_formula_of
 from beamdae.parts.forces.loads import dead_load, kernel_of, load_statement
@@ -61,7 +69,7 @@ def _asked(part: str, law: Callable[..., Any], *given: SX) -> SX:
 
 def _require_beam(part: str, beam: Any) -> None:
     if not isinstance(beam, Beam):
-        raise BeamdaeError(f"{part}: beam must be a Beam, got {shown(beam)}.")
+        raise BeamdaeError(f"{part}: beam must be a Beam, got {short_repr(beam)}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +108,15 @@ class DistributedForce(Part):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("DistributedForce", self.name))
+        set_fields(self, name=require_name("DistributedForce", self.name))
         _require_beam(self.name, self.beam)
-        keep(self, axes=one_of(self.name, "axes", self.axes, ("inertial", "section")))
+        set_fields(self, axes=require_choice(self.name, "axes", self.axes, ("inertial", "section")))
         if callable(self.law) and not isinstance(self.law, Law):
             given = [SX.sym(x) for x in ("s", "x", "y", "t")]
             require_formula_of(self.name, "law", _asked(self.name, self.law, *given), given)
         else:
             what = "a pair of laws (fx, fy) or a function of (s, x, y, t)"
-            keep(self, law=pair(self.name, "law", self.law, what))
+            set_fields(self, law=require_pair(self.name, "law", self.law, what))
             _ = self.laws
 
     @cached_property
@@ -209,13 +217,13 @@ class MovingForce(Part):
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("MovingForce", self.name))
+        set_fields(self, name=require_name("MovingForce", self.name))
         _require_beam(self.name, self.beam)
-        keep(
+        set_fields(
             self,
-            force=point(self.name, "force", self.force),
-            speed=finite(self.name, "speed", self.speed),
-            start=finite(self.name, "start", self.start),
+            force=require_point(self.name, "force", self.force),
+            speed=require_finite(self.name, "speed", self.speed),
+            start=require_finite(self.name, "start", self.start),
         )
         if self.speed == 0.0:
             raise BeamdaeError(f"{self.name}: speed must not be zero, take a Force on beam.at(s).")

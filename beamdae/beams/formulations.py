@@ -10,7 +10,7 @@ from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import Kinematics, given_kinematics
 from beamdae.beams.mesh import Mesh
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, require_choice
 
 FORMULATIONS: dict[str, type[FloatingFrame] | type[GeometricallyExact]] = {
     "floating frame": FloatingFrame,
@@ -33,7 +33,7 @@ def made_kinematics(
     BeamdaeError
         If a setting belongs to another formulation.
     """
-    one_of(part, "formulation", formulation, tuple(FORMULATIONS))
+    require_choice(part, "formulation", formulation, tuple(FORMULATIONS))
     if make is not None:
         given = [*settings, *(["formulation"] if formulation != "floating frame" else [])]
         if given:

@@ -9,7 +9,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
 from beamdae.beams.varying_section import SectionLaw, Taper
 from beamdae.curves.plane_curves import Line
-from beamdae.errors import BeamdaeError, entries, nearest, point, shown
+from beamdae.errors import BeamdaeError, require_point, require_sequence, short_repr, suggest
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
@@ -73,14 +73,18 @@ def frame(
     ['portal A-B', 'portal B-C', 'portal C-D', 'portal B', 'portal C', 'clamp']
     """
     if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError(f"frame: mechanism must be a Mechanism, got {shown(mechanism)}.")
+        raise BeamdaeError(f"frame: mechanism must be a Mechanism, got {short_repr(mechanism)}.")
     name = require_name("frame", name)
     if not isinstance(points, Mapping):
-        raise BeamdaeError(f"{name}: points must be a dictionary of places, got {shown(points)}.")
-    places = {require_name(name, key): point(name, f"point {key}", points[key]) for key in points}
+        raise BeamdaeError(
+            f"{name}: points must be a dictionary of places, got {short_repr(points)}."
+        )
+    places = {
+        require_name(name, key): require_point(name, f"point {key}", points[key]) for key in points
+    }
     beams: dict[tuple[str, str], Beam] = {}
     meeting: dict[str, list[Attachment]] = {key: [] for key in places}
-    for member in entries(name, "members", members, "a list of pairs of names of points"):
+    for member in require_sequence(name, "members", members, "a list of pairs of names of points"):
         a, b, own = _member(name, member, places, section)
         if (a, b) in beams or (b, a) in beams:
             raise BeamdaeError(f"{name}: the member {a}-{b} comes twice.")
@@ -100,14 +104,18 @@ def _member(
 ) -> tuple[str, str, Any]:
     """Both points of a member, and its section."""
     # Points of one letter may be written together.
-    given = list(member) if isinstance(member, str) else entries(name, "member", member, _MEMBER)
+    given = (
+        list(member)
+        if isinstance(member, str)
+        else require_sequence(name, "member", member, _MEMBER)
+    )
     if len(given) not in (2, 3):
-        raise BeamdaeError(f"{name}: a member must be {_MEMBER}, got {shown(member)}.")
+        raise BeamdaeError(f"{name}: a member must be {_MEMBER}, got {short_repr(member)}.")
     for key in given[:2]:
         if not isinstance(key, str) or key not in places:
             raise BeamdaeError(
-                f"{name}: no point {shown(key)} of the member {shown(member)}"
-                f"{nearest(key, places)}."
+                f"{name}: no point {short_repr(key)} of the member {short_repr(member)}"
+                f"{suggest(key, places)}."
             )
     own = given[2] if len(given) == 3 else section
     if own is None:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.mesh import Mesh
-from beamdae.errors import BeamdaeError, shown, told
+from beamdae.errors import BeamdaeError, format_exception, short_repr
 from beamdae.symbolic.statements import SX, ForceKernel, Local, Named, RangeKernel
 
 Array = np.ndarray
@@ -222,13 +222,13 @@ def given_kinematics(
     """What a kinematics of the user's own makes of the beam."""
     wanted = f"{name}: kinematics must be a function of (name, mesh, section)"
     if not callable(make):
-        raise BeamdaeError(f"{wanted}, got {shown(make)}.")
+        raise BeamdaeError(f"{wanted}, got {short_repr(make)}.")
     try:
         made = make(name, mesh, section)
     except BeamdaeError:
         raise
     except Exception as problem:
-        raise BeamdaeError(f"{wanted}, it failed, {told(problem)}.") from problem
+        raise BeamdaeError(f"{wanted}, it failed, {format_exception(problem)}.") from problem
     if not isinstance(made, Kinematics):
-        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {shown(made)}.")
+        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {short_repr(made)}.")
     return made

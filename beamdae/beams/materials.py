@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from beamdae.errors import BeamdaeError, finite, keep, nearest, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_positive,
+    set_fields,
+    short_repr,
+    suggest,
+)
 
 # E [Pa], nu, rho [kg/m^3] at 20 °C, and where they stand. EN 1993-1-1:2005, 3.2.6 (density:
 # EN 1991-1-1, table A.4); EN 1999-1-1:2007, 3.2.5; EN 10088-1:2014, table E.1 and EN 1993-1-4;
@@ -48,14 +55,16 @@ class Material:
     yield_stress: float | None = None
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
-            E=positive("Material", "E", self.E),
-            nu=finite("Material", "nu", self.nu),
-            rho=positive("Material", "rho", self.rho),
+            E=require_positive("Material", "E", self.E),
+            nu=require_finite("Material", "nu", self.nu),
+            rho=require_positive("Material", "rho", self.rho),
         )
         if self.yield_stress is not None:
-            keep(self, yield_stress=positive("Material", "yield_stress", self.yield_stress))
+            set_fields(
+                self, yield_stress=require_positive("Material", "yield_stress", self.yield_stress)
+            )
         if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
 
@@ -86,7 +95,7 @@ class Material:
         if not isinstance(name, str) or name not in _TABLE:
             raise BeamdaeError(
                 f"Material.of: the name must be one of {', '.join(map(repr, _TABLE))}, "
-                f"got {shown(name)}{nearest(name, _TABLE)}."
+                f"got {short_repr(name)}{suggest(name, _TABLE)}."
             )
         return cls(*_TABLE[name])
 
@@ -99,5 +108,5 @@ class Material:
 def require_material(part: str, value: object) -> Material:
     """Return `value` if it is a material."""
     if not isinstance(value, Material):
-        raise BeamdaeError(f"{part}: material must be a Material, got {shown(value)}.")
+        raise BeamdaeError(f"{part}: material must be a Material, got {short_repr(value)}.")
     return value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, require_choice
 
 # Distance of the ends of a curve, over its length, from which on the line between them is a frame.
 _LEAST_CHORD = 0.1
@@ -28,7 +28,7 @@ def chosen_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
     """The frame asked for, or the one a beam on that curve has by default."""
     if frame is None:
         return "chord" if has_chord(curve) else "tangent"
-    return str(one_of(part, "frame", frame, ("tangent", "chord")))
+    return str(require_choice(part, "frame", frame, ("tangent", "chord")))
 
 
 def frame_angle(part: str, curve: PlaneCurve, frame: str) -> float:

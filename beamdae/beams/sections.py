@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.beams.materials import Material, require_material
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, one_of, positive
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_finite,
+    require_non_negative,
+    require_positive,
+    set_fields,
+)
 
 
 @dataclass(frozen=True)
@@ -65,8 +72,11 @@ class Section:
         sizes = ("area", "second_moment", "shear_coefficient", "shear_peak")
         given = ("mass_per_length", "rotary_inertia_per_length", "height")
         needed = (*sizes, *(name for name in given if getattr(self, name) is not None))
-        keep(self, **{name: positive("Section", name, getattr(self, name)) for name in needed})
-        keep(self, damping=non_negative("Section", "damping", self.damping))
+        set_fields(
+            self,
+            **{name: require_positive("Section", name, getattr(self, name)) for name in needed},
+        )
+        set_fields(self, damping=require_non_negative("Section", "damping", self.damping))
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise BeamdaeError(
@@ -80,15 +90,15 @@ class Section:
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
         """Rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
-        width = positive("Section.rectangle", "width", width)
-        height = positive("Section.rectangle", "height", height)
+        width = require_positive("Section.rectangle", "width", width)
+        height = require_positive("Section.rectangle", "height", height)
         area, second_moment = width * height, width * height**3 / 12.0
         return cls(material, area, second_moment, 5.0 / 6.0, damping, height=height)
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
         """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
-        diameter = positive("Section.circle", "diameter", diameter)
+        diameter = require_positive("Section.circle", "diameter", diameter)
         nu = require_material("Section.circle", material).nu
         return cls(
             material,
@@ -109,8 +119,8 @@ class Section:
         6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2), m the inner diameter
         over the outer one.
         """
-        diameter = positive("Section.pipe", "diameter", diameter)
-        wall = positive("Section.pipe", "wall", wall)
+        diameter = require_positive("Section.pipe", "diameter", diameter)
+        wall = require_positive("Section.pipe", "wall", wall)
         _require_less("Section.pipe", "wall", wall, "half the diameter", 0.5 * diameter)
         nu, inner = require_material("Section.pipe", material).nu, diameter - 2.0 * wall
         m = inner / diameter
@@ -145,7 +155,7 @@ class Section:
         """
         sizes = {"width": width, "height": height, "flange": flange, "web": web}
         width, height, flange, web = (
-            positive("Section.i_profile", name, value) for name, value in sizes.items()
+            require_positive("Section.i_profile", name, value) for name, value in sizes.items()
         )
         _require_less("Section.i_profile", "flange", flange, "half the height", 0.5 * height)
         _require_less("Section.i_profile", "web", web, "the width", width)
@@ -172,14 +182,14 @@ class Section:
     def fiber(self, part: str, offset: float | str) -> float:
         """Distance from the axis [m] of "top" (left of the curve), "bottom", or a number."""
         if isinstance(offset, str):
-            one_of(part, "offset", offset, ("top", "bottom"))
+            require_choice(part, "offset", offset, ("top", "bottom"))
             if self.height is None:
                 raise BeamdaeError(
                     f"{part}: offset {offset!r} needs the height of the section, give Section "
                     "height=."
                 )
             return 0.5 * self.height if offset == "top" else -0.5 * self.height
-        offset = finite(part, "offset", offset)
+        offset = require_finite(part, "offset", offset)
         if self.height is not None and abs(offset) > 0.5 * self.height * (1.0 + 1e-9):
             raise BeamdaeError(
                 f"{part}: offset must lie within half the height of the section, "

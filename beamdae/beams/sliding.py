@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.slider_path import nearest_arc_length, track_point
-from beamdae.errors import BeamdaeError, keep, one_of, shown
+from beamdae.errors import BeamdaeError, require_choice, set_fields, short_repr
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import allowed_gap, load_columns, load_in
@@ -141,11 +141,11 @@ class SlidingOnBeam(Part):
     ends: str = "record"
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("SlidingOnBeam", self.name))
-        one_of(self.name, "ends", self.ends, ("record", "stop"))
+        set_fields(self, name=require_name("SlidingOnBeam", self.name))
+        require_choice(self.name, "ends", self.ends, ("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
         if not isinstance(self.beam, Beam):
-            raise BeamdaeError(f"{self.name}: beam must be a Beam, got {shown(self.beam)}.")
+            raise BeamdaeError(f"{self.name}: beam must be a Beam, got {short_repr(self.beam)}.")
         if self.a.body is self.beam:
             raise BeamdaeError(
                 f"{self.name}: the point must be one of another body than the beam, got {self.a}."
@@ -212,8 +212,8 @@ class SlidingOnBeam(Part):
             "inertial", or "body": those of the drawing as the body of `a` turns them; on the beam
             along its axis and to the left of it.
         """
-        one_of(self.name, "place", place, ("a", "beam"))
-        one_of(self.name, "axes", axes, ("inertial", "body"))
+        require_choice(self.name, "place", place, ("a", "beam"))
+        require_choice(self.name, "axes", axes, ("inertial", "body"))
         points, functions = self._points, self._functions
         on_beam, sizes = place == "beam", tuple(at.size for at in points)
         values, data = Combined.of(_ReactionOn(sizes, on_beam, axes, self.a.has_angle), functions)

@@ -8,7 +8,7 @@ from typing import Any
 
 from beamdae.beams.materials import Material, require_material
 from beamdae.beams.sections import Section
-from beamdae.errors import BeamdaeError, finite, pair, shown, told
+from beamdae.errors import BeamdaeError, format_exception, require_finite, require_pair, short_repr
 
 SectionLaw = Callable[[float], Section]
 
@@ -38,9 +38,11 @@ class VaryingSection:
         except BeamdaeError as problem:
             raise BeamdaeError(f"{self.part}: at s = {s:g} m of it, {problem}") from None
         except Exception as problem:
-            raise BeamdaeError(f"{wanted}, at s = {s:g} it failed, {told(problem)}.") from problem
+            raise BeamdaeError(
+                f"{wanted}, at s = {s:g} it failed, {format_exception(problem)}."
+            ) from problem
         if not isinstance(found, Section):
-            raise BeamdaeError(f"{wanted}, at s = {s:g} it gave {shown(found)}.")
+            raise BeamdaeError(f"{wanted}, at s = {s:g} it gave {short_repr(found)}.")
         return found
 
     def __getattr__(self, name: str) -> Any:
@@ -97,7 +99,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     """
     if not callable(shape):
         raise BeamdaeError(
-            f"taper: shape must be a function such as Section.rectangle, got {shown(shape)}."
+            f"taper: shape must be a function such as Section.rectangle, got {short_repr(shape)}."
         )
     require_material("taper", material)
     both = tuple((name, _ends(name, value)) for name, value in dimensions.items())
@@ -110,9 +112,11 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
 
 def _ends(name: str, value: Any) -> tuple[float, float]:
     if hasattr(value, "__len__") and not isinstance(value, str):
-        a, b = pair("taper", name, value, "a number or a pair (at the start, at the end)")
-        return finite("taper", f"{name} at the start", a), finite("taper", f"{name} at the end", b)
-    size = finite("taper", name, value)
+        a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
+        return require_finite("taper", f"{name} at the start", a), require_finite(
+            "taper", f"{name} at the end", b
+        )
+    size = require_finite("taper", name, value)
     return size, size
 
 
@@ -125,6 +129,6 @@ def require_section(part: str, value: Any, length: float) -> Section | VaryingSe
     if not callable(value) or isinstance(value, type):
         raise BeamdaeError(
             f"{part}: section must be a Section, or a function of s that gives one, "
-            f"got {shown(value)}."
+            f"got {short_repr(value)}."
         )
     return VaryingSection(part, value)

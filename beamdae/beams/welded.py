@@ -11,7 +11,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
 from beamdae.beams.varying_section import SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import PlaneCurve, Segment, require_curve
-from beamdae.errors import BeamdaeError, count, one_of, shown
+from beamdae.errors import BeamdaeError, require_choice, require_count, short_repr
 from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import require_name
@@ -63,11 +63,13 @@ def welded_beams(
     ['strip 1', 'strip 2']
     """
     if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError(f"welded_beams: mechanism must be a Mechanism, got {shown(mechanism)}.")
+        raise BeamdaeError(
+            f"welded_beams: mechanism must be a Mechanism, got {short_repr(mechanism)}."
+        )
     name = require_name("welded_beams", name)
     curve = require_curve(name, curve)
-    bodies = count(name, "bodies", bodies, most=_MOST_BODIES)
-    if one_of(name, "closed", closed, (False, True)):
+    bodies = require_count(name, "bodies", bodies, most=_MOST_BODIES)
+    if require_choice(name, "closed", closed, (False, True)):
         _require_ring(name, curve, bodies)
     if bodies == 1:
         return [mechanism.add(Beam(name, curve, section, **settings))]

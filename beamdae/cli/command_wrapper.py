@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from beamdae.cli import signals as interrupts
 from beamdae.cli import streams
 from beamdae.cli.output import Voice, complain, speaking
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 
 # What a model or a command was wrong about; a run that failed ends with 1.
 MISTAKE = 2
@@ -161,6 +161,6 @@ def _misuse(problem: Any) -> str:
     command = problem.ctx.command_path if problem.ctx else "beamdae"
     words = problem.format_message().rstrip(".")
     details: Any = getattr(problem.__cause__, "errors", list)()
-    got = f", got {shown(details[0]['input'])}" if details else ""
+    got = f", got {short_repr(details[0]['input'])}" if details else ""
     words = f"{words[:1].lower()}{words[1:]}".replace(". Did", ", did")
     return f"error: {command}: {words}{got} ({command} --help tells more)."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.options import INTEGRATORS, assignments
 from beamdae.cli.output import record
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, require_choice
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -31,7 +31,7 @@ def integrator_of(command: str, name: str, options: dict[str, Any]) -> Any:
     kinds: dict[str, Any] = dict(
         zip(INTEGRATORS, (Auto, Ida, Radau, GeneralizedAlpha), strict=True)
     )
-    kind = kinds[one_of(command, "--integrator", name, tuple(kinds))]
+    kind = kinds[require_choice(command, "--integrator", name, tuple(kinds))]
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:
         if option not in _settings(kind):

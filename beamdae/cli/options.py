@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from beamdae.cli import completion
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 
 ModelFile = Annotated[
     Path,
@@ -116,7 +116,9 @@ def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "-
     Folders in the place of files count as such.
     """
     if not str(folder).isprintable():
-        raise BeamdaeError(f"{option}: no folder of results can be called {shown(str(folder))}.")
+        raise BeamdaeError(
+            f"{option}: no folder of results can be called {short_repr(str(folder))}."
+        )
     try:
         there = folder.absolute()
         while not there.exists():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from beamdae.cli.output import complain
-from beamdae.errors import BeamdaeError, told
+from beamdae.errors import BeamdaeError, format_exception
 
 
 @dataclass
@@ -25,5 +25,5 @@ class Written:
         except BeamdaeError as problem:
             complain(f"failed: {problem}")
         except Exception as problem:  # Whatever a table holds that a picture has no answer to.
-            complain(f"failed: {what}: it cannot be drawn, {told(problem)}.")
+            complain(f"failed: {what}: it cannot be drawn, {format_exception(problem)}.")
         self.failed = True

@@ -16,7 +16,7 @@ from beamdae.cli.options import require_writable
 from beamdae.cli.output import complain, console, say_written
 from beamdae.cli.output_files import Written
 from beamdae.cli.progress import study_progress
-from beamdae.errors import BeamdaeError, positive
+from beamdae.errors import BeamdaeError, require_positive
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def limited(
 ) -> Study:
     """The study with what options say of all its cases."""
     if time_limit is not None:
-        limit = positive(command, "--time-limit", time_limit)
+        limit = require_positive(command, "--time-limit", time_limit)
         study = replace(study, limits=replace(study.limits, time=limit))
     if t_end is not None:
         study = replace(study, t_end=t_end)

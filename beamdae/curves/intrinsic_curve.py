@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, point, positive, shown, told
+from beamdae.errors import (
+    BeamdaeError,
+    format_exception,
+    require_finite,
+    require_point,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 
 Array = np.ndarray
 
@@ -46,15 +54,15 @@ class IntrinsicCurve:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
-            length=positive("IntrinsicCurve", "length", self.length),
-            start=point("IntrinsicCurve", "start", self.start),
-            angle=finite("IntrinsicCurve", "angle", self.angle),
+            length=require_positive("IntrinsicCurve", "length", self.length),
+            start=require_point("IntrinsicCurve", "start", self.start),
+            angle=require_finite("IntrinsicCurve", "angle", self.angle),
         )
         if not callable(self.law):
             raise BeamdaeError(
-                f"IntrinsicCurve: law must be a function of s, got {shown(self.law)}."
+                f"IntrinsicCurve: law must be a function of s, got {short_repr(self.law)}."
             )
         turn = float(np.max(np.abs(np.diff(self.tangent_angle(self._grid)))))
         if not turn < 0.5:
@@ -73,9 +81,9 @@ class IntrinsicCurve:
         except Exception as problem:
             raise BeamdaeError(
                 f"IntrinsicCurve: law must give a number for every s in [0, {self.length:g}], at "
-                f"s = {s:.6g} it failed, {told(problem)}."
+                f"s = {s:.6g} it failed, {format_exception(problem)}."
             ) from problem
-        return finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)
+        return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)
 
     @cached_property
     def _splines(self) -> tuple[Any, Any]:

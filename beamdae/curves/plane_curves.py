@@ -8,7 +8,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, point, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_point,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 
 Array = np.ndarray
 
@@ -45,9 +52,9 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
     # A class has the methods, too.
     if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
-            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {shown(curve)}."
+            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {short_repr(curve)}."
         )
-    positive(part, "the length of its curve", curve.length)
+    require_positive(part, "the length of its curve", curve.length)
     return curve
 
 
@@ -59,7 +66,11 @@ class Line:
     end: tuple[float, float]
 
     def __post_init__(self) -> None:
-        keep(self, start=point("Line", "start", self.start), end=point("Line", "end", self.end))
+        set_fields(
+            self,
+            start=require_point("Line", "start", self.start),
+            end=require_point("Line", "end", self.end),
+        )
         if self.length == 0.0:
             raise BeamdaeError(f"Line: start and end must differ, both are {self.start}.")
 
@@ -104,12 +115,12 @@ class Arc:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
-            radius=finite("Arc", "radius", self.radius),
-            length=positive("Arc", "length", self.length),
-            start=point("Arc", "start", self.start),
-            angle=finite("Arc", "angle", self.angle),
+            radius=require_finite("Arc", "radius", self.radius),
+            length=require_positive("Arc", "length", self.length),
+            start=require_point("Arc", "start", self.start),
+            angle=require_finite("Arc", "angle", self.angle),
         )
         if self.radius == 0.0:
             raise BeamdaeError("Arc: radius must not be zero.")
@@ -154,10 +165,10 @@ class Segment:
 
     def __post_init__(self) -> None:
         require_curve("Segment", self.curve)
-        keep(
+        set_fields(
             self,
-            start=finite("Segment", "start", self.start),
-            end=finite("Segment", "end", self.end),
+            start=require_finite("Segment", "start", self.start),
+            end=require_finite("Segment", "end", self.end),
         )
         whole = self.curve.length
         if not -1e-9 * whole <= self.start < self.end <= whole * (1.0 + 1e-9):

@@ -11,7 +11,17 @@ import numpy as np
 
 from beamdae.curves.measured import fit_facts, smoothed, warn_of_jumps
 from beamdae.curves.plane_curves import turned
-from beamdae.errors import BeamdaeError, entries, finite, keep, number, point, positive, shown, told
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    format_exception,
+    require_finite,
+    require_point,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
 
 Array = np.ndarray
 
@@ -124,12 +134,12 @@ class Parabola(_SplineCurve):
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
-            span=positive("Parabola", "span", self.span),
-            rise=finite("Parabola", "rise", self.rise),
-            start=point("Parabola", "start", self.start),
-            angle=finite("Parabola", "angle", self.angle),
+            span=require_positive("Parabola", "span", self.span),
+            rise=require_finite("Parabola", "rise", self.rise),
+            start=require_point("Parabola", "start", self.start),
+            angle=require_finite("Parabola", "angle", self.angle),
         )
         self._check_regular("Parabola")
 
@@ -175,12 +185,12 @@ class Curve(_SplineCurve):
         if (self.function is None) == (self.points is None):
             raise BeamdaeError("Curve: give either a function with its interval x, or points.")
         if self.noise is not None:
-            keep(self, noise=positive("Curve", "noise", self.noise))
+            set_fields(self, noise=require_positive("Curve", "noise", self.noise))
             if self.points is None:
                 raise BeamdaeError("Curve: noise is that of points, a function has none.")
         if self.function is not None and not callable(self.function):
             raise BeamdaeError(
-                f"Curve: function must be a function of x, got {shown(self.function)}."
+                f"Curve: function must be a function of x, got {short_repr(self.function)}."
             )
         # What is too large for a curve is told by a sentence.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -203,9 +213,11 @@ class Curve(_SplineCurve):
         assert self.function is not None
         if self.x is None:
             raise BeamdaeError("Curve: a function needs its interval x=(x_start, x_end).")
-        x_start, x_end = point("Curve", "x", self.x)
+        x_start, x_end = require_point("Curve", "x", self.x)
         if x_start == x_end:
-            raise BeamdaeError(f"Curve: the interval x must not be empty, got {shown(self.x)}.")
+            raise BeamdaeError(
+                f"Curve: the interval x must not be empty, got {short_repr(self.x)}."
+            )
         share = np.linspace(0.0, 1.0, _SAMPLES)
         x = np.linspace(x_start, x_end, _SAMPLES)
         y = np.array([self._height(xi) for xi in x.tolist()])
@@ -229,13 +241,13 @@ class Curve(_SplineCurve):
             y = self.function(x)
         except Exception as problem:
             raise BeamdaeError(
-                f"Curve: the function must return a number for every x in {shown(self.x)}, "
-                f"but at x = {x:.6g} it failed: {told(problem)}."
+                f"Curve: the function must return a number for every x in {short_repr(self.x)}, "
+                f"but at x = {x:.6g} it failed: {format_exception(problem)}."
             ) from problem
-        found = number(y)
+        found = as_real(y)
         if found is None:
             raise BeamdaeError(
-                f"Curve: the function must return a number, at x = {x:.6g} it is {shown(y)}."
+                f"Curve: the function must return a number, at x = {x:.6g} it is {short_repr(y)}."
             )
         if not np.isfinite(found):
             raise BeamdaeError(f"Curve: the function must be finite, at x = {x:.6g} it is not.")
@@ -243,10 +255,10 @@ class Curve(_SplineCurve):
 
     def _through_points(self) -> Any:
         wanted = "at least 4 pairs (x, y)"
-        given = entries("Curve", "points", self.points, wanted)
+        given = require_sequence("Curve", "points", self.points, wanted)
         if len(given) < 4:
             raise BeamdaeError(f"Curve: points must be {wanted}, got {len(given)}.")
-        points = np.array([point("Curve", f"point {k}", xy) for k, xy in enumerate(given)])
+        points = np.array([require_point("Curve", f"point {k}", xy) for k, xy in enumerate(given)])
         step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
         if step.min() == 0.0:
             at = points[int(np.argmin(step))]

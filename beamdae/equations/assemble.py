@@ -23,7 +23,7 @@ from beamdae.equations.statement_checks import (
     require_pieces_fit,
     stated,
 )
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.drawing_size import extent_of
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
@@ -54,7 +54,9 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         If nothing can move, a part has nothing to say, or states what does not fit its bodies.
     """
     if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError(f"equations_of_motion: expected a Mechanism, got {shown(mechanism)}.")
+        raise BeamdaeError(
+            f"equations_of_motion: expected a Mechanism, got {short_repr(mechanism)}."
+        )
     kept = _as_it_is(mechanism)
     configurations = configurations_of(kept, equations_of_motion)
     parts = list(mechanism.parts.values())

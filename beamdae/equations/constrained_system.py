@@ -19,7 +19,14 @@ from beamdae.equations.expressions import KIND, Expressions, column, numbers, te
 from beamdae.equations.singular_laws import varying_laws
 from beamdae.equations.statement_checks import require_unit
 from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
-from beamdae.errors import BeamdaeError, entries, finite, keep, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
 from beamdae.model_functions import Built
 from beamdae.parts.events import Event
 from beamdae.parts.part import require_name
@@ -121,7 +128,7 @@ class ConstrainedSystem(Built):
     def __post_init__(self) -> None:
         given = self._expressions
         n = self.q.numel()
-        keep(
+        set_fields(
             self,
             parameters=given.parameters,
             q0=numbers("q0", self.q0, n),
@@ -136,20 +143,22 @@ class ConstrainedSystem(Built):
         columns += [x.name for x in self._observed]
         if len(set(columns)) < len(columns):
             raise BeamdaeError(f"{KIND}: names must differ, got {', '.join(columns)}.")
-        keep(self, events=tuple(entries(KIND, "events", self.events, "a list of events")))
+        set_fields(
+            self, events=tuple(require_sequence(KIND, "events", self.events, "a list of events"))
+        )
         for event in self.events:
             if not isinstance(event, Event):
-                raise BeamdaeError(f"{KIND}: events must be Event(...), got {shown(event)}.")
+                raise BeamdaeError(f"{KIND}: events must be Event(...), got {short_repr(event)}.")
             if not isinstance(event.do, str):
                 raise BeamdaeError(
                     f"{KIND}: it has no parts to act on, event {event.name} can do 'stop' and "
-                    f"'record', got {shown(event.do)}."
+                    f"'record', got {short_repr(event.do)}."
                 )
         if self.time_scale is not None:
-            keep(self, time_scale=positive(KIND, "time_scale", self.time_scale))
+            set_fields(self, time_scale=require_positive(KIND, "time_scale", self.time_scale))
         if self.scales is not None:
             scales = numbers("scales", self.scales, n)
-            keep(self, scales=np.array([positive(KIND, "scales", x) for x in scales]))
+            set_fields(self, scales=np.array([require_positive(KIND, "scales", x) for x in scales]))
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
@@ -193,15 +202,15 @@ class ConstrainedSystem(Built):
         """Further columns, an expression each."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
-                f"{KIND}: observe must give expressions by name, got {shown(self.observe)}."
+                f"{KIND}: observe must give expressions by name, got {short_repr(self.observe)}."
             )
         return {column(header): expression for header, expression in self.observe.items()}
 
     def _checked_breakpoints(self) -> tuple[float, ...]:
-        given = entries(KIND, "breakpoints", self.breakpoints, "a list of times")
-        times = tuple(finite(KIND, "breakpoints", b) for b in given)
+        given = require_sequence(KIND, "breakpoints", self.breakpoints, "a list of times")
+        times = tuple(require_finite(KIND, "breakpoints", b) for b in given)
         if any(b <= a for a, b in pairwise(times)):
-            raise BeamdaeError(f"{KIND}: breakpoints must ascend, got {shown(times)}.")
+            raise BeamdaeError(f"{KIND}: breakpoints must ascend, got {short_repr(times)}.")
         return times
 
     def _force_statement(self, piece: Piece) -> ForceStatement:

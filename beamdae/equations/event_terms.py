@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from beamdae.equations.equations_of_motion import EventTerm, Observable
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.symbolic.statements import Quantity
 
@@ -41,8 +41,8 @@ def event_terms(
             raise BeamdaeError(f"event: the name {name!r} is taken, every event needs its own.")
         if isinstance(event.what, str):
             if event.what not in columns:
-                near = nearest(event.what, columns)
-                raise BeamdaeError(f"{name}: no column {shown(event.what)} is observed{near}.")
+                near = suggest(event.what, columns)
+                raise BeamdaeError(f"{name}: no column {short_repr(event.what)} is observed{near}.")
             observable, column = columns[event.what]
         else:
             if len(event.what.columns) != 1:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.equations.statement_checks import require_unit
-from beamdae.errors import BeamdaeError, entries, finite, number, shown
+from beamdae.errors import BeamdaeError, as_real, require_finite, require_sequence, short_repr
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import SX, Local, Named
@@ -109,7 +109,7 @@ class Expressions:
         except Exception:
             raise BeamdaeError(
                 f"{KIND}: {name} must be made of numbers and {kind.__name__} expressions in "
-                f"{told}, in rows of one length, got {shown(expression)}."
+                f"{told}, in rows of one length, got {short_repr(expression)}."
             ) from None
         given = [*(getattr(self, symbol) for symbol in on), *self.parameters]
         allowed = {_key(x) for symbol in given for x in ca.symvar(symbol)}
@@ -129,7 +129,7 @@ class Expressions:
             ) from None
         for entry in ca.vertsplit(value.nz[:]):
             if entry.is_constant() and not observed:
-                finite(KIND, name, float(entry))
+                require_finite(KIND, name, float(entry))
         return value
 
     def _values(self, local: Local) -> list[SX]:
@@ -149,7 +149,7 @@ def _require_symbol(name: str, symbol: Any) -> None:
     ):
         raise BeamdaeError(
             f"{KIND}: {name} must be a CasADi symbol, a column such as "
-            f'SX.sym("{name}", 2), got {shown(symbol)}.'
+            f'SX.sym("{name}", 2), got {short_repr(symbol)}.'
         )
 
 
@@ -161,7 +161,7 @@ def _parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
     ):
         raise BeamdaeError(
             f"{KIND}: parameters must give a number or a law of time by symbol, each such as "
-            f'{kind.__name__}.sym("m"), got {shown(given)}.'
+            f'{kind.__name__}.sym("m"), got {short_repr(given)}.'
         )
     return {symbol: _value(symbol.name(), value) for symbol, value in given.items()}
 
@@ -169,7 +169,7 @@ def _parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
 def _value(name: str, value: Any) -> float | Law:
     if isinstance(value, Law) or callable(value):
         return as_law(name, value)
-    return finite(KIND, f"the parameter {name}", value)
+    return require_finite(KIND, f"the parameter {name}", value)
 
 
 def _stacked(expression: Any) -> Any:
@@ -184,7 +184,7 @@ def _stacked(expression: Any) -> Any:
 
 
 def _entry(expression: Any) -> Any:
-    if number(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
+    if as_real(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
         raise TypeError
     return expression
 
@@ -221,18 +221,18 @@ def numbers(name: str, values: Any, n: int) -> Array:
     except Exception:
         # Symbols, or rows of different lengths.
         given = []
-    if len(given) != n or any(number(x) is None for x in given):
+    if len(given) != n or any(as_real(x) is None for x in given):
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} entries, finite numbers, got {shown(values)}."
+            f"{KIND}: {name} must have {n} entries, finite numbers, got {short_repr(values)}."
         )
-    return np.array([finite(KIND, name, x) for x in given])
+    return np.array([require_finite(KIND, name, x) for x in given])
 
 
 def texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
     """`values` as n entries, or none."""
-    found = tuple(entries(KIND, name, values, f"a list of {n} entries, texts"))
+    found = tuple(require_sequence(KIND, name, values, f"a list of {n} entries, texts"))
     if found and len(found) != n:
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} entries, got {len(found)}: {shown(values)}."
+            f"{KIND}: {name} must have {n} entries, got {len(found)}: {short_repr(values)}."
         )
     return found

@@ -18,7 +18,7 @@ from beamdae.equations.first_order_sums import (
     residual_plan,
 )
 from beamdae.equations.structure import once
-from beamdae.errors import one_of
+from beamdae.errors import require_choice
 from beamdae.native.vectors import combine, fill
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
 
@@ -174,7 +174,7 @@ def first_order(equations: EquationsOfMotion, name: str, apart: bool = False) ->
     apart
         Whether dR/dy and dR/dy' are evaluated one by one, see `first_order_parts`.
     """
-    form = FORMULATIONS[one_of("formulation", "name", name, FIRST_ORDER)]
+    form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
     pattern, jacobian = jacobian_sum(equations.structure, name, apart)
     return FirstOrder(
         equations, form, pattern, (residual_plan(equations.structure, name), jacobian)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown, told
+from beamdae.errors import BeamdaeError, format_exception, short_repr
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
@@ -42,7 +42,7 @@ def require_body_fits(part: Part) -> None:
         if shape != (len(coordinates),):
             raise BeamdaeError(
                 f"{part.name}: {name} must have shape {(len(coordinates),)}, one number a "
-                f"coordinate, got {shown(start) if shape is None else shape}."
+                f"coordinate, got {short_repr(start) if shape is None else shape}."
             )
     try:
         outline = np.asarray(part.outline, dtype=float)
@@ -51,7 +51,7 @@ def require_body_fits(part: Part) -> None:
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
         raise BeamdaeError(
             f"{part.name}: outline must be finite points of shape (k, 2), "
-            f"got {shown(part.outline)}."
+            f"got {short_repr(part.outline)}."
         )
     for law in _listing(part.name, "laws", part.laws, Law):
         if not np.isfinite(law.breakpoints).all():
@@ -63,9 +63,11 @@ def require_body_fits(part: Part) -> None:
 def require_unit(part: str, unit: Any) -> None:
     """Refuse a unit that is no text, or means an angle in other words than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise BeamdaeError(f"{part}: units must be texts such as 'm' and 'rad', got {shown(unit)}.")
+        raise BeamdaeError(
+            f"{part}: units must be texts such as 'm' and 'rad', got {short_repr(unit)}."
+        )
     if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
-        raise BeamdaeError(f"{part}: angles must be in 'rad', got {shown(unit)}.")
+        raise BeamdaeError(f"{part}: angles must be in 'rad', got {short_repr(unit)}.")
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
@@ -129,7 +131,7 @@ def asked(part: str, what: str, question: Callable[..., Any], *given: Any) -> An
     except BeamdaeError:
         raise
     except Exception as problem:
-        raise BeamdaeError(f"{part}: its {what} failed, {told(problem)}.") from problem
+        raise BeamdaeError(f"{part}: its {what} failed, {format_exception(problem)}.") from problem
 
 
 def asked_multipliers(
@@ -142,7 +144,7 @@ def asked_multipliers(
         if (force.joint is None) != (count == 0):
             raise BeamdaeError(
                 f"{force.part}: a force that depends on {count} multipliers must name the joint "
-                f"they are of, and no other force, got {shown(force.joint)}."
+                f"they are of, and no other force, got {short_repr(force.joint)}."
             )
         if force.joint is None:
             continue
@@ -161,11 +163,13 @@ def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     listed = isinstance(value, (tuple, list))
     # A piece is a tuple itself.
     if not listed or isinstance(value, (Piece, Named)):
-        raise BeamdaeError(f"{part}: {what} must be a list of {kind.__name__}, got {shown(value)}.")
+        raise BeamdaeError(
+            f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."
+        )
     for entry in value:
         if not isinstance(entry, kind):
             raise BeamdaeError(
-                f"{part}: {what} must hold {kind.__name__} alone, got {shown(entry)}."
+                f"{part}: {what} must hold {kind.__name__} alone, got {short_repr(entry)}."
             )
     return list(value)
 
@@ -177,7 +181,7 @@ def _require_statement_fits(
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
-            f"{name}: its statements must bear its name, got {shown(statement.part)}."
+            f"{name}: its statements must bear its name, got {short_repr(statement.part)}."
         )
     if kernel.misfit:
         raise BeamdaeError(f"{name}: {kernel.misfit}.")
@@ -191,7 +195,7 @@ def _require_statement_fits(
     if not isinstance(data, np.ndarray) or data.shape != (local.n_data, count):
         raise BeamdaeError(
             f"{name}: its data must be an array of shape ({local.n_data}, number of copies), "
-            f"got {shown(data)}."
+            f"got {short_repr(data)}."
         )
     pieces = _listing(name, "pieces", statement.pieces, Piece)
     require_pieces_fit(name, pieces, sizes)
@@ -207,7 +211,7 @@ def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None
     """Refuse operators on bodies of another mechanism, or of another width than the body has."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
-        name = piece.owner.name if isinstance(piece.owner, Part) else shown(piece.owner)
+        name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)
         if width is None:
             raise BeamdaeError(
                 f"{part}: it refers to {name!r}, which must be added to this mechanism first."

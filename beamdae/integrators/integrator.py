@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, count, keep, positive, shown
+from beamdae.errors import BeamdaeError, require_count, require_positive, set_fields, short_repr
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -90,14 +90,14 @@ class ByTolerance(Integrator):
 def require_tolerance(settings: Any) -> None:
     """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
     name = type(settings).__name__
-    rtol = positive(name, "rtol", settings.rtol)
+    rtol = require_positive(name, "rtol", settings.rtol)
     if not _TIGHTEST <= rtol <= _LOOSEST:
         raise BeamdaeError(
             f"{name}: rtol must lie between {_TIGHTEST:g} and {_LOOSEST:g}, got {rtol:g}."
         )
-    keep(settings, rtol=rtol)
+    set_fields(settings, rtol=rtol)
     if getattr(settings, "max_step", None) is not None:
-        keep(settings, max_step=positive(name, "max_step", settings.max_step))
+        set_fields(settings, max_step=require_positive(name, "max_step", settings.max_step))
     require_limits(settings)
 
 
@@ -105,9 +105,9 @@ def require_limits(settings: Any) -> None:
     """Check time_limit and max_steps, where an integrator has them."""
     name = type(settings).__name__
     if getattr(settings, "time_limit", None) is not None:
-        keep(settings, time_limit=positive(name, "time_limit", settings.time_limit))
+        set_fields(settings, time_limit=require_positive(name, "time_limit", settings.time_limit))
     if getattr(settings, "max_steps", None) is not None:
-        keep(settings, max_steps=count(name, "max_steps", settings.max_steps))
+        set_fields(settings, max_steps=require_count(name, "max_steps", settings.max_steps))
 
 
 def require_integrator(part: str, value: Any) -> Integrator:
@@ -115,7 +115,7 @@ def require_integrator(part: str, value: Any) -> Integrator:
     if not isinstance(value, Integrator):
         raise BeamdaeError(
             f"{part}: integrator must be Ida(...), Radau(...), GeneralizedAlpha(...) or another "
-            f"Integrator, got {shown(value)}."
+            f"Integrator, got {short_repr(value)}."
         )
     if not is_dataclass(value):
         raise BeamdaeError(f"{part}: {value.method} must be a dataclass of its settings.")
@@ -123,13 +123,13 @@ def require_integrator(part: str, value: Any) -> Integrator:
     if not isinstance(accuracy, Accuracy):
         raise BeamdaeError(
             f"{part}: the accuracy of {value.method} must be an Accuracy of name and value, "
-            f"got {shown(accuracy)}."
+            f"got {short_repr(accuracy)}."
         )
     name = accuracy.name
     own = [field.name for field in fields(value)]
     if not isinstance(name, str) or name not in ("rtol", "step") or name not in own:
         raise BeamdaeError(
             f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
-            f"got {shown(name)}."
+            f"got {short_repr(name)}."
         )
     return value

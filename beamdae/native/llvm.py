@@ -13,7 +13,7 @@ from itertools import count
 from types import MappingProxyType
 from typing import Any
 
-from beamdae.errors import told
+from beamdae.errors import format_exception
 
 _numbers = count()
 
@@ -168,7 +168,9 @@ def _llvmlite() -> Any:
         import llvmlite.binding
     # The latter of a library of it that is not there.
     except (ImportError, OSError) as problem:
-        raise MachineError(f"llvmlite cannot be imported ({told(problem)})") from problem
+        raise MachineError(
+            f"llvmlite cannot be imported ({format_exception(problem)})"
+        ) from problem
     return llvmlite
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import told
+from beamdae.errors import format_exception
 from beamdae.linear import elimination
 from beamdae.native import vectors
 from beamdae.native.llvm import Loaded, MachineError
@@ -236,7 +236,9 @@ def _compiled(entries: _Entries, parts: tuple[FunctionType, ...], kind: Any) -> 
         try:
             from beamdae.native import numba_compiler
         except ImportError as problem:
-            raise MachineError(f"numba cannot be imported ({told(problem)})") from problem
+            raise MachineError(
+                f"numba cannot be imported ({format_exception(problem)})"
+            ) from problem
         return numba_compiler.ir(dict(entries), parts, kind)
 
 

@@ -15,7 +15,7 @@ from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 from numba.core.runtime.context import NRTContext
 
-from beamdae.errors import told
+from beamdae.errors import format_exception
 from beamdae.native import overloads, structs
 from beamdae.native.llvm import MachineError, linked
 
@@ -152,7 +152,7 @@ def ir(
             # A numba whose inner parts are others than those known here: then it takes its time.
             text = _compiled(wanted)
     except numba.errors.NumbaError as problem:
-        raise MachineError(f"numba cannot compile loops ({told(problem)})") from problem
+        raise MachineError(f"numba cannot compile loops ({format_exception(problem)})") from problem
     text = _COUNTING.sub(r"define internal void @\1(ptr) alwaysinline {\n  ret void\n}", text)
     text = _RAISING.sub(r"define internal \1@\2(\3) {\n  unreachable\n}", text)
     return _EXCEPTIONS.sub(r"\1internal \2 0", text)

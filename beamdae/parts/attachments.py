@@ -9,7 +9,14 @@ from typing import Any
 import casadi as ca
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, finite, keep, point, shown, told
+from beamdae.errors import (
+    BeamdaeError,
+    format_exception,
+    require_finite,
+    require_point,
+    set_fields,
+    short_repr,
+)
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, Piece
 
@@ -47,24 +54,24 @@ class Attachment:
 
     def __post_init__(self) -> None:
         if not isinstance(getattr(self.body, "name", None), str):
-            raise BeamdaeError(f"Attachment: body must be a part, got {shown(self.body)}.")
+            raise BeamdaeError(f"Attachment: body must be a part, got {short_repr(self.body)}.")
         name = self.body.name
-        keep(
+        set_fields(
             self,
-            point=point(name, "point", self.point),
-            inclination=finite(name, "inclination", self.inclination),
+            point=require_point(name, "point", self.point),
+            inclination=require_finite(name, "inclination", self.inclination),
         )
         if self.s is not None:
-            keep(self, s=finite(name, "s", self.s))
+            set_fields(self, s=require_finite(name, "s", self.s))
         if not sp.issparse(self.operator) or self.operator.ndim != 2:
             raise BeamdaeError(
                 f"{name}: the operator of an attachment must be a sparse matrix of SciPy, "
-                f"got {shown(self.operator)}."
+                f"got {short_repr(self.operator)}."
             )
         if not callable(self.kinematics):
             raise BeamdaeError(
                 f"{name}: the kinematics of an attachment must be a function of its local "
-                f"coordinates, got {shown(self.kinematics)}."
+                f"coordinates, got {short_repr(self.kinematics)}."
             )
 
     @property
@@ -96,7 +103,7 @@ class Attachment:
         except Exception as problem:
             raise BeamdaeError(
                 f"{self}: its kinematics must give a position and a turn, it failed, "
-                f"{told(problem)}."
+                f"{format_exception(problem)}."
             ) from problem
         return position, turn
 
@@ -108,7 +115,7 @@ def require_attachment(part: str, name: str, value: Any) -> Attachment:
     """Return `value` if it is an attachment."""
     if not isinstance(value, Attachment):
         raise BeamdaeError(
-            f"{part}: {name} must be an attachment such as beam.end, got {shown(value)}."
+            f"{part}: {name} must be an attachment such as beam.end, got {short_repr(value)}."
         )
     return value
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from beamdae.errors import BeamdaeError, finite, keep, one_of, shown
+from beamdae.errors import BeamdaeError, require_choice, require_finite, set_fields, short_repr
 from beamdae.parts.joints.drivers import Driven, Driver, TranslationalDriver
 from beamdae.parts.joints.joint import Joint, JointByFormula
 from beamdae.parts.laws import Law, as_law
@@ -57,12 +57,12 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     point of `a`.
     """
     names = _names("activate", parts)
-    if one_of("activate", "as_is", as_is, (True, False)):
+    if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
             if not isinstance(part, JointByFormula):
                 raise BeamdaeError(
                     f"{part.name}: it cannot hold what it finds, as_is=True is for joints that "
-                    f"hold angles, travels or points, got {shown(part)}."
+                    f"hold angles, travels or points, got {short_repr(part)}."
                 )
         return Switch(on=names, as_is=names)
     return Switch(on=names)
@@ -100,7 +100,7 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     if not (isinstance(driver, Driven) and driver.is_relative):
         raise BeamdaeError(
             "change_law: it is for a Driver or a TranslationalDriver, whose law is relative, got "
-            f"{shown(driver)}."
+            f"{short_repr(driver)}."
         )
     law = as_law(f"change_law of {driver.name}", law)
     return Switch(on=(driver.name,), as_is=(driver.name,), laws=((driver.name, law),))
@@ -140,9 +140,9 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     elif not isinstance(on, Joint):
         raise BeamdaeError(
             f"impact: it must be on a gap, such as surface.gap(point), or on a joint, "
-            f"got {shown(on)}."
+            f"got {short_repr(on)}."
         )
-    restitution = finite("impact", "restitution", restitution)
+    restitution = require_finite("impact", "restitution", restitution)
     if not 0.0 <= restitution <= 1.0:
         raise BeamdaeError(f"impact: restitution must lie in [0, 1], got {restitution:g}.")
     return Impact(on, restitution)
@@ -151,7 +151,7 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
 def _names(what: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
     for part in parts:
         if not isinstance(part, Part):
-            raise BeamdaeError(f"{what}: expected joints and forces, got {shown(part)}.")
+            raise BeamdaeError(f"{what}: expected joints and forces, got {short_repr(part)}.")
     return tuple(part.name for part in parts)
 
 
@@ -201,19 +201,19 @@ class Event:
         if not isinstance(self.what, (str, Quantity)):
             raise BeamdaeError(
                 f"{part}: it must watch an observed column, named such as 'tip.y', or a quantity "
-                f"of one column, got {shown(self.what)}."
+                f"of one column, got {short_repr(self.what)}."
             )
-        crosses = finite(part, "crosses", self.crosses)
+        crosses = require_finite(part, "crosses", self.crosses)
         if self.name is None and not isinstance(self.what, str):
             raise BeamdaeError("event: one that watches a quantity needs a name=.")
-        one_of(part, "direction", self.direction, tuple(DIRECTIONS))
+        require_choice(part, "direction", self.direction, tuple(DIRECTIONS))
         do = (self.do,) if isinstance(self.do, Action) else self.do
         if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):
-            keep(self, do=tuple(do))
+            set_fields(self, do=tuple(do))
         elif not (isinstance(self.do, str) and self.do in ("stop", "record")):
             raise BeamdaeError(
                 f"{part}: do must be 'stop', 'record', activate(...), deactivate(...), "
-                f"change_law(...) or impact(...), got {shown(self.do)}."
+                f"change_law(...) or impact(...), got {short_repr(self.do)}."
             )
         named = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
-        keep(self, crosses=crosses, name=named)
+        set_fields(self, crosses=crosses, name=named)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.errors import BeamdaeError, finite, shown
+from beamdae.errors import BeamdaeError, require_finite, short_repr
 
 AS_DRAWN, EQUILIBRIUM = "as drawn", "equilibrium"
 _ALLOWED = (
@@ -19,5 +19,7 @@ def require_start(part: str, start: Any, more: str = "") -> Any:
     if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
         return start
     if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
-        return {name: finite(part, f"start[{shown(name)}]", start[name]) for name in start}
-    raise BeamdaeError(f"{part}: start must be {_ALLOWED}{more}, got {shown(start)}.")
+        return {
+            name: require_finite(part, f"start[{short_repr(name)}]", start[name]) for name in start
+        }
+    raise BeamdaeError(f"{part}: start must be {_ALLOWED}{more}, got {short_repr(start)}.")

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, number, shown, told
+from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr
 from beamdae.symbolic.statements import SX
 
 # Operations by which a formula can jump or kink where no integrator would stop.
@@ -67,7 +67,7 @@ def expression_of(piece: Callable[[Any], Any], t: SX) -> Any:
         # like give the same scalar expression before and after it.
         warnings.simplefilter("ignore", FutureWarning)
         value = piece(t)
-    found = number(value)
+    found = as_real(value)
     if found is not None:
         return SX(found)
     if getattr(value, "ndim", None) == 0:
@@ -91,13 +91,15 @@ def require_formula(part: str, piece: Callable[[Any], Any], t: SX, start: float)
             _of_number(piece, start)
         except Exception as own:
             raise BeamdaeError(
-                f"{wanted} that gives a number, but it failed at t = {start:g}, {told(own)}."
+                f"{wanted} that gives a number, but it failed at t = {start:g}, {format_exception(own)}."
             ) from own
         # Of bool() on a symbol; nothing else tells it from other failures.
         decides = "truth value" in str(problem)
         raise BeamdaeError(f"{wanted}, {_DECIDES if decides else _OF_NUMBERS}.") from None
     if not isinstance(value, SX) or value.shape != (1, 1):
-        raise BeamdaeError(f"{part}: {called(piece)} must return one number, got {shown(value)}.")
+        raise BeamdaeError(
+            f"{part}: {called(piece)} must return one number, got {short_repr(value)}."
+        )
     strange = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
     if strange:
         raise BeamdaeError(
@@ -115,7 +117,7 @@ def require_the_same_of_numbers(
     """Refuse a formula that loses what the function does: float(t) is nan of a symbol."""
     times = start + np.array(_ASKED)
     try:
-        by_number = np.array([number(_of_number(piece, t)) for t in times.tolist()], float)
+        by_number = np.array([as_real(_of_number(piece, t)) for t in times.tolist()], float)
     except Exception:
         # It takes symbols alone, or no time so late.
         return

@@ -13,12 +13,12 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
-    entries,
-    finite,
-    keep,
-    pair,
-    positive,
-    shown,
+    require_finite,
+    require_pair,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
 )
 from beamdae.parts.law_checks import (
     called,
@@ -54,10 +54,12 @@ class Law:
     def __post_init__(self) -> None:
         if not isinstance(self.pieces, tuple) or not all(callable(p) for p in self.pieces):
             raise BeamdaeError(
-                f"Law: pieces must be a tuple of functions, got {shown(self.pieces)}."
+                f"Law: pieces must be a tuple of functions, got {short_repr(self.pieces)}."
             )
-        times = entries("Law", "breakpoints", self.breakpoints, "a list of times")
-        keep(self, breakpoints=tuple(finite("Law", "breakpoints", time) for time in times))
+        times = require_sequence("Law", "breakpoints", self.breakpoints, "a list of times")
+        set_fields(
+            self, breakpoints=tuple(require_finite("Law", "breakpoints", time) for time in times)
+        )
         if len(self.pieces) != len(self.breakpoints) + 1:
             raise BeamdaeError(
                 f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
@@ -66,7 +68,7 @@ class Law:
         if any(b <= a for a, b in pairwise(self.breakpoints)):
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
         if self.time_scale is not None:
-            keep(self, time_scale=positive("Law", "time_scale", self.time_scale))
+            set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
 
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
@@ -143,7 +145,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     elif callable(value):
         law = Law((value,))
     else:
-        number = finite(part, "law", value)
+        number = require_finite(part, "law", value)
         law = Law((Formula(_constant, (number,)),))
     if isinstance(law.formula, Formula):
         first = law.at(start)
@@ -157,7 +159,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         raise BeamdaeError(
             f"{part}: {called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
         )
-    finite(part, f"{called(law.pieces[0])} at t = {start:g}", first)
+    require_finite(part, f"{called(law.pieces[0])} at t = {start:g}", first)
     return law
 
 
@@ -171,9 +173,9 @@ def _checked(part: str, law: Law, start: float) -> ca.Function:
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     """Law amplitude * sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
-    amplitude = finite("sine", "amplitude", amplitude)
-    frequency = positive("sine", "frequency", frequency)
-    phase = finite("sine", "phase", phase)
+    amplitude = require_finite("sine", "amplitude", amplitude)
+    frequency = require_positive("sine", "frequency", frequency)
+    phase = require_finite("sine", "phase", phase)
     omega = 2.0 * np.pi * frequency
     return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
 
@@ -201,8 +203,8 @@ def run_up(speed: float, duration: float) -> Law:
     speed / duration * (t^2/2 + (duration/2 pi)^2 (cos(2 pi t/duration) - 1)) up to t = duration,
     then speed * (t - duration/2); speed in rad/s, duration in s.
     """
-    speed = finite("run_up", "speed", speed)
-    duration = positive("run_up", "duration", duration)
+    speed = require_finite("run_up", "speed", speed)
+    duration = require_positive("run_up", "duration", duration)
     omega = 2.0 * np.pi / duration
     rising = Formula(_rising, (speed / duration, omega))
     risen = Formula(_risen, (speed, 0.5 * duration))
@@ -219,9 +221,11 @@ def piecewise(*pieces: Any) -> Law:
     ends: list[float] = []
     laws: list[Law] = []
     for entry in pieces[:-1]:
-        end, law = pair("piecewise", "each piece but the last", entry, "a pair (end time, law)")
+        end, law = require_pair(
+            "piecewise", "each piece but the last", entry, "a pair (end time, law)"
+        )
         laws.append(as_law("piecewise", law, ends[-1] if ends else 0.0))
-        ends.append(finite("piecewise", "end time", end))
+        ends.append(require_finite("piecewise", "end time", end))
     laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
     if any(b <= a for a, b in pairwise(ends)):
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
@@ -233,8 +237,8 @@ def piecewise(*pieces: Any) -> Law:
 
 
 def _numbers(name: str, values: Any) -> np.ndarray:
-    given = entries("table", name, values, "a list of numbers")
-    return np.array([finite("table", name, value) for value in given])
+    given = require_sequence("table", name, values, "a list of numbers")
+    return np.array([require_finite("table", name, value) for value in given])
 
 
 def table(times: Any, values: Any) -> Law:
@@ -248,7 +252,7 @@ def table(times: Any, values: Any) -> Law:
     shortest = float(np.min(np.diff(t)))
     if shortest <= 0.0:
         raise BeamdaeError("table: times must ascend.")
-    positive("table", "the shortest stretch between its times", shortest)
+    require_positive("table", "the shortest stretch between its times", shortest)
     # Here, for it takes as long to import as a short run, and few models have tables.
     from scipy.interpolate import CubicSpline
 

@@ -8,7 +8,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, nearest, one_of, pair, point, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_pair,
+    require_point,
+    short_repr,
+    suggest,
+)
 from beamdae.model_functions import Built
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
@@ -56,14 +63,14 @@ class Mechanism(Built):
         start: str | Mapping[str, float] = "as drawn",
         redundant: str = REFUSE,
     ) -> None:
-        changing = [callable(x) for x in pair("Mechanism", "gravity", gravity)]
+        changing = [callable(x) for x in require_pair("Mechanism", "gravity", gravity)]
         self.gravity_laws: GravityLaws | None = None
         if any(changing):
             x, y = (as_law("Mechanism.gravity", component) for component in gravity)
             self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
-        self.gravity = np.array(point("Mechanism", "gravity", gravity))
+        self.gravity = np.array(require_point("Mechanism", "gravity", gravity))
         self.start = require_start("Mechanism", start)
-        self.redundant = one_of("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
+        self.redundant = require_choice("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
         self.observables: dict[str, Quantity] = {}
@@ -85,7 +92,7 @@ class Mechanism(Built):
         if not isinstance(part, Part):
             raise BeamdaeError(
                 "Mechanism: only parts can be added, subclasses of beamdae.Part, "
-                f"got {shown(part)}."
+                f"got {short_repr(part)}."
             )
         name = require_name(type(part).__name__, getattr(part, "name", None))
         if name in self.parts or name == self.ground.name:
@@ -142,7 +149,7 @@ class Mechanism(Built):
         for part in parts:
             if not isinstance(part, Part):
                 raise BeamdaeError(
-                    f"Mechanism.deactivate: expected joints and forces, got {shown(part)}."
+                    f"Mechanism.deactivate: expected joints and forces, got {short_repr(part)}."
                 )
             self._require_member("Mechanism.deactivate", part)
             self.inactive.add(part.name)
@@ -150,7 +157,7 @@ class Mechanism(Built):
     def part(self, name: str) -> Part:
         """The part of that name."""
         if not isinstance(name, str) or name not in self.parts:
-            raise BeamdaeError(f"Mechanism: no part {shown(name)}{nearest(name, self.parts)}.")
+            raise BeamdaeError(f"Mechanism: no part {short_repr(name)}{suggest(name, self.parts)}.")
         return self.parts[name]
 
     def check(self, **settings: Any) -> Any:

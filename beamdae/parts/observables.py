@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula, plain
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
@@ -33,7 +33,7 @@ def observed(name: str, what: Attachment | Quantity) -> Quantity:
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
             f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-            f"observed, got {shown(what)}."
+            f"observed, got {short_repr(what)}."
         )
     return quantity
 

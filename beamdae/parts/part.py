@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import (
@@ -151,16 +151,16 @@ def require_name(kind: str, name: Any) -> str:
     Names head the columns of tables, as "name.what [unit]".
     """
     if not isinstance(name, str) or not name.strip():
-        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {shown(name)}.")
+        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {short_repr(name)}.")
     # Spreadsheets take what begins with one of these signs for a formula.
     if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
         raise BeamdaeError(
             f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "
-            f"a space, got {shown(name)}."
+            f"a space, got {short_repr(name)}."
         )
     if len(name) > _LONGEST_NAME or not name.isprintable():
         raise BeamdaeError(
             f"{kind}: a name must be a text of at most {_LONGEST_NAME} letters without line breaks "
-            f"and other control characters, got {shown(name)}."
+            f"and other control characters, got {short_repr(name)}."
         )
     return str(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.results.headers import Header
 
 
@@ -47,6 +47,6 @@ def selected(
             return [header for header in found if header in meant] or found
     known = list(dict.fromkeys([*bare, *whole]))
     raise BeamdaeError(
-        f"{of}: no column has the name {shown(name)}{nearest(name, known)}; "
+        f"{of}: no column has the name {short_repr(name)}{suggest(name, known)}; "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` have all there are."
     )

@@ -12,7 +12,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import count
+from beamdae.errors import require_count
 from beamdae.results.column_selection import every_column, selected
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
@@ -122,7 +122,7 @@ class Equilibrium:
 
     def at(self, row: int) -> Equilibrium:
         """The path up to a row of it, to start from there; critical points name rows."""
-        row = count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
+        row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
         return replace(
             self,
             factors=self.factors[: row + 1],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import one_of
+from beamdae.errors import require_choice
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest, mean
 from beamdae.results.solution import Solution
@@ -137,7 +137,9 @@ class FrequencyResponse:
     def curve(self, column: str) -> tuple[Array, Array]:
         """Values of the parameter, and half the range of an observed column, of each motion."""
         if self.points:
-            one_of("frequency_response", "column", column, list(self.points[0].solution.columns))
+            require_choice(
+                "frequency_response", "column", column, list(self.points[0].solution.columns)
+            )
         values = np.array([point.parameter for point in self.points])
         return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.configurations import Configuration
 from beamdae.equations.formulations import State
-from beamdae.errors import BeamdaeError, finite
+from beamdae.errors import BeamdaeError, require_finite
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -40,7 +40,7 @@ class Instant(NamedTuple):
     def of(cls, trajectory: Trajectory, t: float) -> Instant:
         """Of a run at a time [s] within it."""
         first = float(trajectory.intervals[0].t[0])
-        t = finite("Solution.at", "t", t)
+        t = require_finite("Solution.at", "t", t)
         if not first <= t <= trajectory.end:
             raise BeamdaeError(
                 f"Solution.at: t must lie within the run, {first:g} to {trajectory.end:g} s, "

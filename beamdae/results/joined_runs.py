@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def joined(first: Solution, later: Any) -> Solution:
         If the later one does not go on from the end of the first, with the same numbers.
     """
     if not isinstance(later, type(first)):
-        raise BeamdaeError(f"followed_by: it must be a solution, got {shown(later)}.")
+        raise BeamdaeError(f"followed_by: it must be a solution, got {short_repr(later)}.")
     end, begin = first.trajectory.end, float(later.t[0])
     if end != begin:
         raise BeamdaeError(

@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.assemble import equations_of_motion
 from beamdae.equations.observation import observing
-from beamdae.errors import BeamdaeError, entries, finite, shown
+from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.initial_state import AS_DRAWN
 from beamdae.results.event_records import table_of
@@ -213,13 +213,13 @@ class Solution(Run, Tabulated):
         BeamdaeError
             If they are not.
         """
-        given = entries("at_times", "times", times, "a list of times [s]")
-        t = np.array([finite("at_times", "times", one) for one in given])
+        given = require_sequence("at_times", "times", times, "a list of times [s]")
+        t = np.array([require_finite("at_times", "times", one) for one in given])
         first, end = float(self.trajectory.intervals[0].t[0]), self.trajectory.end
         if not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < first or t[-1] > end:
             raise BeamdaeError(
                 f"at_times: times must ascend within the run, {first:g} to {end:g} s, "
-                f"got {shown(times)}."
+                f"got {short_repr(times)}."
             )
         return replace(self, t=t)
 

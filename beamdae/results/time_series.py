@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.results.column_selection import every_column, selected
 from beamdae.results.headers import observed_columns
 from beamdae.results.storage.files import file_path, replacing
@@ -127,7 +127,7 @@ class Tabulated:
         True
         """
         if not isinstance(other, Tabulated):
-            raise BeamdaeError(f"difference: other must be a solution, got {shown(other)}.")
+            raise BeamdaeError(f"difference: other must be a solution, got {short_repr(other)}.")
         begin, end = (f([self.times[k], other.times[k]]) for f, k in ((max, 0), (min, -1)))
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):

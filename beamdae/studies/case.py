@@ -9,7 +9,7 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from beamdae.errors import BeamdaeError, iterated, shown
+from beamdae.errors import BeamdaeError, require_iterable, short_repr
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
@@ -52,7 +52,7 @@ class Case:
     def __post_init__(self) -> None:
         if not isinstance(self.model, Model):
             raise BeamdaeError(
-                f"Case: model must be a model function, see @bd.model, got {shown(self.model)}."
+                f"Case: model must be a model function, see @bd.model, got {short_repr(self.model)}."
             )
         named = isinstance(self.parameters, Mapping) and all(
             isinstance(name, str) for name in self.parameters
@@ -60,7 +60,7 @@ class Case:
         if not named:
             raise BeamdaeError(
                 f"Case of {self.model.name}: parameters must be a dict of values by name, "
-                f"got {shown(self.parameters)}."
+                f"got {short_repr(self.parameters)}."
             )
         require_integrator(f"Case of {self.model.name}", self.integrator)
 
@@ -152,7 +152,7 @@ def _of_parameter(model: Model, name: str, value: Any, known: Known) -> str:
             return parameter_digest(value)
         except FingerprintError as problem:
             raise BeamdaeError(
-                f"{model.name}: {name} must be {_TOLD_AGAIN}, got {shown(value)} "
+                f"{model.name}: {name} must be {_TOLD_AGAIN}, got {short_repr(value)} "
                 f"({problem.place} is a {problem.kind})."
             ) from None
 
@@ -229,9 +229,11 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     combinations, found = 1, {}
     for name, values in lists.items():
         if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
-            raise BeamdaeError(f"grid: {name} must be a list of values, got {shown(values)}.")
+            raise BeamdaeError(f"grid: {name} must be a list of values, got {short_repr(values)}.")
         # Of a generator it is not known whether it ends.
-        found[name] = iterated("grid", name, values, "a list of values", _MOST_COMBINATIONS + 1)
+        found[name] = require_iterable(
+            "grid", name, values, "a list of values", _MOST_COMBINATIONS + 1
+        )
         combinations *= len(found[name])
     if combinations > _MOST_COMBINATIONS:
         raise BeamdaeError(

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, iterated, positive, shown
+from beamdae.errors import BeamdaeError, require_iterable, require_positive, short_repr
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
@@ -75,19 +75,19 @@ def compare(
     [1.0, 2.0]
     """
     listed = [cases] if isinstance(cases, Case) else cases
-    cases = iterated("compare", "cases", listed, "a list of at least one Case")
+    cases = require_iterable("compare", "cases", listed, "a list of at least one Case")
     if not cases or not all(isinstance(case, Case) for case in cases):
-        raise BeamdaeError(f"compare: give a list of at least one Case, got {shown(cases)}.")
+        raise BeamdaeError(f"compare: give a list of at least one Case, got {short_repr(cases)}.")
     if reference is not None and not isinstance(reference, (Case, Solution)):
         raise BeamdaeError(
-            f"compare: reference must be a Case or a Solution, got {shown(reference)}."
+            f"compare: reference must be a Case or a Solution, got {short_repr(reference)}."
         )
     columns = column_names("compare", columns)
     for name, value in (("t_end", t_end), ("output_step", output_step)):
         if value is not None:
-            positive("compare", name, value)
+            require_positive("compare", name, value)
     if progress is not None and not callable(progress):
-        raise BeamdaeError(f"compare: progress must be a function, got {shown(progress)}.")
+        raise BeamdaeError(f"compare: progress must be a function, got {short_repr(progress)}.")
     if isinstance(reference, Case):
         reference = _solved(reference, t_end, output_step, progress)
     rows, interrupted = [], False

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
-from beamdae.errors import BeamdaeError, count, iterated, keep, one_of, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_count,
+    require_iterable,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, file_name
@@ -66,26 +74,28 @@ class Study:
 
     def __post_init__(self) -> None:
         file_name("study", self.name)
-        keep(
+        set_fields(
             self,
             cases=_cases(self.name, self.cases),
             references=_references(self.name, self.references),
             columns=column_names(self.name, self.columns),
-            repetitions=count(self.name, "repetitions", self.repetitions, most=_MOST_REPETITIONS),
-            errors=one_of(self.name, "errors", self.errors, (True, False, None)),
+            repetitions=require_count(
+                self.name, "repetitions", self.repetitions, most=_MOST_REPETITIONS
+            ),
+            errors=require_choice(self.name, "errors", self.errors, (True, False, None)),
         )
         for setting in ("t_end", "output_step"):
             value = getattr(self, setting)
             if value is not None:
-                keep(self, **{setting: positive(self.name, setting, value)})
+                set_fields(self, **{setting: require_positive(self.name, setting, value)})
         if not isinstance(self.limits, Limits):
             raise BeamdaeError(
                 f"{self.name}: limits must be Limits(time=, memory=, patience=), "
-                f"got {shown(self.limits)}."
+                f"got {short_repr(self.limits)}."
             )
         if self.over is not None and not isinstance(self.over, str):
             raise BeamdaeError(
-                f"{self.name}: over must be the name of a parameter, got {shown(self.over)}."
+                f"{self.name}: over must be the name of a parameter, got {short_repr(self.over)}."
             )
         if self.errors and self.references == () and self.over is None:
             raise BeamdaeError(f"{self.name}: references must be two integrators for errors=True.")
@@ -98,10 +108,10 @@ class Study:
             if self.over is not None:
                 if self.over not in case.parameters:
                     raise BeamdaeError(
-                        f"{self.name}: every case of a study over {shown(self.over)} has to give "
+                        f"{self.name}: every case of a study over {short_repr(self.over)} has to give "
                         "it a value."
                     )
-                positive(self.name, self.over, case.parameters[self.over])
+                require_positive(self.name, self.over, case.parameters[self.over])
             case.mechanism(known)
             if models.setdefault(case.model.name, case.model) is case.model:
                 continue
@@ -150,10 +160,12 @@ class Study:
 def _cases(name: str, value: Any) -> tuple[Case, ...]:
     cases = _listed(name, "cases", value, "a list of at least one Case", _MOST_CASES)
     if not cases:
-        raise BeamdaeError(f"{name}: a study lists at least one Case, got {shown(value)}.")
+        raise BeamdaeError(f"{name}: a study lists at least one Case, got {short_repr(value)}.")
     wrong = [case for case in cases if not isinstance(case, Case)]
     if wrong:
-        raise BeamdaeError(f"{name}: a study lists at least one Case, got {shown(wrong[0])} in it.")
+        raise BeamdaeError(
+            f"{name}: a study lists at least one Case, got {short_repr(wrong[0])} in it."
+        )
     if len(cases) > _MOST_CASES:
         raise BeamdaeError(f"{name}: a study lists at most {_MOST_CASES} cases, got more.")
     return cases
@@ -168,7 +180,7 @@ def _references(name: str, value: Any) -> tuple[Integrator, ...] | None:
         return ()
     allowed = f"{name}: references must be {wanted}"
     if not found or not all(isinstance(x, Integrator) for x in found):
-        raise BeamdaeError(f"{allowed}, got {shown(value)}.")
+        raise BeamdaeError(f"{allowed}, got {short_repr(value)}.")
     methods = [require_integrator(name, x).method for x in found]
     if len(methods) != 2 or methods[0] == methods[1]:
         raise BeamdaeError(f"{allowed}, got {', '.join(methods)}.")
@@ -178,7 +190,7 @@ def _references(name: str, value: Any) -> tuple[Integrator, ...] | None:
 def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
     """The entries of whatever has an order, no more than can be and one."""
     unordered = isinstance(value, (str, bytes, set, frozenset))
-    return tuple(iterated(name, what, None if unordered else value, wanted, most + 1))
+    return tuple(require_iterable(name, what, None if unordered else value, wanted, most + 1))
 
 
 def study(
@@ -211,11 +223,11 @@ def study(
         ("patience", patience),
     ):
         if value is not None:
-            positive("study", name, value)
+            require_positive("study", name, value)
 
     def decorate(function: Callable[[], Iterable[Case]]) -> Study:
         if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(f"study: it must decorate a function, got {shown(function)}.")
+            raise BeamdaeError(f"study: it must decorate a function, got {short_repr(function)}.")
         return Study(
             function.__name__,
             listed_by(function, "cases"),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, iterated, nearest, shown
+from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.results.column_selection import selected
 from beamdae.results.headers import Header, observed_columns
 
@@ -21,9 +21,9 @@ _POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
 def column_names(part: str, value: Any) -> tuple[str, ...]:
     """Return names of columns as a tuple, or say that they are none."""
     what = "a list of names of observed columns"
-    found = iterated(part, "columns", value, what)
+    found = require_iterable(part, "columns", value, what)
     if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in found):
-        raise BeamdaeError(f"{part}: columns must be {what}, got {shown(value)}.")
+        raise BeamdaeError(f"{part}: columns must be {what}, got {short_repr(value)}.")
     return tuple(found)
 
 
@@ -36,7 +36,7 @@ def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> li
         except BeamdaeError:
             known = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
-                f"{part}: no observed column {shown(name)}{nearest(name, known)}, "
+                f"{part}: no observed column {short_repr(name)}{suggest(name, known)}, "
                 f"the columns are {', '.join(present) or 'none'}."
             ) from None
     return list(found)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, number, shown, told, unboxed
+from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.solution import Solution
 from beamdae.studies.event_columns import event_values
 
@@ -62,14 +62,16 @@ def output_values(
     found = {}
     for name, function in outputs.items():
         try:
-            value = unboxed(function(solution))
+            value = unbox_scalar(function(solution))
         except Exception as problem:
-            raise BeamdaeError(f"the output {name!r} failed, {told(problem)}.") from problem
-        size = number(value)
+            raise BeamdaeError(
+                f"the output {name!r} failed, {format_exception(problem)}."
+            ) from problem
+        size = as_real(value)
         if size is None and not isinstance(value, (bool, str, type(None))):
             raise BeamdaeError(
                 f"the output {name!r} must be a number, a truth value, a text or None, "
-                f"got {shown(value)}."
+                f"got {short_repr(value)}."
             )
         found[output_column(name)] = value if size is None else size
     return found

@@ -13,7 +13,7 @@ from beamdae.equations.coordinate_map import owners_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.statement_checks import stated
 from beamdae.equations.tangents import tangent
-from beamdae.errors import BeamdaeError, entries, nearest, shown
+from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Named
@@ -48,12 +48,14 @@ def inputs_of(mechanism: Any, lin: Linearization, chosen: Sequence[str] | None) 
     """Inputs of a mechanism: those chosen by the names of parts, or all."""
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     there = {name: part for name, part in parts.items() if part.inputs}
-    names = list(there) if chosen is None else entries("linearize", "inputs", chosen, "names")
+    names = (
+        list(there) if chosen is None else require_sequence("linearize", "inputs", chosen, "names")
+    )
     found: list[Input] = []
     for name in names:
         if not isinstance(name, str) or name not in there:
             raise BeamdaeError(
-                f"linearize: no input {shown(name)}{nearest(name, there)}, forces, moments and "
+                f"linearize: no input {short_repr(name)}{suggest(name, there)}, forces, moments and "
                 "drivers of the mechanism are inputs by name."
             )
         found += _inputs(mechanism, there[name], lin)

@@ -14,7 +14,7 @@ from beamdae.analysis.linear.linearization import REFERENCE, Linearization, line
 from beamdae.analysis.linear.rotation import Turning
 from beamdae.analysis.modes.saddle_point import saddle
 from beamdae.equations.equations_of_motion import Observable
-from beamdae.errors import BeamdaeError, entries, finite, nearest, shown
+from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
 from beamdae.linear.factorizations import single_threaded
 from beamdae.model_functions import Model
 from beamdae.symbolic.statements import Named
@@ -82,8 +82,8 @@ class LinearModel:
 
     def frequency_response(self, frequencies: Any) -> Array:
         """C (i w 1 - A)^-1 B + D at frequencies [Hz], (k, outputs, inputs) complex."""
-        given = entries("frequency_response", "frequencies", frequencies, "a list [Hz]")
-        values = [finite("frequency_response", "frequencies", f) for f in given]
+        given = require_sequence("frequency_response", "frequencies", frequencies, "a list [Hz]")
+        values = [require_finite("frequency_response", "frequencies", f) for f in given]
         found = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
         for row, f in zip(found, values, strict=True):
             try:
@@ -146,7 +146,7 @@ def linearize(
     """
     if isinstance(model, Model):
         model = model()
-    lin = linearization("linearize", model, about, finite("linearize", "t", t))
+    lin = linearization("linearize", model, about, require_finite("linearize", "t", t))
     driving = inputs_of(model, lin, inputs)
     observed = _outputs(lin, outputs)
     if lin.equations.n > _MOST:
@@ -159,10 +159,12 @@ def linearize(
 
 def _outputs(lin: Linearization, chosen: Sequence[str] | None) -> list[Observable]:
     there = {o.name: o for o in lin.whole.observables}
-    names = list(there) if chosen is None else entries("linearize", "outputs", chosen, "names")
+    names = (
+        list(there) if chosen is None else require_sequence("linearize", "outputs", chosen, "names")
+    )
     for name in names:
         if not isinstance(name, str) or name not in there:
-            raise BeamdaeError(f"linearize: no output {shown(name)}{nearest(name, there)}.")
+            raise BeamdaeError(f"linearize: no output {short_repr(name)}{suggest(name, there)}.")
     return [there[name] for name in names]
 
 

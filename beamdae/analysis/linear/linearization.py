@@ -25,7 +25,7 @@ from beamdae.equations.starts.consistent_start import Starter
 from beamdae.equations.starts.given_start import started
 from beamdae.equations.starts.reduced_equations import reduced
 from beamdae.equations.tangents import Tangent, tangent
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.instant import Instant
@@ -114,7 +114,7 @@ def linearization(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0)
     if not (isinstance(about, (str, Mapping))):
         raise BeamdaeError(
             f"about: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
-            f"solution.at(t) or what bd.equilibrium gives, got {shown(about)}."
+            f"solution.at(t) or what bd.equilibrium gives, got {short_repr(about)}."
         )
     require_start("about", about)
     whole = started(as_equations(name, model, AS_DRAWN), about, t)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import finite, point
+from beamdae.errors import require_finite, require_point
 
 Array = np.ndarray
 
@@ -45,7 +45,9 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     >>> bd.rotation(6.0)
     Rotation(speed=6.0, center=(0.0, 0.0))
     """
-    return Rotation(finite("rotation", "speed", speed), point("rotation", "center", center))
+    return Rotation(
+        require_finite("rotation", "speed", speed), require_point("rotation", "center", center)
+    )
 
 
 @dataclass(frozen=True)

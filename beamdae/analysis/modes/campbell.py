@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from beamdae.analysis.linear.rotation import rotation
 from beamdae.analysis.modes.modes import DECAY, Modes, modes
-from beamdae.errors import BeamdaeError, count, entries, finite
+from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
 from beamdae.model_functions import Model
 
 if TYPE_CHECKING:
@@ -99,11 +99,11 @@ def campbell(
     BeamdaeError
         If there is no steady rotation at one of the speeds.
     """
-    given = entries("campbell", "speeds", speeds, "a list of speeds [rad/s]")
-    values = [finite("campbell", "speeds", speed) for speed in given]
+    given = require_sequence("campbell", "speeds", speeds, "a list of speeds [rad/s]")
+    values = [require_finite("campbell", "speeds", speed) for speed in given]
     if not values:
         raise BeamdaeError("campbell: speeds must hold at least one speed [rad/s].")
-    wanted = count("campbell", "n", n)
+    wanted = require_count("campbell", "n", n)
     if isinstance(model, Model):
         model = model()
     # With a few more than are asked for none is lost where modes cross.

@@ -12,7 +12,7 @@ import numpy as np
 from beamdae.analysis.linear.linearization import REFERENCE, Linearization, linearization
 from beamdae.analysis.linear.rotation import Turning
 from beamdae.analysis.modes.eigenproblem import eigenmodes
-from beamdae.errors import BeamdaeError, count, finite, one_of, shown
+from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.linear.factorizations import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -139,7 +139,7 @@ class Modes:
         """
         if not isinstance(other, Modes) or other.shapes.shape[1] != self.shapes.shape[1]:
             raise BeamdaeError(
-                f"mac: other must be modes of the same mechanism, got {shown(other)}."
+                f"mac: other must be modes of the same mechanism, got {short_repr(other)}."
             )
         mass = self._linearization.tangent.mass
         own, its = (
@@ -205,11 +205,11 @@ def modes(
     >>> round(float(bd.modes(mech).eigenvalues[0].imag), 12)
     2.0
     """
-    wanted = None if n is None else count("modes", "n", n)
-    damped = one_of("modes", "damping", damping, (True, False))
+    wanted = None if n is None else require_count("modes", "n", n)
+    damped = require_choice("modes", "damping", damping, (True, False))
     if isinstance(model, Model):
         model = model()
-    lin = linearization("modes", model, about, finite("modes", "t", t))
+    lin = linearization("modes", model, about, require_finite("modes", "t", t))
     return modes_of(lin, wanted, damped, model if isinstance(model, Mechanism) else None)
 
 

@@ -10,7 +10,13 @@ import numpy as np
 from beamdae.analysis.periodic.monodromy import Linearized
 from beamdae.analysis.periodic.shooting import Flow, Shot, UnfinishedError
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, count, finite, positive
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    require_count,
+    require_finite,
+    require_positive,
+)
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.outcome import Status
@@ -92,9 +98,12 @@ def periodic(
     >>> motion.stability
     'stable'
     """
-    period, begin = positive("periodic", "period", period), finite("periodic", "begin", begin)
-    tolerance = positive("periodic", "tolerance", tolerance)
-    settle = count("periodic", "settle", settle, 0, MOST_SETTLING)
+    period, begin = (
+        require_positive("periodic", "period", period),
+        require_finite("periodic", "begin", begin),
+    )
+    tolerance = require_positive("periodic", "tolerance", tolerance)
+    settle = require_count("periodic", "settle", settle, 0, MOST_SETTLING)
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator("periodic", method)
     flow = Flow.of(equations_of("periodic", model, start), method, begin, period)

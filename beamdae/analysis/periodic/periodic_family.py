@@ -11,7 +11,7 @@ import scipy.linalg as la
 
 from beamdae.analysis.periodic.periodic import converged, equations_of, settled
 from beamdae.analysis.periodic.shooting import Flow, Shot, UnfinishedError
-from beamdae.errors import BeamdaeError, positive, told
+from beamdae.errors import BeamdaeError, format_exception, require_positive
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 
@@ -99,9 +99,9 @@ class Curve:
         except Exception as problem:
             raise BeamdaeError(
                 f"frequency_response: period must be a function of {self.parameter}, it failed, "
-                f"{told(problem)}."
+                f"{format_exception(problem)}."
             ) from problem
-        period = positive("frequency_response", "period", period)
+        period = require_positive("frequency_response", "period", period)
         equations = equations_of("frequency_response", self.model(**{self.parameter: value}))
         return Flow.of(equations, self.integrator, self.begin, period)
 

@@ -12,12 +12,12 @@ from beamdae.analysis.periodic.periodic_family import Curve, Traced
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    count,
-    finite,
-    one_of,
-    pair,
-    positive,
-    shown,
+    require_choice,
+    require_count,
+    require_finite,
+    require_pair,
+    require_positive,
+    short_repr,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -84,12 +84,14 @@ def frequency_response(
     """
     name = "frequency_response"
     if not isinstance(model, Model):
-        raise BeamdaeError(f"{name}: model must be a model function, got {shown(model)}.")
-    first, last = pair(name, "between", between, "a pair of values of the parameter")
-    ends = finite(name, "between", first), finite(name, "between", last)
+        raise BeamdaeError(f"{name}: model must be a model function, got {short_repr(model)}.")
+    first, last = require_pair(name, "between", between, "a pair of values of the parameter")
+    ends = require_finite(name, "between", first), require_finite(name, "between", last)
     if ends[0] == ends[1]:
-        raise BeamdaeError(f"{name}: between must be two values that differ, got {shown(between)}.")
-    one_of(name, "parameter", parameter, tuple(model.parameters))
+        raise BeamdaeError(
+            f"{name}: between must be two values that differ, got {short_repr(between)}."
+        )
+    require_choice(name, "parameter", parameter, tuple(model.parameters))
     model.complete({parameter: ends[0]})
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator(name, method)
@@ -99,12 +101,15 @@ def frequency_response(
         ends,
         _reciprocal if period is None else period,
         method,
-        finite(name, "begin", begin),
-        positive(name, "tolerance", tolerance),
+        require_finite(name, "begin", begin),
+        require_positive(name, "tolerance", tolerance),
     )
-    steps = positive(name, "step", step), positive(name, "longest_step", longest_step)
-    settle = count(name, "settle", settle, 0, MOST_SETTLING)
-    most = count(name, "most_points", most_points, least=2)
+    steps = (
+        require_positive(name, "step", step),
+        require_positive(name, "longest_step", longest_step),
+    )
+    settle = require_count(name, "settle", settle, 0, MOST_SETTLING)
+    most = require_count(name, "most_points", most_points, least=2)
     points, status = _followed(curve, settle, steps, most)
     if not status.success:
         warnings.warn(f"{name}: {status.sentence}.", BeamdaeWarning, stacklevel=2)

@@ -11,7 +11,7 @@ from beamdae.analysis.statics.load_scaling import Loading, loading_of
 from beamdae.analysis.statics.targets import Asked
 from beamdae.analysis.statics.tracing import free_motion, traced
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeWarning, finite
+from beamdae.errors import BeamdaeWarning, require_finite
 from beamdae.linear.factorizations import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
@@ -113,7 +113,7 @@ def equilibrium(
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
-    t = finite(_NAME, "t", t)
+    t = require_finite(_NAME, "t", t)
     asked = Asked.of(to, control, step, switch, most_points)
     whole, q = _begin(model, start)
     loading = loading_of(model, whole, loads, t)

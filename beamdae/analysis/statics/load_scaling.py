@@ -18,7 +18,7 @@ from beamdae.equations.starts.given_start import time_on_branch
 from beamdae.equations.starts.reduced_equations import Reduced, reduced
 from beamdae.equations.static_equations import StaticEquations
 from beamdae.equations.tangents import Tangent, tangent
-from beamdae.errors import BeamdaeError, entries, nearest, shown
+from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.initial_state import AS_DRAWN
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.sparse_operators import column_of
@@ -44,15 +44,15 @@ def stages_of(mechanism: Mechanism, loads: Any) -> Stages:
         if _is_heavy(mechanism):
             found = (*found, GRAVITY)
         return (found,) if found else ()
-    given = entries("equilibrium", "loads", loads, _WHAT)
+    given = require_sequence("equilibrium", "loads", loads, _WHAT)
     if all(isinstance(name, str) for name in given):
         given = [given] if given else []
-    stages = tuple(tuple(entries("equilibrium", "loads", stage, _WHAT)) for stage in given)
+    stages = tuple(tuple(require_sequence("equilibrium", "loads", stage, _WHAT)) for stage in given)
     names = [name for stage in stages for name in stage]
     for name in names:
         _require_load(mechanism, name)
         if names.count(name) > 1:
-            raise BeamdaeError(f"equilibrium: loads must name {shown(name)} once.")
+            raise BeamdaeError(f"equilibrium: loads must name {short_repr(name)} once.")
     if not all(stages):
         raise BeamdaeError("equilibrium: loads must not hold a stage without loads.")
     return stages
@@ -64,14 +64,14 @@ def _is_heavy(mechanism: Mechanism) -> bool:
 
 def _require_load(mechanism: Mechanism, name: Any) -> None:
     if not isinstance(name, str):
-        raise BeamdaeError(f"equilibrium: loads must be {_WHAT}, got {shown(name)}.")
+        raise BeamdaeError(f"equilibrium: loads must be {_WHAT}, got {short_repr(name)}.")
     if name == GRAVITY and _is_heavy(mechanism):
         return
     if name == GRAVITY and name not in mechanism.parts:
         raise BeamdaeError("equilibrium: loads name 'gravity', of which the mechanism has none.")
     if name not in mechanism.parts:
         known = (*mechanism.parts, GRAVITY)
-        raise BeamdaeError(f"equilibrium: loads, no part {shown(name)}{nearest(name, known)}.")
+        raise BeamdaeError(f"equilibrium: loads, no part {short_repr(name)}{suggest(name, known)}.")
     part = mechanism.parts[name]
     if len(part.coordinates) or part.constraints():
         raise BeamdaeError(

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.results.headers import Header
 
 Array = np.ndarray
@@ -76,7 +76,7 @@ class ColumnControl:
         if name not in known:
             places = ", ".join(x for x in known if not x.endswith("]")) or "none is observed"
             raise BeamdaeError(
-                f"equilibrium: there is no observed position {shown(name)}{nearest(name, known)}, "
+                f"equilibrium: there is no observed position {short_repr(name)}{suggest(name, known)}, "
                 f"of {places}."
             )
         return cls(equations, *known[name], time)

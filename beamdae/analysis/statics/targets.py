@@ -6,7 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from beamdae.errors import BeamdaeError, count, entries, finite, number, one_of, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    require_choice,
+    require_count,
+    require_finite,
+    require_positive,
+    require_sequence,
+    short_repr,
+)
 
 LOAD, DISPLACEMENT, ARC = "load", "displacement", "arc length"
 
@@ -44,17 +53,21 @@ class Asked:
             if len(to) != 1 or not isinstance(next(iter(to)), str):
                 raise BeamdaeError(
                     "equilibrium: to must be a load factor, several, or one observed position with "
-                    f"its value such as {{'tip.y': -0.1}}, got {shown(to)}."
+                    f"its value such as {{'tip.y': -0.1}}, got {short_repr(to)}."
                 )
             ((column, values),) = to.items()
-        listed = [values] if number(values) is not None else entries(name, "to", values, "numbers")
-        targets = tuple(finite(name, "to", value) for value in listed)
+        listed = (
+            [values]
+            if as_real(values) is not None
+            else require_sequence(name, "to", values, "numbers")
+        )
+        targets = tuple(require_finite(name, "to", value) for value in listed)
         if not targets:
             raise BeamdaeError("equilibrium: to must hold at least one number.")
         switch = _switches(switch)
         if control is None:
             control = ARC if switch else DISPLACEMENT if column else LOAD
-        one_of(name, "control", control, (LOAD, DISPLACEMENT, ARC))
+        require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC))
         fits = {LOAD: not column and not switch, DISPLACEMENT: bool(column) and not switch}
         if not fits.get(control, True):
             instead = "'arc length'" if switch else "'displacement'" if column else "'load'"
@@ -62,8 +75,10 @@ class Asked:
                 f"equilibrium: control={control!r} does not go with these to and switch, take "
                 f"control={instead}."
             )
-        size = None if step is None else positive(name, "step", step)
-        return cls(column, targets, control, size, switch, count(name, "most_points", most, 2))
+        size = None if step is None else require_positive(name, "step", step)
+        return cls(
+            column, targets, control, size, switch, require_count(name, "most_points", most, 2)
+        )
 
     @property
     def told(self) -> dict[str, Any]:
@@ -81,10 +96,12 @@ def _switches(switch: Any) -> tuple[int, ...]:
     """Branch points to leave at, one after the other; none where that is 0."""
     what = "a whole number or several"
     listed = (
-        [switch] if number(switch) is not None else entries("equilibrium", "switch", switch, what)
+        [switch]
+        if as_real(switch) is not None
+        else require_sequence("equilibrium", "switch", switch, what)
     )
-    sides = [finite("equilibrium", "switch", side) for side in listed]
+    sides = [require_finite("equilibrium", "switch", side) for side in listed]
     if sides == [0.0]:
         return ()
-    found = [count("equilibrium", "switch", abs(side), 1) for side in sides]
+    found = [require_count("equilibrium", "switch", abs(side), 1) for side in sides]
     return tuple(k if side > 0.0 else -k for k, side in zip(found, sides, strict=True))

@@ -20,7 +20,7 @@ from beamdae.beams.sections import Section
 from beamdae.beams.shape_functions import gauss_points, shape_functions, shares
 from beamdae.beams.varying_section import VaryingSection
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import keep, one_of
+from beamdae.errors import require_choice, set_fields
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import Named
 
@@ -58,8 +58,8 @@ class GeometricallyExact(Kinematics):
     )
 
     def __post_init__(self) -> None:
-        keep(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
-        one_of(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        set_fields(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
+        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
         _ = self._frame_angle
         if self.free_curve is not None:
             element_numbers.require_free_curve(self.name, self.free_curve, self.mesh.curve)

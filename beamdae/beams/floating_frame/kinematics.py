@@ -20,7 +20,7 @@ from beamdae.beams.sections import Section
 from beamdae.beams.shape_functions import gauss_points, shape_functions, shares
 from beamdae.beams.varying_section import VaryingSection
 from beamdae.curves.plane_curves import PlaneCurve, turned
-from beamdae.errors import BeamdaeError, keep, one_of
+from beamdae.errors import BeamdaeError, require_choice, set_fields
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.sparse_operators import picked
 from beamdae.symbolic.statements import Named
@@ -50,10 +50,10 @@ class FloatingFrame(Kinematics):
     )
 
     def __post_init__(self) -> None:
-        keep(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
-        one_of(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
-        one_of(self.name, "continuity", self.continuity, ("cartesian", "local"))
-        one_of(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        set_fields(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
+        require_choice(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
+        require_choice(self.name, "continuity", self.continuity, ("cartesian", "local"))
+        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
         kinked = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if kinked and self.continuity == "local":
             raise BeamdaeError(

@@ -68,7 +68,7 @@ def _draws(results: Results) -> tuple[Draws, Draws]:
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """The study of a file, or one of its models with the default integrators."""
     from beamdae.cli.model_files.model_file import contents, load_model, only_or
-    from beamdae.errors import nearest
+    from beamdae.errors import suggest
     from beamdae.studies import Case, Study, Sweep, default_integrators
 
     models, held = contents(path)
@@ -81,7 +81,7 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
             raise BeamdaeError(f"--set {next(iter(settings))}: a study sets its own parameters.")
         return studies[only_or(name, studies, f"{path}: it holds several studies")]
     if studies and name is not None and name not in models:
-        raise BeamdaeError(f"{path}: no study {name!r}{nearest(name, studies)}.")
+        raise BeamdaeError(f"{path}: no study {name!r}{suggest(name, studies)}.")
     model = load_model(path, name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())

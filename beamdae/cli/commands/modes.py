@@ -12,7 +12,7 @@ from beamdae.cli.model_options import configured
 from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
 from beamdae.cli.output import console, record, say_warnings, say_written
 from beamdae.cli.output_files import Written
-from beamdae.errors import BeamdaeError, count, one_of
+from beamdae.errors import BeamdaeError, require_choice, require_count
 
 # What modes are about.
 _STATES = ("reference", "equilibrium")
@@ -49,7 +49,7 @@ def modes_command(
     Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
     """
     model = configured(path, model_name, settings)
-    one_of("modes", "--about", about, _STATES)
+    require_choice("modes", "--about", about, _STATES)
     speeds, animated = speed or [], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")
@@ -69,7 +69,7 @@ def modes_command(
     else:
         found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
         for k in animated:
-            count("modes", "--animate", k, most=len(found))
+            require_count("modes", "--animate", k, most=len(found))
     _write(found, model.name, files, animated)
 
 

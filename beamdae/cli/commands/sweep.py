@@ -26,7 +26,7 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import console, record
 from beamdae.cli.study_outputs import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
-from beamdae.errors import BeamdaeError, count, nearest
+from beamdae.errors import BeamdaeError, require_count, suggest
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _between(model: Model, name: str, text: str) -> list[Any]:
         raise BeamdaeError(f"--over {name}={text}: values must have the form {_FORMS}.")
     if geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    points = count(f"--over {name}={text}", "COUNT", asked, most=_MOST_VALUES)
+    points = require_count(f"--over {name}={text}", "COUNT", asked, most=_MOST_VALUES)
     spaced = np.geomspace(*ends, points) if geometric else np.linspace(*ends, points)
     found = [float(f"{x:.{_DIGITS}g}") for x in spaced]
     return [model.complete({name: x})[name] for x in found]
@@ -192,7 +192,7 @@ def _of_file(path: Path, name: str | None) -> Sweep:
         )
     chosen = only_or(name, sweeps, f"{path}: it holds several sweeps")
     if chosen not in sweeps:
-        raise BeamdaeError(f"{path}: no sweep {chosen!r}{nearest(chosen, sweeps)}.")
+        raise BeamdaeError(f"{path}: no sweep {chosen!r}{suggest(chosen, sweeps)}.")
     return sweeps[chosen]
 
 

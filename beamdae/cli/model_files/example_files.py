@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 
 PREFIX = "example:"
 
@@ -46,7 +46,7 @@ def example(name: str) -> Path:
     known = names()
     if name not in known:
         raise BeamdaeError(
-            f"{PREFIX}{name}: there is no example {shown(name)}{nearest(name, known)}, "
+            f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, known)}, "
             f"the examples are {', '.join(known)}."
         )
     return folder() / f"{name}.py"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.model_files.example_files import as_file
 from beamdae.cli.model_files.user_errors import explained
-from beamdae.errors import BeamdaeError, may_be_path, nearest, shown
+from beamdae.errors import BeamdaeError, is_valid_path, short_repr, suggest
 from beamdae.model_functions import Model, beside
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     >>> mech = four_bar(rise=0.2)
     """
     if not isinstance(path, (str, Path)):
-        raise BeamdaeError(f"load_model: path must be that of a model file, got {shown(path)}.")
+        raise BeamdaeError(
+            f"load_model: path must be that of a model file, got {short_repr(path)}."
+        )
     path = as_file(Path(path))
     module = _imported(path)
     models = _models(module, path)
@@ -56,14 +58,14 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     chosen = only_or(name, models, f"{path}: it holds several models")
     if not (isinstance(chosen, str) and chosen in models):
         raise BeamdaeError(
-            f"{path}: no model {shown(chosen)}{nearest(chosen, models)}, "
+            f"{path}: no model {short_repr(chosen)}{suggest(chosen, models)}, "
             f"the models are {', '.join(models)}."
         )
     # The same under two names is one.
     called_so = {id(x.build) for x in _held(module) if x.name == chosen}
     if len(called_so) > 1:
         raise BeamdaeError(
-            f"{path}: it holds {len(called_so)} models called {shown(chosen)}, give each a name of "
+            f"{path}: it holds {len(called_so)} models called {short_repr(chosen)}, give each a name of "
             "its own; that of a model is the name of its function."
         )
     return models[chosen]
@@ -129,8 +131,8 @@ def _imported(path: Path) -> ModuleType:
 
 def _compiled(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
-    if not may_be_path(str(path)):
-        raise BeamdaeError(f"path: no model file can be called {shown(str(path))}.")
+    if not is_valid_path(str(path)):
+        raise BeamdaeError(f"path: no model file can be called {short_repr(str(path))}.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
     try:

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 import beamdae
-from beamdae.errors import nearest, reason, shown
+from beamdae.errors import format_message, short_repr, suggest
 
 _UNEXPECTED = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
 # From Python 3.13 on arguments are suggested as well.
@@ -28,11 +28,11 @@ def explained(problem: BaseException, path: Path) -> str:
         for frame in traceback.extract_tb(problem.__traceback__)
         if Path(frame.filename) in own
     ]
-    message, hint = reason(problem).replace(".__init__()", "()"), _hint(problem)
+    message, hint = format_message(problem).replace(".__init__()", "()"), _hint(problem)
     if hint:
         message = _SUGGESTED.sub("", message)
     if isinstance(problem, SystemExit):
-        code = "" if problem.code is None else shown(problem.code)
+        code = "" if problem.code is None else short_repr(problem.code)
         message = f"it called sys.exit({code})"
     if isinstance(problem, SyntaxError):
         # Its own message repeats the place, and the place may be another file.
@@ -48,7 +48,7 @@ def _hint(problem: BaseException) -> str:
     """A hint at the nearest name to the one that was not found, or nothing."""
     wanted, known = _not_found(problem)
     hidden = wanted.startswith("_")
-    return nearest(wanted, [n for n in known if hidden or not n.startswith("_")]) if wanted else ""
+    return suggest(wanted, [n for n in known if hidden or not n.startswith("_")]) if wanted else ""
 
 
 def _not_found(problem: BaseException) -> tuple[str, Iterable[str]]:

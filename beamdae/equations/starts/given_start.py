@@ -15,7 +15,7 @@ from beamdae.equations.starts.least_strain import least_change, least_strained
 from beamdae.equations.starts.reduced_equations import reduced
 from beamdae.equations.starts.relaxation import relaxed
 from beamdae.equations.static_equations import StaticEquations
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
 
 Array = np.ndarray
@@ -80,7 +80,7 @@ def _read(e: EquationsOfMotion, given: Mapping[str, float]) -> tuple[dict[int, f
     for name in given:
         if name not in index and name not in rates:
             raise BeamdaeError(
-                f"start: there is no coordinate {shown(name)}{nearest(name, (*index, *rates))}, "
+                f"start: there is no coordinate {short_repr(name)}{suggest(name, (*index, *rates))}, "
                 f"they are called as in {e.q_names[0]!r} and {e.q_names[0] + _RATE!r}."
             )
     positions = {index[name]: value for name, value in given.items() if name in index}

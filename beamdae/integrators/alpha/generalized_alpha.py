@@ -8,7 +8,13 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.step_equations import step_equations
-from beamdae.errors import BeamdaeError, finite, keep, one_of, positive
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_finite,
+    require_positive,
+    set_fields,
+)
 from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
 from beamdae.integrators.alpha.family import FAMILIES, Parameters, Start, parameters
 from beamdae.integrators.drive import drive
@@ -90,15 +96,15 @@ class GeneralizedAlpha(Integrator):
     max_steps: int | None = None
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
-            step=positive("GeneralizedAlpha", "step", self.step),
-            rho_inf=finite("GeneralizedAlpha", "rho_inf", self.rho_inf),
-            newton_tolerance=positive(
+            step=require_positive("GeneralizedAlpha", "step", self.step),
+            rho_inf=require_finite("GeneralizedAlpha", "rho_inf", self.rho_inf),
+            newton_tolerance=require_positive(
                 "GeneralizedAlpha", "newton_tolerance", self.newton_tolerance
             ),
         )
-        one_of("GeneralizedAlpha", "family", self.family, FAMILIES)
+        require_choice("GeneralizedAlpha", "family", self.family, FAMILIES)
         least = 0.5 if self.family == "hht" else 0.0
         if not least <= self.rho_inf <= 1.0:
             where = " for family 'hht'" if self.family == "hht" else ""
@@ -106,9 +112,13 @@ class GeneralizedAlpha(Integrator):
                 f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
                 f"got {self.rho_inf:g}."
             )
-        one_of("GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2"))
-        one_of("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
-        one_of("GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        require_choice(
+            "GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2")
+        )
+        require_choice("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
+        require_choice(
+            "GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse")
+        )
         require_limits(self)
         self._check_adaptivity()
 

@@ -17,7 +17,7 @@ from beamdae.equations.formulations import (
     first_order,
     first_order_residual,
 )
-from beamdae.errors import one_of
+from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
@@ -104,10 +104,10 @@ class Ida(ByTolerance):
 
     def __post_init__(self) -> None:
         require_tolerance(self)
-        one_of("Ida", "formulation", self.formulation, FIRST_ORDER)
-        one_of("Ida", "error_control", self.error_control, ERROR_CONTROL)
-        one_of("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
-        one_of("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        require_choice("Ida", "formulation", self.formulation, FIRST_ORDER)
+        require_choice("Ida", "error_control", self.error_control, ERROR_CONTROL)
+        require_choice("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
+        require_choice("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None

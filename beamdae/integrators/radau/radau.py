@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import one_of
+from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
 from beamdae.integrators.pilot_run import SCOUTING_RTOL
@@ -55,8 +55,10 @@ class Radau(ByTolerance):
 
     def __post_init__(self) -> None:
         require_tolerance(self)
-        one_of("Radau", "error_control", self.error_control, ("auto", "positions", "velocities"))
-        one_of("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
+        require_choice(
+            "Radau", "error_control", self.error_control, ("auto", "positions", "velocities")
+        )
+        require_choice("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None

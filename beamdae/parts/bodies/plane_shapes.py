@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, entries, point, positive
+from beamdae.errors import BeamdaeError, require_point, require_positive, require_sequence
 
 Array = np.ndarray
 
@@ -36,13 +36,17 @@ def mass_of(
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
         raise BeamdaeError(f"{part}: give either mass= or density= with {needed}=.")
     if mass is not None:
-        return positive(part, "mass", mass)
-    return positive(part, "density", density) * positive(part, needed, thickness) * area
+        return require_positive(part, "mass", mass)
+    return (
+        require_positive(part, "density", density)
+        * require_positive(part, needed, thickness)
+        * area
+    )
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
     """A thin straight rod from a to b: m l^2 / 12."""
-    start, end = point(part, "a", a), point(part, "b", b)
+    start, end = require_point(part, "a", a), require_point(part, "b", b)
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
         raise BeamdaeError(f"{part}: a and b must differ, both are {start}.")
@@ -55,7 +59,7 @@ def disk(
     part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
 ) -> Shape:
     """A solid disk: m r^2 / 2."""
-    (x, y), radius = point(part, "center", center), positive(part, "radius", radius)
+    (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
     whole = mass_of(part, mass, density, thickness, np.pi * radius**2)
     turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     rim = np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=-1)
@@ -75,8 +79,8 @@ def plate(
     thickness: Any,
 ) -> Shape:
     """A rectangle turned by `angle`: m (w^2 + h^2) / 12."""
-    (x, y), width = point(part, "center", center), positive(part, "width", width)
-    height = positive(part, "height", height)
+    (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
+    height = require_positive(part, "height", height)
     whole = mass_of(part, mass, density, thickness, width * height)
     c, s = np.cos(angle), np.sin(angle)
     corners = 0.5 * np.array(
@@ -89,10 +93,10 @@ def plate(
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
     """A polygon, by Green's formulas; either orientation."""
-    given = entries(part, "points", points, "at least 3 pairs (x, y)")
+    given = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(given) < 3:
         raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(given)}.")
-    corners = np.array([point(part, f"point {k}", xy) for k, xy in enumerate(given)])
+    corners = np.array([require_point(part, f"point {k}", xy) for k, xy in enumerate(given)])
     # About the middle of the corners, which keeps the digits of a small body far from the origin.
     middle = corners.mean(axis=0)
     x, y = (corners - middle).T

@@ -10,7 +10,13 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, keep, non_negative, point, positive
+from beamdae.errors import (
+    BeamdaeError,
+    require_non_negative,
+    require_point,
+    require_positive,
+    set_fields,
+)
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable
 from beamdae.parts.part import Drawing, Part, require_name
 from beamdae.symbolic.formulas import Formula, combined_kernel, plain
@@ -40,7 +46,7 @@ def _particle(local: Local, on: Any, own: Callable[[], Any]) -> ForceKernel:
 class PointMass(Part):
     """Particle of `mass` [kg]: fixed `on` an attachment, or free and starting `at` a point.
 
-    A free particle has the coordinates (x, y) and can be joined to others by its `.point`; a fixed
+    A free particle has the coordinates (x, y) and can be joined to others by its `.require_point`; a fixed
     one adds its inertia and weight to the body it sits on.
 
     Examples
@@ -56,19 +62,19 @@ class PointMass(Part):
     velocity: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        keep(
+        set_fields(
             self,
             name=require_name("PointMass", self.name),
-            mass=non_negative(self.name, "mass", self.mass),
-            velocity=point(self.name, "velocity", self.velocity),
+            mass=require_non_negative(self.name, "mass", self.mass),
+            velocity=require_point(self.name, "velocity", self.velocity),
         )
         if (self.on is None) == (self.at is None):
             raise BeamdaeError(f"{self.name}: give either on=an attachment or at=(x, y).")
         if self.on is not None:
             require_movable(self.name, require_attachment(self.name, "on", self.on))
         else:
-            keep(self, at=point(self.name, "at", self.at))
-            positive(self.name, "mass", self.mass)
+            set_fields(self, at=require_point(self.name, "at", self.at))
+            require_positive(self.name, "mass", self.mass)
 
     @property
     def coordinates(self) -> tuple[Named, ...]:

@@ -11,7 +11,14 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.errors import BeamdaeError, entries, finite, keep, point, positive
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_point,
+    require_positive,
+    require_sequence,
+    set_fields,
+)
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.bodies import plane_shapes as body_shapes
 from beamdae.parts.part import Drawing, Part, require_name
@@ -52,7 +59,7 @@ class Ground(Part):
 
     def at(self, x: float, y: float) -> Attachment:
         """The fixed point (x, y) [m]."""
-        place = point(self.name, "point", (x, y))
+        place = require_point(self.name, "point", (x, y))
         return Attachment(self, place, 0.0, _NO_ROWS, Formula(_fixed, place))
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
@@ -100,16 +107,18 @@ class RigidBody(Part):
     shape: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        corners = entries(self.name, "shape", self.shape, "points (x, y)")
-        keep(
+        corners = require_sequence(self.name, "shape", self.shape, "points (x, y)")
+        set_fields(
             self,
-            shape=tuple(point(self.name, f"shape point {k}", x) for k, x in enumerate(corners)),
+            shape=tuple(
+                require_point(self.name, f"shape point {k}", x) for k, x in enumerate(corners)
+            ),
             name=require_name("RigidBody", self.name),
-            mass=positive(self.name, "mass", self.mass),
-            inertia=positive(self.name, "inertia", self.inertia),
-            center=point(self.name, "center", self.center),
-            velocity=point(self.name, "velocity", self.velocity),
-            angular_velocity=finite(self.name, "angular_velocity", self.angular_velocity),
+            mass=require_positive(self.name, "mass", self.mass),
+            inertia=require_positive(self.name, "inertia", self.inertia),
+            center=require_point(self.name, "center", self.center),
+            velocity=require_point(self.name, "velocity", self.velocity),
+            angular_velocity=require_finite(self.name, "angular_velocity", self.angular_velocity),
         )
 
     @classmethod
@@ -164,7 +173,7 @@ class RigidBody(Part):
         Of `mass` [kg], or of `density` [kg/m^3] and `thickness` [m].
         """
         name = require_name("RigidBody.plate", name)
-        angle = finite(name, "angle", angle)
+        angle = require_finite(name, "angle", angle)
         found = body_shapes.plate(name, center, width, height, angle, mass, density, thickness)
         return cls._of(name, found, start)
 
@@ -226,7 +235,7 @@ class RigidBody(Part):
 
     def at(self, x: float, y: float) -> Attachment:
         """The material point at (x, y) of the reference drawing [m]."""
-        place = point(self.name, "point", (x, y))
+        place = require_point(self.name, "point", (x, y))
         arm = (place[0] - self.center[0], place[1] - self.center[1])
         return Attachment(self, place, 0.0, _ALL_ROWS, Formula(_carried, arm))
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative
+from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.elastic import Elastic, Lawful, Linear, Measure, Response
 from beamdae.symbolic.statements import SX, Named, Quantity
@@ -80,9 +80,11 @@ class Bushing(Elastic):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         for number in _NUMBERS:
-            keep(self, **{number: non_negative(self.name, number, getattr(self, number))})
+            set_fields(
+                self, **{number: require_non_negative(self.name, number, getattr(self, number))}
+            )
         angle = self.a.inclination if self.angle is None else self.angle
-        keep(self, angle=finite(self.name, "angle", angle))
+        set_fields(self, angle=require_finite(self.name, "angle", angle))
         if self.law is None:
             if self.energy is not None:
                 raise BeamdaeError(f"{self.name}: energy belongs to a law, give that as well.")

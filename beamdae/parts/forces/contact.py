@@ -10,7 +10,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_non_negative,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
@@ -161,22 +168,22 @@ class Contact(Part):
     longest_step: float | None = None
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("Contact", self.name))
+        set_fields(self, name=require_name("Contact", self.name))
         require_attachment(self.name, "point", self.point)
         if not isinstance(self.surface, (LineSurface, CircleSurface)):
             raise BeamdaeError(
                 f"{self.name}: surface must be a LineSurface or a CircleSurface, "
-                f"got {shown(self.surface)}."
+                f"got {short_repr(self.surface)}."
             )
         if not self.point.size + self.surface.on.size:
             raise BeamdaeError(f"{self.name}: neither the point nor the surface moves.")
-        keep(
+        set_fields(
             self,
-            stiffness=positive(self.name, "stiffness", self.stiffness),
-            exponent=finite(self.name, "exponent", self.exponent),
-            restitution=finite(self.name, "restitution", self.restitution),
-            friction=non_negative(self.name, "friction", self.friction),
-            friction_speed=positive(self.name, "friction_speed", self.friction_speed),
+            stiffness=require_positive(self.name, "stiffness", self.stiffness),
+            exponent=require_finite(self.name, "exponent", self.exponent),
+            restitution=require_finite(self.name, "restitution", self.restitution),
+            friction=require_non_negative(self.name, "friction", self.friction),
+            friction_speed=require_positive(self.name, "friction_speed", self.friction_speed),
         )
         if self.friction:
             require_angle(self.name, self.surface.on)
@@ -188,9 +195,13 @@ class Contact(Part):
                 f"{self.restitution:g}."
             )
         if self.longest_step is not None:
-            keep(self, longest_step=positive(self.name, "longest_step", self.longest_step))
+            set_fields(
+                self, longest_step=require_positive(self.name, "longest_step", self.longest_step)
+            )
         if self.impact_speed is not None:
-            keep(self, impact_speed=positive(self.name, "impact_speed", self.impact_speed))
+            set_fields(
+                self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
+            )
         elif self.restitution < 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution={self.restitution:g} needs the impact_speed it is of."

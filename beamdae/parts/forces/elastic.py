@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep
+from beamdae.errors import BeamdaeError, set_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_column,
@@ -202,7 +202,7 @@ class Elastic(Part):
     _forces: ClassVar[tuple[Named, ...]]
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name(type(self).__name__, self.name))
+        set_fields(self, name=require_name(type(self).__name__, self.name))
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if not self.a.size + self.b.size:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, entries, keep, shown
+from beamdae.errors import BeamdaeError, require_sequence, set_fields, short_repr
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_column,
@@ -111,7 +111,7 @@ def loads_of(part: str, law: Callable[..., Any], motions: Sequence[Motion], t: S
     if len(each) != len(motions):
         raise BeamdaeError(
             f"{part}: law must return a list of {len(motions)} loads, (Fx, Fy) or (Fx, Fy, M) for "
-            f"each attachment, got {shown(said)}."
+            f"each attachment, got {short_repr(said)}."
         )
     return ca.vertcat(*(_load(part, load) for load in each))
 
@@ -120,7 +120,7 @@ def _load(part: str, load: Any) -> SX:
     count = len(listed(load))
     if count not in (2, 3):
         raise BeamdaeError(
-            f"{part}: a load of the law must be (Fx, Fy) or (Fx, Fy, M), got {shown(load)}."
+            f"{part}: a load of the law must be (Fx, Fy) or (Fx, Fy, M), got {short_repr(load)}."
         )
     column = as_column(part, "law", load, count)
     return column if count == 3 else ca.vertcat(column, 0)
@@ -170,19 +170,19 @@ class ForceLaw(Part):
     dissipative: bool = False
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("ForceLaw", self.name))
+        set_fields(self, name=require_name("ForceLaw", self.name))
         given = self.on
         if not isinstance(given, Attachment):
             what = "an attachment such as beam.end, or a list of them"
-            given = tuple(entries(self.name, "on", given, what)) or (given,)
+            given = tuple(require_sequence(self.name, "on", given, what)) or (given,)
         else:
             given = (given,)
-        keep(self, on=tuple(require_attachment(self.name, "on", one) for one in given))
+        set_fields(self, on=tuple(require_attachment(self.name, "on", one) for one in given))
         if not sum(one.size for one in self.on):
             raise BeamdaeError(f"{self.name}: nothing it acts on moves.")
         if not isinstance(self.dissipative, bool):
             raise BeamdaeError(
-                f"{self.name}: dissipative must be True or False, got {shown(self.dissipative)}."
+                f"{self.name}: dissipative must be True or False, got {short_repr(self.dissipative)}."
             )
         self._require_sound()
 

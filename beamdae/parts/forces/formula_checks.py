@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown, told
+from beamdae.errors import BeamdaeError, format_exception, short_repr
 from beamdae.symbolic.formulas import Combined
 from beamdae.symbolic.statements import SX, Local
 
@@ -43,7 +43,7 @@ def as_column(part: str, what: str, value: Any, rows: int) -> SX:
         column = SX(0, 1)
     if column.shape != (rows, 1):
         wanted = "one number" if rows == 1 else f"{rows} numbers"
-        raise BeamdaeError(f"{part}: {what} must return {wanted}, got {shown(value)}.")
+        raise BeamdaeError(f"{part}: {what} must return {wanted}, got {short_repr(value)}.")
     return column
 
 
@@ -64,7 +64,7 @@ def evaluated(part: str, what: str, function: Callable[..., Any], *given: Any) -
             ) from None
         raise BeamdaeError(
             f"{part}: {what} must be a formula of numpy functions such as np.sin, it failed, "
-            f"{told(problem)}."
+            f"{format_exception(problem)}."
         ) from problem
 
 
@@ -101,7 +101,7 @@ def require_formula_of(
 def require_function(part: str, what: str, function: Any) -> None:
     """Refuse what cannot be called."""
     if not callable(function):
-        raise BeamdaeError(f"{part}: {what} must be a function, got {shown(function)}.")
+        raise BeamdaeError(f"{part}: {what} must be a function, got {short_repr(function)}.")
 
 
 def own_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:

@@ -9,7 +9,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative, positive, shown
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_non_negative,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import Part, require_name
@@ -137,20 +144,22 @@ class Friction(Part):
     smoothing: float = 1e-3
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("Friction", self.name))
+        set_fields(self, name=require_name("Friction", self.name))
         name = self.name
         if not (self._is_bearing or self._is_guide):
             raise BeamdaeError(
                 f"{name}: joint must be one that turns or slides, such as Revolute or PointOnLine, "
-                f"got {shown(self.joint)}."
+                f"got {short_repr(self.joint)}."
             )
         if self._is_bearing:
             # A particle does not turn: what rubs on it would hold on to nothing.
             require_angle(name, self.joint.a)
             require_angle(name, self.joint.b)
         for quantity in ("regularization", "smoothing"):
-            keep(self, **{quantity: positive(name, quantity, getattr(self, quantity))})
-        keep(self, coefficient=non_negative(name, "coefficient", self.coefficient))
+            set_fields(
+                self, **{quantity: require_positive(name, quantity, getattr(self, quantity))}
+            )
+        set_fields(self, coefficient=require_non_negative(name, "coefficient", self.coefficient))
         self._check_stribeck()
         self._check_radius()
 
@@ -159,8 +168,10 @@ class Friction(Part):
             raise BeamdaeError(f"{self.name}: static and stribeck must be given both or neither.")
         if self.static is None:
             return
-        static = finite(self.name, "static", self.static)
-        keep(self, static=static, stribeck=positive(self.name, "stribeck", self.stribeck))
+        static = require_finite(self.name, "static", self.static)
+        set_fields(
+            self, static=static, stribeck=require_positive(self.name, "stribeck", self.stribeck)
+        )
         if not static >= self.coefficient > 0.0:
             raise BeamdaeError(
                 f"{self.name}: static must be at least the coefficient, which must be positive, "
@@ -177,7 +188,7 @@ class Friction(Part):
                 f"{self.name}: radius has no meaning for {self.joint.name}, which holds no moment."
             )
         if self.radius is not None:
-            keep(self, radius=positive(self.name, "radius", self.radius))
+            set_fields(self, radius=require_positive(self.name, "radius", self.radius))
 
     @property
     def _is_bearing(self) -> bool:

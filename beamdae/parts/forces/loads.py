@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import keep, one_of, pair
+from beamdae.errors import require_choice, require_pair, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -84,12 +84,12 @@ class Force(Part):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("Force", self.name))
+        set_fields(self, name=require_name("Force", self.name))
         require_movable(self.name, require_attachment(self.name, "on", self.on))
-        keep(
+        set_fields(
             self,
-            law=pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)"),
-            axes=one_of(self.name, "axes", self.axes, ("inertial", "body")),
+            law=require_pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)"),
+            axes=require_choice(self.name, "axes", self.axes, ("inertial", "body")),
         )
         _ = self.laws
 
@@ -123,7 +123,7 @@ class Moment(Part):
     law: Any
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("Moment", self.name))
+        set_fields(self, name=require_name("Moment", self.name))
         require_movable(self.name, require_attachment(self.name, "on", self.on))
         require_angle(self.name, self.on)
         _ = self.laws

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, positive, shown
+from beamdae.errors import BeamdaeError, require_positive, short_repr
 
 
 def positive_part(x: Any) -> Any:
@@ -41,7 +41,7 @@ def smooth_sign(x: Any, scale: Any) -> Any:
     """
     x = _value("smooth_sign", x)
     if not isinstance(scale, ca.SX):
-        scale = positive("smooth_sign", "scale", scale)
+        scale = require_positive("smooth_sign", "scale", scale)
     symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
     return ca.tanh(x / scale) if symbolic else np.tanh(x / scale)
 
@@ -57,6 +57,6 @@ def _value(name: str, x: Any) -> Any:
     if not numeric:
         raise BeamdaeError(
             f"{name}: x must be a number, an array of numbers or a symbol of the formula, "
-            f"got {shown(x)}."
+            f"got {short_repr(x)}."
         )
     return np.asarray(values, float)[()]

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, finite, keep, non_negative
+from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle
 from beamdae.parts.forces.elastic import Elastic, Lawful, Linear, Measure, Response
 from beamdae.symbolic.statements import SX, Named, Quantity
@@ -44,11 +44,11 @@ class _Sprung(Elastic):
     energy: Callable[..., Any] | None
 
     def _keep_numbers(self, size: float) -> None:
-        keep(
+        set_fields(
             self,
-            stiffness=non_negative(self.name, "stiffness", self.stiffness),
-            damping=non_negative(self.name, "damping", self.damping),
-            preload=finite(self.name, "preload", self.preload),
+            stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
+            damping=require_non_negative(self.name, "damping", self.damping),
+            preload=require_finite(self.name, "preload", self.preload),
         )
         if self.law is None:
             if self.energy is not None:
@@ -120,7 +120,7 @@ class SpringDamper(_Sprung):
         super().__post_init__()
         drawn = math.dist(self.a.point, self.b.point)
         free = drawn if self.free_length is None else self.free_length
-        keep(self, free_length=non_negative(self.name, "free_length", free))
+        set_fields(self, free_length=require_non_negative(self.name, "free_length", free))
         self._keep_numbers(drawn)
         if drawn == 0.0 and not self._needs_no_line:
             raise BeamdaeError(
@@ -221,7 +221,7 @@ class TorsionSpring(_Sprung):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        keep(self, free_angle=finite(self.name, "free_angle", self.free_angle))
+        set_fields(self, free_angle=require_finite(self.name, "free_angle", self.free_angle))
         self._keep_numbers(1.0)
 
     @property

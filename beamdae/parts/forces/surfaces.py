@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, keep, one_of, point, positive
+from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formulas import Combined, plain
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
@@ -82,7 +82,7 @@ class LineSurface(_Surface):
 
     def __post_init__(self) -> None:
         require_attachment("LineSurface", "on", self.on)
-        keep(self, direction=point("LineSurface", "direction", self.direction))
+        set_fields(self, direction=require_point("LineSurface", "direction", self.direction))
         if not math.hypot(*self.direction) > 0.0:
             raise BeamdaeError("LineSurface: direction must have a length, got (0, 0).")
         require_angle("LineSurface", self.on)
@@ -107,10 +107,10 @@ class CircleSurface(_Surface):
 
     def __post_init__(self) -> None:
         require_attachment("CircleSurface", "on", self.on)
-        keep(
+        set_fields(
             self,
-            radius=positive("CircleSurface", "radius", self.radius),
-            side=one_of("CircleSurface", "side", self.side, ("outside", "inside")),
+            radius=require_positive("CircleSurface", "radius", self.radius),
+            side=require_choice("CircleSurface", "side", self.side, ("outside", "inside")),
         )
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, positive
+from beamdae.errors import BeamdaeError, require_positive, set_fields
 from beamdae.parts.joints.drivers import Driven
 from beamdae.parts.joints.joint import allowed_gap
 from beamdae.parts.laws import Law
@@ -62,13 +62,13 @@ class Distance(Driven):
             )
         law = self.length
         if not (isinstance(law, Law) or callable(law) or law is None):
-            keep(self, length=positive(self.name, "length", law))
+            set_fields(self, length=require_positive(self.name, "length", law))
             if abs(self.length - drawn) > allowed_gap(self.a, self.b):
                 raise BeamdaeError(
                     f"{self.name}: length must be that of the reference drawing, {drawn:.6g} m, "
                     f"or a law of time, got {self.length:.6g}."
                 )
-        positive(self.name, "length at t = 0", self._at_start)
+        require_positive(self.name, "length at t = 0", self._at_start)
 
     @property
     def _drawn(self) -> float:

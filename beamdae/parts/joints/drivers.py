@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, keep
+from beamdae.errors import BeamdaeError, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.guides import along, direction_of
 from beamdae.parts.joints.joint import Drive, JointByFormula
@@ -128,7 +128,7 @@ class TranslationalDriver(Driven):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
-        keep(self, direction=direction_of(self.name, self.direction))
+        set_fields(self, direction=direction_of(self.name, self.direction))
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")
         _ = self.laws

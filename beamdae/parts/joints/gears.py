@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, finite, keep
+from beamdae.errors import BeamdaeError, require_finite, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.joints.guides import along, direction_of
 from beamdae.parts.joints.joint import JointByFormula
@@ -17,7 +17,7 @@ from beamdae.symbolic.statements import SX, Named
 
 
 def _nonzero(part: str, name: str, value: Any) -> float:
-    found = finite(part, name, value)
+    found = require_finite(part, name, value)
     if found == 0.0:
         raise BeamdaeError(f"{part}: {name} must not be zero.")
     return found
@@ -71,7 +71,7 @@ class Gear(JointByFormula):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, ratio=_nonzero(self.name, "ratio", self.ratio))
+        set_fields(self, ratio=_nonzero(self.name, "ratio", self.ratio))
         if self.carrier is not None:
             require_attachment(self.name, "carrier", self.carrier)
             if self.carrier.body in (self.a.body, self.b.body):
@@ -123,7 +123,7 @@ class RackAndPinion(JointByFormula):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
-        keep(
+        set_fields(
             self,
             radius=_nonzero(self.name, "radius", self.radius),
             direction=direction_of(self.name, self.direction),

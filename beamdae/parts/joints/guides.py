@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, point
+from beamdae.errors import BeamdaeError, require_point, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, rotate
 from beamdae.parts.joints.joint import JointByFormula, allowed_gap
 from beamdae.symbolic.formulas import plain
@@ -18,7 +18,7 @@ from beamdae.symbolic.statements import SX, Named
 
 def direction_of(part: str, value: Any) -> tuple[float, float]:
     """Return `value` if it is a direction."""
-    direction = point(part, "direction", value)
+    direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
         raise BeamdaeError(f"{part}: direction must not be zero.")
     return direction
@@ -72,7 +72,7 @@ class PointOnLine(JointByFormula):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
-        keep(self, direction=direction_of(self.name, self.direction))
+        set_fields(self, direction=direction_of(self.name, self.direction))
         *_, offset = across(self.direction, self.a, self.b)
         gap = abs(offset)
         if gap > allowed_gap(self.a, self.b):
@@ -111,7 +111,7 @@ class Prismatic(JointByFormula):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        keep(self, direction=direction_of(self.name, self.direction))
+        set_fields(self, direction=direction_of(self.name, self.direction))
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, one_of
+from beamdae.errors import BeamdaeError, require_choice, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.drawing_size import extent_of
 from beamdae.parts.part import Part, require_name
@@ -73,7 +73,7 @@ class Joint(Part):
 
     def __post_init__(self) -> None:
         kind = type(self).__name__
-        keep(self, name=require_name(kind, self.name))
+        set_fields(self, name=require_name(kind, self.name))
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if self.a.body is self.b.body:
@@ -239,8 +239,8 @@ class JointByFormula(Joint):
     def _place(self, place: str, axes: str) -> Attachment:
         """One of its points by name, if there are such axes."""
         points = self._points
-        one_of(self.name, "place", place, tuple(points))
-        one_of(self.name, "axes", axes, ("inertial", "body"))
+        require_choice(self.name, "place", place, tuple(points))
+        require_choice(self.name, "axes", axes, ("inertial", "body"))
         return points[place]
 
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:

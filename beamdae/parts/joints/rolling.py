@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, keep, pair, positive
+from beamdae.errors import BeamdaeError, require_pair, require_positive, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.guides import left_normal
 from beamdae.parts.joints.joint import JointByFormula, load_columns, load_in
@@ -127,7 +127,7 @@ class RollingOnLine(_Rolling):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, radius=positive(self.name, "radius", self.radius))
+        set_fields(self, radius=require_positive(self.name, "radius", self.radius))
         gap = abs(float(self._drawn @ left_normal(self.name, self.direction)))
         if abs(gap - self.radius) > _TOUCHING * self.radius:
             raise BeamdaeError(
@@ -163,8 +163,10 @@ class RollingOnCircle(_Rolling):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        radii = pair(self.name, "radii", self.radii, "a pair (of the circle, of the disk)")
-        keep(self, radii=tuple(positive(self.name, "radii", radius) for radius in radii))
+        radii = require_pair(self.name, "radii", self.radii, "a pair (of the circle, of the disk)")
+        set_fields(
+            self, radii=tuple(require_positive(self.name, "radii", radius) for radius in radii)
+        )
         _ = self._arms
 
     @property

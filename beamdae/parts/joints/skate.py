@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import keep, one_of
+from beamdae.errors import require_choice, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -71,7 +71,7 @@ class Skate(Part):
     multipliers = (Named("side", "N"),)
 
     def __post_init__(self) -> None:
-        keep(self, name=require_name("Skate", self.name))
+        set_fields(self, name=require_name("Skate", self.name))
         require_movable(self.name, require_attachment(self.name, "on", self.on))
         require_angle(self.name, self.on)
         _ = left_normal(self.name, self.direction)
@@ -92,8 +92,8 @@ class Skate(Part):
         axes
             "inertial", or "body": those of the drawing as the body turns them.
         """
-        one_of(self.name, "place", place, ("on",))
-        one_of(self.name, "axes", axes, ("inertial", "body"))
+        require_choice(self.name, "place", place, ("on",))
+        require_choice(self.name, "axes", axes, ("inertial", "body"))
         values, data = Combined.of(_SkateReaction(axes), self._functions)
         return Quantity(load_columns(self.on), (self.on.piece,), values, data, joint=self.name)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, entries, may_be_path, shown
+from beamdae.errors import BeamdaeError, is_valid_path, require_sequence, short_repr
 from beamdae.report.pictures import figures as pictures
 from beamdae.report.text import shortened
 from beamdae.results.column_selection import every_column, selected
@@ -43,9 +43,9 @@ class Plot:
 def picture_path(name: str, path: Any) -> Path:
     """The path of a picture to be written."""
     text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (may_be_path(text) and Path(text).suffix):
+    if not (is_valid_path(text) and Path(text).suffix):
         raise BeamdaeError(
-            f"{name}: path must be that of a file with a suffix such as .png, got {shown(path)}."
+            f"{name}: path must be that of a file with a suffix such as .png, got {short_repr(path)}."
         )
     return Path(text)
 
@@ -115,10 +115,10 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
 
 def _runs(solutions: Any) -> list[Tabulated]:
     found = [solutions] if isinstance(solutions, Tabulated) else None
-    found = found or entries("plot", "solutions", solutions, "a solution or several")
+    found = found or require_sequence("plot", "solutions", solutions, "a solution or several")
     for one in found:
         if not isinstance(one, Tabulated):
-            raise BeamdaeError(f"plot: solutions must be solutions, got {shown(one)}.")
+            raise BeamdaeError(f"plot: solutions must be solutions, got {short_repr(one)}.")
     if not found:
         raise BeamdaeError("plot: solutions must be a solution or several, got none.")
     return found
@@ -129,11 +129,11 @@ def _labels(runs: Sequence[Tabulated], labels: Any) -> list[str]:
         own = [run.label for run in runs]
         several = len(set(own)) < len(own)
         return [f"{label} ({k + 1})" if several else label for k, label in enumerate(own)]
-    told = entries("plot", "labels", labels, "a text for each run")
+    told = require_sequence("plot", "labels", labels, "a text for each run")
     are_short = all(isinstance(label, (str, Real)) for label in told)
     if not are_short or len(told) != len(runs) or len(set(map(str, told))) < len(told):
         raise BeamdaeError(
             f"plot: labels must be {len(runs)} different texts, one for each run, got "
-            f"{shown(labels)}."
+            f"{short_repr(labels)}."
         )
     return [str(label) for label in told]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures import figures as pictures
 from beamdae.report.pictures.curves import Plot
@@ -59,7 +59,7 @@ def draw(mechanism: Mechanism) -> Plot:
     >>> path = mech.draw().save("pendulum.svg")
     """
     if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError(f"draw: expected a mechanism, got {shown(mechanism)}.")
+        raise BeamdaeError(f"draw: expected a mechanism, got {short_repr(mechanism)}.")
     return Plot(figure_of_drawing(mechanism))
 
 

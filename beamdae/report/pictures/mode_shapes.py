@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.modes.campbell import Campbell
 from beamdae.analysis.modes.modes import Modes
-from beamdae.errors import BeamdaeError, count, shown
+from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import Animation, animation
 from beamdae.report.pictures.curves import Plot
@@ -139,8 +139,8 @@ def animate_mode(
         written.
     """
     shapes = _Shapes("animate_mode", modes)
-    k = count("animate_mode", "mode", mode, most=len(modes)) - 1
-    number = count("animate_mode", "frames", frames, least=2, most=500)
+    k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
+    number = require_count("animate_mode", "frames", frames, least=2, most=500)
     # From rest on, as far as the shape is real.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
     scene = shapes.moved(k, phases)
@@ -178,7 +178,9 @@ def draw_campbell(found: Campbell) -> Plot:
 def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figure:
     """A Campbell diagram as a figure."""
     if not isinstance(found, Campbell):
-        raise BeamdaeError(f"draw_campbell: found must be what campbell gives, got {shown(found)}.")
+        raise BeamdaeError(
+            f"draw_campbell: found must be what campbell gives, got {short_repr(found)}."
+        )
     figure = _figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
     axis = figure.add_subplot()
     order = np.argsort(found.speeds)
@@ -201,7 +203,7 @@ def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figu
 
 def _of_mechanism(part: str, modes: Any) -> Mechanism:
     if not isinstance(modes, Modes):
-        raise BeamdaeError(f"{part}: modes must be what modes gives, got {shown(modes)}.")
+        raise BeamdaeError(f"{part}: modes must be what modes gives, got {short_repr(modes)}.")
     if modes.mechanism is None or not len(modes):
         raise BeamdaeError(f"{part}: modes must be those of a mechanism, there is nothing to draw.")
     if not outlines(modes.mechanism, 2):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, count, positive, shown
+from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
 from beamdae.report.page.motion_player import Animation, animation
 from beamdae.report.pictures.movies import Film
 from beamdae.report.scene.beam_colors import Painted, painted
@@ -68,13 +68,13 @@ def animate(
         another kind or cannot be written.
     """
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"animate: solution must be that of a run, got {shown(solution)}.")
+        raise BeamdaeError(f"animate: solution must be that of a run, got {short_repr(solution)}.")
     t = frame_times(solution, 2)
-    speed = positive("animate", "speed", speed)
+    speed = require_positive("animate", "speed", speed)
     lasts = float(t[-1] - t[0]) / speed
     number = round(np.clip(_FRAMES_PER_SECOND * lasts, _FEWEST, _MOST))
     if frames is not None:
-        number = count("animate", "frames", frames, _FEWEST, _MOST)
+        number = require_count("animate", "frames", frames, _FEWEST, _MOST)
     rate = float(np.clip((number - 1) / lasts, 0.1, _FASTEST)) if lasts > 0.0 else 1.0
     times = frame_times(solution, number)
     scene = scene_of_run("animate", solution, times, trail)

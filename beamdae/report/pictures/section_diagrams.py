@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, finite, one_of
+from beamdae.errors import BeamdaeError, require_choice, require_finite
 from beamdae.report.pictures.curves import Plot
 from beamdae.report.pictures.figures import COLORS, as_written, wrapped
 from beamdae.results.section_forces.section_forces import FORCES, SectionForces
@@ -36,7 +36,7 @@ def diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> P
     from matplotlib.figure import Figure
 
     name = forces.beam.name
-    one_of(name, "what", what, tuple(FORCES))
+    require_choice(name, "what", what, tuple(FORCES))
     k = list(FORCES).index(what)
     values = (forces.N, forces.Q, forces.M)[k]
     figure = Figure(figsize=(5.6, 3.2), layout="constrained")
@@ -68,7 +68,7 @@ def _row(forces: SectionForces, t: Any) -> int | None:
     """The row of a time; None for all of them."""
     if t is None:
         return 0 if len(forces.t) == 1 else None
-    t = finite(forces.beam.name, "t", t)
+    t = require_finite(forces.beam.name, "t", t)
     row = int(np.argmin(np.abs(forces.t - t)))
     apart = np.ptp(forces.t) / max(len(forces.t) - 1, 1)
     if abs(forces.t[row] - t) > 0.51 * apart + 1e-12 * abs(t):

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.coordinate_map import owners_of
-from beamdae.errors import BeamdaeError, one_of
+from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.body_scene import sections_of
 from beamdae.results.section_forces.section_motions import At, evaluated, strains_and_rates
@@ -95,7 +95,7 @@ def painted(name: str, solution: Solution, what: Any, times: Array) -> Painted:
     BeamdaeError
         If it is not one of `QUANTITIES`, there are no beams, or one does not know its height.
     """
-    what = one_of(name, "color", what, tuple(QUANTITIES))
+    what = require_choice(name, "color", what, tuple(QUANTITIES))
     mechanism = solution.equations.mechanism
     beams = [] if mechanism is None else paintable(mechanism)
     if mechanism is None or not beams:

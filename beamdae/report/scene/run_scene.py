@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.equations.formulations import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.observation import observing
-from beamdae.errors import BeamdaeError, iterated, nearest, shown
+from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.report.scene.body_scene import scene_of
 from beamdae.report.scene.builder import Measure
 from beamdae.report.scene.poses import Moved
@@ -90,11 +90,11 @@ def _chosen(name: str, trail: Any, observed: Iterable[str]) -> list[str]:
     if isinstance(trail, bool):
         return list(observed) if trail else []
     what = "True, False or names of observed points"
-    chosen = [trail] if isinstance(trail, str) else iterated(name, "trail", trail, what)
+    chosen = [trail] if isinstance(trail, str) else require_iterable(name, "trail", trail, what)
     for one in chosen:
         if not isinstance(one, str) or one not in observed:
             raise BeamdaeError(
-                f"{name}: trail must be {what}, {shown(one)} is none{nearest(one, observed)}."
+                f"{name}: trail must be {what}, {short_repr(one)} is none{suggest(one, observed)}."
             )
     return chosen
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.formulations import State
-from beamdae.errors import BeamdaeError, finite, iterated, number, shown
+from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
 from beamdae.results.section_forces.applied_loads import acting_on
 from beamdae.results.section_forces.recovery import SAME_PLACE, balanced_and_strained
 from beamdae.results.section_forces.section_forces import SectionForces
@@ -54,7 +54,7 @@ def section_forces(
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
         raise BeamdaeError(
             f"{beam.name}: t must be times of the run, ascending, {first:g} to {last:g} s, "
-            f"got {shown(t)}."
+            f"got {short_repr(t)}."
         )
     branched, state = solution.trajectory.at(times)
     groups = _by_configuration(solution.trajectory, times)
@@ -96,17 +96,17 @@ def _beam_of(equations: EquationsOfMotion, beam: Any) -> Beam:
         beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
         raise BeamdaeError(
             "section_forces: beam must be one of the mechanism that was run, "
-            f"{beams or 'which has none'}, got {shown(beam)}."
+            f"{beams or 'which has none'}, got {short_repr(beam)}."
         )
     return found
 
 
 def _given(part: str, name: str, value: Any) -> Array:
     what = "a number or a list of numbers"
-    several = [value] if number(value) is not None else iterated(part, name, value, what)
+    several = [value] if as_real(value) is not None else require_iterable(part, name, value, what)
     if not several:
-        raise BeamdaeError(f"{part}: {name} must be {what}, got {shown(value)}.")
-    return np.array([finite(part, name, x) for x in several])
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+    return np.array([require_finite(part, name, x) for x in several])
 
 
 def _asked(beam: Beam, s: Any) -> tuple[Array, Array]:
@@ -115,7 +115,7 @@ def _asked(beam: Beam, s: Any) -> tuple[Array, Array]:
     near = SAME_PLACE * beam.length
     if np.any(places < -near) or np.any(places > beam.length + near):
         raise BeamdaeError(
-            f"{beam.name}: arc length s must lie in [0, {beam.length:.6g}] m, got {shown(s)}."
+            f"{beam.name}: arc length s must lie in [0, {beam.length:.6g}] m, got {short_repr(s)}."
         )
     places = np.clip(places, 0.0, beam.length)
     return places, places > beam.length - near

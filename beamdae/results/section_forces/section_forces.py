@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.errors import BeamdaeError, positive
+from beamdae.errors import BeamdaeError, require_positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -183,7 +183,7 @@ class SectionForces:
         """
         name = self.beam.name
         if yield_stress is not None:
-            allowed = np.full(len(self.s), positive(name, "yield_stress", yield_stress))
+            allowed = np.full(len(self.s), require_positive(name, "yield_stress", yield_stress))
         else:
             given = [section.material.yield_stress for section in self._sections]
             if None in given:

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import identity_of
-from beamdae.errors import BeamdaeError, shown
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.frozen_constraint import Held
 from beamdae.results.outcome import OF_SCOUT
@@ -139,7 +139,7 @@ class Checkpoint:
             raise BeamdaeError(f"{path}: it is no checkpoint, or not all of one.")
         if told.get("version") != _VERSION:
             raise BeamdaeError(
-                f"{path}: it is a checkpoint of version {shown(told.get('version'))}, and this "
+                f"{path}: it is a checkpoint of version {short_repr(told.get('version'))}, and this "
                 f"beamdae takes those of version {_VERSION}; run the model again from its start."
             )
         if told.get(_CHECKSUM) != _checksum(told):
@@ -194,7 +194,7 @@ class Checkpoint:
             if has != wants:
                 raise BeamdaeError(
                     f"start: it is of another model, coordinate {k + 1} is "
-                    f"{shown(has)} there and {shown(wants)} here."
+                    f"{short_repr(has)} there and {short_repr(wants)} here."
                 )
         events = tuple(
             replace(

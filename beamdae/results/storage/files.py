@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, may_be_path, shown
+from beamdae.errors import BeamdaeError, is_valid_path, short_repr
 from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
@@ -74,8 +74,8 @@ def write_result(
 def file_path(name: str, path: Any) -> Path:
     """The path of a file, as an argument of `name`."""
     text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (may_be_path(text) and Path(text).name):
-        raise BeamdaeError(f"{name}: path must be that of a file, got {shown(path)}.")
+    if not (is_valid_path(text) and Path(text).name):
+        raise BeamdaeError(f"{name}: path must be that of a file, got {short_repr(path)}.")
     return Path(text)
 
 

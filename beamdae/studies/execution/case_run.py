@@ -16,7 +16,15 @@ import cloudpickle
 import pandas as pd
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, keep, positive, shown, told
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    KernelWarning,
+    format_exception,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 from beamdae.report.scene.scene_frames import frames_of
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -50,7 +58,7 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("time", "memory", "patience"):
             if getattr(self, name) is not None:
-                keep(self, **{name: positive("Limits", name, getattr(self, name))})
+                set_fields(self, **{name: require_positive("Limits", name, getattr(self, name))})
 
 
 @dataclass(frozen=True)
@@ -169,8 +177,10 @@ def _attempted(packed: bytes, reads: Reads) -> Outcome:
 def mistake(problem: BaseException, whose: str = "the model") -> str:
     """What an exception of a user's function says, in words."""
     if isinstance(problem, SystemExit):
-        return f"{whose} called sys.exit({'' if problem.code is None else shown(problem.code)})"
-    return told(problem)
+        return (
+            f"{whose} called sys.exit({'' if problem.code is None else short_repr(problem.code)})"
+        )
+    return format_exception(problem)
 
 
 def _performed(task: Task, reads: Reads) -> Outcome:

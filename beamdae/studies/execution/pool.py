@@ -8,7 +8,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any, Protocol
 
-from beamdae.errors import BeamdaeError, count, reason, shown
+from beamdae.errors import BeamdaeError, format_message, require_count, short_repr
 from beamdae.report.text import shortened
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import Outcome, Task, mistake, perform
@@ -162,7 +162,7 @@ class DaskPool:
             self._client = Client(address, timeout=_PATIENCE)
         except (OSError, ValueError) as problem:
             raise BeamdaeError(
-                f"{named}: no Dask scheduler answers there ({reason(problem)})."
+                f"{named}: no Dask scheduler answers there ({format_message(problem)})."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
@@ -205,10 +205,10 @@ def pool_of(part: str, name: str, workers: Any, scheduler: Any) -> Executor:
     """
     if scheduler is not None and not isinstance(scheduler, str):
         raise BeamdaeError(
-            f"{part}: scheduler must be the address of a Dask scheduler, got {shown(scheduler)}."
+            f"{part}: scheduler must be the address of a Dask scheduler, got {short_repr(scheduler)}."
         )
     most = _MOST_WORKERS * (os.cpu_count() or 1)
-    if workers is not None and count(part, name, workers) > most:
+    if workers is not None and require_count(part, name, workers) > most:
         raise BeamdaeError(
             f"{part}: {name} must be at most {most}, {_MOST_WORKERS} a core, got {workers}."
         )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from beamdae.errors import BeamdaeError, iterated, shown
+from beamdae.errors import BeamdaeError, require_iterable, short_repr
 from beamdae.model_functions import Model
 from beamdae.studies.case import grid, text_of
 
@@ -35,7 +35,7 @@ def combinations_of(part: str, model: Model, over: Any) -> list[dict[str, Value]
     wanted = "a dict of values by parameter, or a list of combinations of them"
     listed = _listed(part, "over", None if isinstance(over, Mapping) else over, wanted)
     if not listed or not all(isinstance(one, Mapping) for one in listed):
-        raise BeamdaeError(f"{part}: over must be {wanted}, got {shown(over)}.")
+        raise BeamdaeError(f"{part}: over must be {wanted}, got {short_repr(over)}.")
     names = list(dict.fromkeys(name for one in listed for name in one))
     # What one of them leaves open is as the model has it.
     whole = [{x: one.get(x, model.parameters.get(x)) for x in names} for one in listed]
@@ -58,7 +58,7 @@ def _values(part: str, model: Model, name: Any, values: Any) -> list[Value]:
 def _listed(part: str, name: str, values: Any, wanted: str) -> list[Any]:
     """The entries of whatever has an order, if they are not too many."""
     unordered = isinstance(values, (str, bytes, set, frozenset))
-    found = iterated(part, name, None if unordered else values, wanted, _MOST_VALUES + 1)
+    found = require_iterable(part, name, None if unordered else values, wanted, _MOST_VALUES + 1)
     if len(found) > _MOST_VALUES:
         raise BeamdaeError(f"{part}: {name} must have at most {_MOST_VALUES} values, got more.")
     return found

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures import figures as pictures
 from beamdae.report.pictures.curves import Plot
 from beamdae.report.text import shortened
@@ -145,7 +145,7 @@ def axis_of(swept: SweepResults, asked: Any) -> str:
     if asked is not None:
         if not isinstance(asked, str) or asked not in varied:
             raise BeamdaeError(
-                f"{name}: no parameter {shown(asked)}{nearest(asked, varied)} varies, but "
+                f"{name}: no parameter {short_repr(asked)}{suggest(asked, varied)} varies, but "
                 f"{', '.join(varied)}."
             )
         return asked

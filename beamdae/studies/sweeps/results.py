@@ -17,12 +17,12 @@ import pandas as pd
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    may_be_path,
-    nearest,
-    number,
-    shown,
-    told,
-    unboxed,
+    as_real,
+    format_exception,
+    is_valid_path,
+    short_repr,
+    suggest,
+    unbox_scalar,
 )
 from beamdae.results.storage.files import file_path, guarded, write_text
 from beamdae.studies.case import text_of
@@ -111,10 +111,10 @@ class SweepResults:
         for one in parameters:
             if one not in known:
                 raise BeamdaeError(
-                    f"{name}: no parameter {shown(one)}{nearest(one, known)} is swept, but "
+                    f"{name}: no parameter {short_repr(one)}{suggest(one, known)} is swept, but "
                     f"{', '.join(known)}."
                 )
-        asked = ", ".join(f"{one}={shown(value)}" for one, value in parameters.items())
+        asked = ", ".join(f"{one}={short_repr(value)}" for one, value in parameters.items())
         rows = [k for k, said in enumerate(settings) if _fits(said, parameters)]
         if not rows:
             raise BeamdaeError(f"{name}: no case has {asked}, `table` has all there are.")
@@ -216,11 +216,11 @@ class SweepResults:
 
 
 def _fits(said: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
-    return all(_same(said[name], unboxed(value)) for name, value in parameters.items())
+    return all(_same(said[name], unbox_scalar(value)) for name, value in parameters.items())
 
 
 def _same(said: Any, value: Any) -> bool:
-    size, wanted = number(said), number(value)
+    size, wanted = as_real(said), as_real(value)
     if size is not None and wanted is not None:
         return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
     return bool(said == (value if isinstance(value, (bool, str)) else text_of(value)))
@@ -231,13 +231,15 @@ def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:
     if progress is None:
         return None
     if not callable(progress):
-        raise BeamdaeError(f"{part}: progress must be a function, got {shown(progress)}.")
+        raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
 
     def hear(standing: Standing) -> None:
         try:
             progress(standing)
         except Exception as problem:
-            raise BeamdaeError(f"{part}: progress failed, {told(problem)}.") from problem
+            raise BeamdaeError(
+                f"{part}: progress failed, {format_exception(problem)}."
+            ) from problem
 
     return hear
 
@@ -250,7 +252,7 @@ def run_sweep(
     progress: Callable[[Standing], None] | None,
 ) -> SweepResults:
     """Run a sweep from Python, see `bd.sweep`."""
-    alone = scheduler is None and number(jobs) == 1.0
+    alone = scheduler is None and as_real(jobs) == 1.0
     executor = SerialPool() if alone else pool_of(sweep.name, "jobs", jobs, scheduler)
     hear = _heard(sweep.name, progress)
     if folder is None:
@@ -270,9 +272,13 @@ def run_sweep(
 
 
 def _folder(part: str, given: Any) -> Path:
-    if not isinstance(given, (str, Path)) or not may_be_path(str(given)) or not str(given).strip():
+    if (
+        not isinstance(given, (str, Path))
+        or not is_valid_path(str(given))
+        or not str(given).strip()
+    ):
         raise BeamdaeError(
-            f"{part}: folder must be the path of a folder of results, got {shown(given)}."
+            f"{part}: folder must be the path of a folder of results, got {short_repr(given)}."
         )
     return Path(given)
 

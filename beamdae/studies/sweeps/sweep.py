@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.errors import BeamdaeError, keep, shown
+from beamdae.errors import BeamdaeError, set_fields, short_repr
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
@@ -53,7 +53,7 @@ class Sweep(Study):
     settings: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        keep(self, outputs=_outputs(self.name, self.outputs, self.parameters))
+        set_fields(self, outputs=_outputs(self.name, self.outputs, self.parameters))
         super().__post_init__()
 
     @property
@@ -144,13 +144,15 @@ def sweep_of(
 def _outputs(part: str, given: Any, parameters: Iterable[str]) -> dict[str, Output]:
     wanted = "a dict of functions of a solution by name"
     if not isinstance(given, Mapping):
-        raise BeamdaeError(f"{part}: outputs must be {wanted}, got {shown(given)}.")
+        raise BeamdaeError(f"{part}: outputs must be {wanted}, got {short_repr(given)}.")
     taken = {*TAKEN, *parameters}
     for name, function in given.items():
         if not isinstance(name, str) or not name.isprintable() or not name.strip():
-            raise BeamdaeError(f"{part}: outputs must be {wanted}, got the name {shown(name)}.")
+            raise BeamdaeError(
+                f"{part}: outputs must be {wanted}, got the name {short_repr(name)}."
+            )
         if name in taken:
             raise BeamdaeError(f"{part}: {name!r} is a column of its own, name the output another.")
         if not callable(function):
-            raise BeamdaeError(f"{part}: outputs must be {wanted}, got {shown(function)}.")
+            raise BeamdaeError(f"{part}: outputs must be {wanted}, got {short_repr(function)}.")
     return dict(given)

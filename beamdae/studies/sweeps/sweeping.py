@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from beamdae.errors import BeamdaeError, positive, shown
+from beamdae.errors import BeamdaeError, require_positive, short_repr
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as model_of
@@ -142,7 +142,7 @@ def sweep(
     """
     chosen = _model(model, t_end)
     if time_limit is not None:
-        positive("sweep", "time_limit", time_limit)
+        require_positive("sweep", "time_limit", time_limit)
     said: dict[str, Any] = {
         "of": of,
         "outputs": outputs,
@@ -162,7 +162,7 @@ def sweep(
 
     def decorate(function: Callable[[], Over]) -> Sweep:
         if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(f"sweep: it must decorate a function, got {shown(function)}.")
+            raise BeamdaeError(f"sweep: it must decorate a function, got {short_repr(function)}.")
         return sweep_of(chosen, listed_by(function, "values"), function.__name__, **said)
 
     return decorate
@@ -174,7 +174,7 @@ def _model(given: Any, t_end: float | None) -> Model:
     if not inspect.isfunction(given):
         raise BeamdaeError(
             "sweep: model must be a function with parameters that builds a mechanism, see "
-            f"bd.model, got {shown(given)}."
+            f"bd.model, got {short_repr(given)}."
         )
     if t_end is None:
         raise BeamdaeError(f"sweep: {given.__name__} has no end time of its own, give t_end=.")

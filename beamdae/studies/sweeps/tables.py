@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, nearest, shown
+from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.column_selection import selected
 from beamdae.results.headers import Header, observed_columns
@@ -167,7 +167,7 @@ def panels_of(sweep: Sweep, headers: list[str], name: Any) -> list[Panel]:
         return [Panel(_bare(x), _unit(x), measured(x)) for x in found]
     names = [*sweep.outputs, *map(_bare, headers)]
     raise BeamdaeError(
-        f"{sweep.name}: it tells of nothing called {shown(name)}{nearest(name, names)}, but of "
+        f"{sweep.name}: it tells of nothing called {short_repr(name)}{suggest(name, names)}, but of "
         f"{', '.join(names) or 'nothing'}."
     )
 
