@@ -16,6 +16,7 @@ import beamdae as bd
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 model_gallery = importlib.import_module("model_gallery")
+generated_pages = importlib.import_module("generated_pages")
 # Model files are imported by name, in notebooks as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
@@ -109,7 +110,9 @@ sphinx_gallery_conf = {
 
 
 def collect(app):
-    """Have the models and the notebooks of `models/tutorials` among the pages."""
+    """Write the generated pages, and copy the notebooks of `models/tutorials` among the pages."""
+    generated_pages.write_reference(HERE / "api")
+    generated_pages.write_map(HERE / "develop" / "map.md")
     model_gallery.write_scripts(HERE / "scripts")
     kept = HERE / "tutorials"
     shutil.rmtree(kept, ignore_errors=True)

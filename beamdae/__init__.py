@@ -1,6 +1,6 @@
 """beamdae: curved beams in flexible multibody systems, on SUNDIALS IDA and generalized-alpha.
 
-`__init__.pyi` lists the public names; each is imported when it is first used.
+The public names are listed in `catalog`; each is imported when it is first used.
 """
 
 import sys
@@ -8,13 +8,15 @@ from typing import Any
 
 import lazy_loader
 
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from beamdae.catalog import attributes_by_module
+
+_load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
         return _load(name)
-    # With these Python hints at the nearest name there is.
-    where = sys.modules[__name__]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=where)
+    # Python uses these two arguments to suggest the nearest public name.
+    module = sys.modules[__name__]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)

@@ -1,0 +1,71 @@
+"""Pages written at each build: the reference from the catalog, the map from module docstrings."""
+
+import ast
+from itertools import groupby
+from pathlib import Path
+
+from beamdae import catalog
+
+PACKAGE = Path(catalog.__file__).parent
+
+NAMES = """```{{eval-rst}}
+.. currentmodule:: beamdae
+
+.. autosummary::
+   :toctree: names
+   :nosignatures:
+
+{names}
+```
+"""
+
+
+def write_reference(folder):
+    """Write one page of the API reference for each page of the catalog."""
+    for page, groups in groupby(catalog.GROUPS, key=lambda group: group.page):
+        title, opening = catalog.PAGES[page]
+        blocks = [f"# {title}\n", f"{opening}\n"]
+        for group in groups:
+            names = "\n".join(f"   {public.name}" for public in group.names)
+            blocks += [f"## {group.heading}\n"] if group.heading else []
+            blocks.append(NAMES.format(names=names))
+        (folder / f"{page}.md").write_text("\n".join(blocks), "utf-8")
+
+
+def write_map(path):
+    """Write the map of the package from the docstrings of its folders and modules."""
+    blocks = [MAP_HEADER]
+    for folder in sorted({file.parent for file in PACKAGE.rglob("*.py")}, key=_reading_order):
+        relative = folder.relative_to(PACKAGE.parent).as_posix()
+        summary, *rest = _docstring(folder / "__init__.py").split("\n\n", 1)
+        blocks.append(f"## `{relative}/`\n\n{summary}\n")
+        blocks += [f"{line}\n" for line in "".join(rest).splitlines() if line.strip()]
+        rows = [
+            f"| `{file.stem}` | {_cell(_docstring(file))} |"
+            for file in sorted(folder.glob("*.py"))
+            if file.stem != "__init__"
+        ]
+        if rows:
+            blocks.append("\n".join(["| module | contents |", "|---|---|", *rows, ""]))
+    path.write_text("\n".join(blocks), "utf-8")
+
+
+MAP_HEADER = """# Map of the package
+
+Every folder and module of `beamdae/`, from its own docstring.
+[Architecture](architecture.md) shows how the folders depend on each other.
+"""
+
+
+def _reading_order(folder):
+    """Sort folders by path, the package itself first."""
+    return folder.relative_to(PACKAGE).parts
+
+
+def _docstring(file):
+    return ast.get_docstring(ast.parse(file.read_text("utf-8"))) or ""
+
+
+def _cell(docstring):
+    """Return the summary of a docstring as the cell of a table."""
+    return " ".join(docstring.split("\n\n")[0].split()).replace("|", "\\|")

@@ -1,0 +1,32 @@
+"""The catalog lists every public name where it is defined, and everything made from it agrees."""
+
+from pathlib import Path
+
+import pytest
+
+import beamdae as bd
+from beamdae import catalog
+
+STUB = Path(bd.__file__).with_name("__init__.pyi")
+
+
+def test_type_stub_is_up_to_date():
+    assert STUB.read_text() == catalog.stub_text(), "run `python -m beamdae.catalog`"
+
+
+@pytest.mark.parametrize("public", catalog.NAMES.values(), ids=lambda public: public.name)
+def test_public_name_is_defined_in_its_module(public):
+    defined = getattr(bd, public.name)
+    assert getattr(defined, "__module__", public.module).startswith(public.module)
+
+
+def test_every_public_name_stands_once_in_the_reference():
+    names = [public.name for group in catalog.GROUPS for public in group.names]
+    assert sorted(names) == sorted(set(names)) == sorted(bd.__all__)
+    assert {group.page for group in catalog.GROUPS} == set(catalog.PAGES)
+
+
+def test_integrators_of_the_command_line_are_integrators():
+    assert len(catalog.INTEGRATORS) >= 4
+    for public in catalog.INTEGRATORS.values():
+        assert issubclass(getattr(bd, public.name), bd.Integrator)
