@@ -8,16 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.modes.frequency_range import Spectrum, spectrum
+from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
+    FrequencyRange,
+    compute_frequency_range,
+)
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import free_motions, loose_groups, rigid_mobility
 from beamdae.equations.starts.reduced_equations import without_dependent
-from beamdae.equations.starts.redundancy import DependentSet, dependent_sets, scaled_joints
+from beamdae.equations.starts.redundant_constraints import (
+    DependentSet,
+    dependent_sets,
+    scaled_joints,
+)
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.run_plan import branch_of, plan
+from beamdae.integrators.run_plan import branch_time, plan_run
 from beamdae.model_functions import Built, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.terminal.check_report import facts_of
@@ -36,7 +43,7 @@ _GOOD, _FAIR = 5e-3, 5e-2
 
 
 @dataclass(frozen=True)
-class Residual:
+class ConstraintResidual:
     """By how much a part's constraints are off at the start as it was asked for.
 
     Attributes
@@ -56,7 +63,7 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class MeshVerdict:
+class MeshAssessment:
     """How well the elements of a beam follow its curve.
 
     Attributes
@@ -78,7 +85,7 @@ class MeshVerdict:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class RunPrediction:
     """What a run with `Auto()` will take, to the order of magnitude, from a trial of a second.
 
     Attributes
@@ -137,11 +144,11 @@ class Check:
     dependent: tuple[DependentSet, ...]
     free_motions: tuple[str, ...]
     loose: tuple[tuple[str, ...], ...]
-    residuals: tuple[Residual, ...]
+    residuals: tuple[ConstraintResidual, ...]
     start: StartFacts | None
-    spectrum: Spectrum | None
-    meshes: tuple[MeshVerdict, ...]
-    prediction: Prediction | None
+    spectrum: FrequencyRange | None
+    meshes: tuple[MeshAssessment, ...]
+    prediction: RunPrediction | None
     problem: str
 
     def __repr__(self) -> str:
@@ -192,8 +199,8 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
-    starter, state, problem = _start(equations, end or 1.0)
-    time, own = _first(equations, end or 1.0), Starter(equations)
+    starter, state, problem = _plan_start(equations, end or 1.0)
+    time, own = _first_branch(equations, end or 1.0), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
     found = Check(
@@ -206,10 +213,10 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         free_motions=(),
         # Coordinates of other systems may be anything.
         loose=loose_groups(equations) if equations.mechanism else (),
-        residuals=_residuals(own, time, state),
+        residuals=_constraint_residuals(own, time, state),
         start=None if state is None else start_facts(equations, state),
         spectrum=None,
-        meshes=_meshes(equations.mechanism),
+        meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
     )
@@ -223,23 +230,23 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             free_motions=free_motions(equations, q, joints),
         )
         if state is not None and equations.n <= _MOST:
-            found = replace(found, spectrum=spectrum(starter.equations, time, state))
+            found = replace(found, spectrum=compute_frequency_range(starter.equations, time, state))
     if predict and end is not None and not problem:
-        found = replace(found, prediction=_prediction(equations, end))
+        found = replace(found, prediction=_predict_run(equations, end))
     return found
 
 
-def _first(equations: EquationsOfMotion, end: float) -> Array:
+def _first_branch(equations: EquationsOfMotion, end: float) -> Array:
     inner = min((b for b in equations.breakpoints if 0.0 < b < end), default=end)
-    return np.array([0.0, branch_of(0.0, inner)])
+    return np.array([0.0, branch_time(0.0, inner)])
 
 
-def _start(equations: EquationsOfMotion, end: float) -> tuple[Starter, Any, str]:
+def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
     """What starts the mechanism, its consistent state if there is one, and why it cannot be run.
 
     Where constraints depend on each other it is that of those that do not.
     """
-    time, own, problem = _first(equations, end), equations, ""
+    time, own, problem = _first_branch(equations, end), equations, ""
     few = equations.m <= _MOST_CONSTRAINTS
     if few and (by := without_dependent(equations, time)) is not None:
         own = by.equations
@@ -247,17 +254,19 @@ def _start(equations: EquationsOfMotion, end: float) -> tuple[Starter, Any, str]
             if equations.redundant:
                 by.require_agreement(time)
             else:
-                plan(equations, np.array([0.0, end]))
+                plan_run(equations, np.array([0.0, end]))
         except BeamdaeError as wrong:
             problem = str(wrong)
     try:
-        route = plan(own, np.array([0.0, end]))
+        route = plan_run(own, np.array([0.0, end]))
     except BeamdaeError as wrong:
-        return Starter(own), None, problem or str(wrong)
+        return ConsistencySolver(own), None, problem or str(wrong)
     return route.starter, route.state, problem
 
 
-def _residuals(starter: Starter, time: Array, state: Any) -> tuple[Residual, ...]:
+def _constraint_residuals(
+    starter: ConsistencySolver, time: Array, state: Any
+) -> tuple[ConstraintResidual, ...]:
     e = starter.equations
     g, rate, _ = np.abs(starter.levels(time, e.q0, e.v0))
     if state is not None:
@@ -267,11 +276,13 @@ def _residuals(starter: Starter, time: Array, state: Any) -> tuple[Residual, ...
     for part in dict.fromkeys(parts):
         own = np.array([name == part for name in parts])
         accelerated = None if state is None else float(last[own].max())
-        found.append(Residual(part, float(g[own].max()), float(rate[own].max()), accelerated))
+        found.append(
+            ConstraintResidual(part, float(g[own].max()), float(rate[own].max()), accelerated)
+        )
     return tuple(found)
 
 
-def _meshes(mechanism: Mechanism | None) -> tuple[MeshVerdict, ...]:
+def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
     beams = mechanism.parts.values() if mechanism else ()
     found = []
     for beam in beams:
@@ -280,11 +291,11 @@ def _meshes(mechanism: Mechanism | None) -> tuple[MeshVerdict, ...]:
             off = max(length, curvature)
             grade = "good" if off <= _GOOD else "fair" if off <= _FAIR else "coarse"
             finer = f", elements={2 * beam.mesh.elements} would be better" * (grade != "good")
-            found.append(MeshVerdict(beam.name, length, curvature, grade + finer))
+            found.append(MeshAssessment(beam.name, length, curvature, grade + finer))
     return tuple(found)
 
 
-def _prediction(equations: EquationsOfMotion, end: float) -> Prediction | None:
+def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
     """From a trial run of at most a second; of a second one, if the first had loops to compile."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
@@ -296,4 +307,4 @@ def _prediction(equations: EquationsOfMotion, end: float) -> Prediction | None:
         return None
     took, chosen = solution.statistics, solution.integrator
     told = f"{chosen.get('method', '')}, {chosen.get('auto', '')}".rstrip(", ")
-    return Prediction(took.steps / reached, took.wall_time / reached, told, reached)
+    return RunPrediction(took.steps / reached, took.wall_time / reached, told, reached)

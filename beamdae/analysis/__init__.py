@@ -1,1 +1,5 @@
-"""Questions beside time stepping: equilibria, natural modes, stresses, periodic motion."""
+"""Analyses other than time integration: equilibria, natural modes, periodic motions.
+
+May import: simulation and everything below it; never report, studies or cli.
+Next: a new kind of analysis becomes a folder of its own next to statics/.
+"""

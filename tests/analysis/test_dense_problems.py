@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
 import beamdae as bd
-from beamdae.analysis.linear.linearization import linearization
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01, damping=2e-4)
@@ -113,7 +113,7 @@ def dense_eigenvalues(lin):
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
 def test_modes_are_eigenvalues_of_dense_matrices(case, formulation):
     mech, about = state(case, formulation)
-    lin = linearization("modes", mech, about)
+    lin = linearize_about("modes", mech, about)
     found = bd.modes(mech, about, n=6)
     known = dense_eigenvalues(lin)
     for value, kind in zip(found.eigenvalues, found.kinds, strict=True):

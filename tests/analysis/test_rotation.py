@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.linear.linearization import linearization
-from beamdae.analysis.linear.rotation import Turning
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
+from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01)
@@ -82,7 +82,7 @@ def test_an_eccentric_particle_moves_out_until_its_spring_holds_it(shift):
     """At r = k r0 / (k - m W^2)."""
     speed, r0 = 3.0, 0.2
     mech = driven(*sliders(offset=(r0, 0.0), shift=shift))
-    lin = linearization("modes", mech, bd.rotation(speed, shift))
+    lin = linearize_about("modes", mech, bd.rotation(speed, shift))
     q = dict(zip(lin.equations.q_names, lin.state.q, strict=True))
     radius = 50.0 * r0 / (50.0 - 2.0 * speed**2)
     assert_allclose([q["bob.x"] - shift[0], q["bob.y"] - shift[1]], [radius, 0.0], atol=1e-10)
@@ -138,8 +138,8 @@ def test_the_nonlinear_run_of_a_turning_arm_vibrates_as_the_modes_say(bent):
     speed = 20.0
     mech, hub, _ = arm(bent=bent)
     mech.add(bd.Driver("motor", mech.ground.at(0, 0), hub.at(0, 0), law=lambda t: speed * t))
-    lin = linearization("modes", mech, bd.rotation(speed))
-    e, turning = lin.equations, Turning.of(lin.equations)
+    lin = linearize_about("modes", mech, bd.rotation(speed))
+    e, turning = lin.equations, RotatingCoordinates.of(lin.equations)
     found = bd.modes(mech, about=bd.rotation(speed), n=2)
     sizes = np.array([2e-5, 0.4e-5])
     z = (sizes @ found.shapes).real

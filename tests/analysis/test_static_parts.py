@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.analysis.statics import stability as module
-from beamdae.analysis.statics.load_scaling import loading_of
-from beamdae.analysis.statics.path_controls import ColumnControl, Norm, Way
-from beamdae.analysis.statics.stability import stability
+from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.path_controls import ColumnControl, PathDirection, StepNorm
+from beamdae.analysis.statics.stability import assess_stability
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
@@ -39,7 +39,7 @@ def everything():
 def loading():
     mech = everything()
     whole = bd.equations_of_motion(mech)
-    return loading_of(mech, whole, [["gravity"], ["follower", "wind"]], 0.2)
+    return build_loading(mech, whole, [["gravity"], ["follower", "wind"]], 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -88,12 +88,12 @@ def test_rows_of_observed_columns_are_their_derivatives(loading, state, name):
 
 
 def test_the_way_along_a_direction_is_one():
-    norm = Norm(np.array([1.0, 2.0]), 4.0)
-    way = Way(np.array([0.5, 1.0, 7.0]), 0.3)
+    norm = StepNorm(np.array([1.0, 2.0]), 4.0)
+    way = PathDirection(np.array([0.5, 1.0, 7.0]), 0.3)
     control = norm.arc(np.zeros(3), 0.0, way)
     assert control.value(way.x, way.mu) == pytest.approx(1.0)
     assert norm.largest(way.x, 3.2) == pytest.approx(0.8)
-    other = norm.across(Way(np.array([0.3, -2.0, 1.0]), 0.7), way)
+    other = norm.across(PathDirection(np.array([0.3, -2.0, 1.0]), 0.7), way)
     assert norm.product(way, other) == pytest.approx(0.0, abs=1e-15)
 
 
@@ -105,13 +105,13 @@ def test_signs_by_pivots_are_those_of_eigenvalues(factor, monkeypatch):
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column[0].start))
     mech.add(bd.Force("press", column[-1].end, (0.0, -0.25 * np.pi**2 * strip.EI)))
     whole = bd.equations_of_motion(mech)
-    (system,) = loading_of(mech, whole, None, 0.0).systems
+    (system,) = build_loading(mech, whole, None, 0.0).systems
     x = bd.equilibrium(mech, to=factor)
     state = np.append(x.q[-1], x.lam[-1])
     nonzeros = system.tangent(state, factor)
-    dense = stability(system, state, nonzeros)
+    dense = assess_stability(system, state, nonzeros)
     monkeypatch.setattr(module, "_DENSE", 0)
-    sparse = stability(system, state, nonzeros)
+    sparse = assess_stability(system, state, nonzeros)
     assert sparse.negative == dense.negative == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
     for index in range(dense.negative, dense.negative + 2):
         assert sparse.value(index) == pytest.approx(dense.value(index), rel=1e-6)

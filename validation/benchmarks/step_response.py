@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lsim
 
 import beamdae as bd
-from beamdae.analysis.linear.linearization import linearization
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from benchmarks.modes import FORMULATIONS
 
 _SPEED, _JET, _END, _STEP = 20.0, 1e-3, 0.15, 1e-3
@@ -38,7 +38,7 @@ def responses(formulation: str) -> tuple[np.ndarray, np.ndarray]:
     """The moment at the root after the step of the jet: of a run, and of the linear model."""
     turning = bd.rotation(_SPEED)
     model = bd.linearize(arm(0.0, formulation), turning, inputs=["jet"])
-    steady = linearization("modes", arm(0.0, formulation), turning).state
+    steady = linearize_about("modes", arm(0.0, formulation), turning).state
     equations = bd.equations_of_motion(arm(_JET, formulation))
     stepped = replace(equations, q0=steady.q, v0=steady.v)
     run = bd.simulate(stepped, bd.Radau(1e-10), _END, output_step=_STEP)

@@ -15,16 +15,16 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import (
-    FirstOrder,
-    FirstOrderSums,
+from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
+    FirstOrderForm,
     State,
-    first_order,
-    first_order_parts,
+    evaluate_jacobian_parts,
+    formulate_first_order,
 )
 from beamdae.integrators.radau.coefficients import A, C
 from beamdae.results.trajectory import Interval, Trajectory
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -38,23 +38,23 @@ _MOST_DENSE, _AT_ONCE = 64, 2_000_000
 
 
 @dataclass(frozen=True)
-class Linearized:
+class VariationalEquations:
     """Equations of motion linearized along runs; without redundant constraints."""
 
     equations: EquationsOfMotion
 
     @cached_property
-    def form(self) -> FirstOrder:
+    def form(self) -> FirstOrderForm:
         """The first-order form, with R_y and R_y' apart."""
-        return first_order(self.equations, _FORM, apart=True)
+        return formulate_first_order(self.equations, _FORM, apart=True)
 
     @cached_property
-    def _sums(self) -> FirstOrderSums:
+    def _sums(self) -> FirstOrderBuffers:
         return self.form.buffers()
 
     @cached_property
     def _columns(self) -> Array:
-        return column_of(self.form.pattern)
+        return column_indices(self.form.pattern)
 
     def _parts(self, interval: Interval, t: Array) -> Array:
         """Non-zeros of R_y and of R_y' at times inside an interval, (len(t), 2, non-zeros)."""
@@ -62,7 +62,7 @@ class Linearized:
         state = interval.at(t)
         for k, time in enumerate(t.tolist()):
             y, yp = self.form.pack(State(*(x[k] for x in state)))
-            first_order_parts(self._sums, time, interval.branch, y, yp, found[k])
+            evaluate_jacobian_parts(self._sums, time, interval.branch, y, yp, found[k])
         return found.reshape(len(t), 2, -1)
 
     def free_motions(self, trajectory: Trajectory, scales: Array) -> Array:
@@ -86,7 +86,7 @@ class Linearized:
         """
         y = disturbances
         for interval in trajectory.intervals:
-            nodes = _nodes(interval.t, finer)
+            nodes = _step_nodes(interval.t, finer)
             h = np.diff(nodes)
             # The last stage may lie a rounding beyond the end.
             at = np.minimum(nodes[:-1, None] + h[:, None] * C, interval.t[-1])
@@ -144,15 +144,15 @@ class Linearized:
             blocks.append(row)
             right.append(_SUMS[i] * (by_rate @ full))
         matrix = sp.csr_array(sp.block_array(blocks, format="csr"))
-        across = _sizes(matrix)
+        across = _row_maxima(matrix)
         matrix = sp.csr_array(sp.diags_array(1.0 / across) @ matrix)
-        down = _sizes(sp.csr_array(matrix.T))
+        down = _row_maxima(sp.csr_array(matrix.T))
         scaled = sp.csc_array(matrix @ sp.diags_array(1.0 / down))
         stages = splu(scaled).solve(np.concatenate(right) / across[:, None])
         return (stages / down[:, None])[-size:][: len(y)]
 
 
-def _nodes(t: Array, finer: int) -> Array:
+def _step_nodes(t: Array, finer: int) -> Array:
     """Every fourth of the times of steps, every second of them, all, with those halfway, ..."""
     stride = 2 ** max(2 - finer, 0)
     nodes = t[np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))]
@@ -161,6 +161,6 @@ def _nodes(t: Array, finer: int) -> Array:
     return np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * share).ravel(), nodes[-1])
 
 
-def _sizes(matrix: sp.csr_array) -> Array:
+def _row_maxima(matrix: sp.csr_array) -> Array:
     """The largest entry of each row."""
     return np.asarray(abs(matrix).max(axis=1).todense()).ravel()

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.periodic.monodromy import Linearized
+from beamdae.analysis.periodic.monodromy import VariationalEquations
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State, first_order
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.formulations.first_order import State, formulate_first_order
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
-from beamdae.integrators.redundant_constraints import spared
+from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ _TURN = 2.0 * np.pi
 _REPEATS, _LOOKED_AT = 1e-6, 11
 
 
-class UnfinishedError(BeamdaeError):
+class IncompleteRunError(BeamdaeError):
     """A run that did not reach the end of the periods, `solution`."""
 
     def __init__(self, what: str, solution: Solution) -> None:
@@ -35,7 +35,7 @@ class UnfinishedError(BeamdaeError):
 
 
 @dataclass(frozen=True)
-class Flow:
+class PeriodMap:
     """One period of a mechanism, from any state on.
 
     Attributes
@@ -56,9 +56,9 @@ class Flow:
     @classmethod
     def of(
         cls, equations: EquationsOfMotion, integrator: Integrator, begin: float, period: float
-    ) -> Flow:
+    ) -> PeriodMap:
         """Without constraints that are redundant."""
-        by = spared(equations, begin)
+        by = remove_redundant(equations, begin)
         own = equations if by is None else by.equations
         return cls(own, integrator, begin, period)
 
@@ -75,14 +75,14 @@ class Flow:
         solution = self.integrator.integrate(equations, times)
         if not solution.status.success or solution.trajectory.end < times[-1]:
             what = "the run over a period" if periods == 1 else "the run to settle"
-            raise UnfinishedError(what, solution)
+            raise IncompleteRunError(what, solution)
         return solution
 
     def consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """The state nearest to it that the joints allow at the beginning of a period."""
         inner = [b for b in self.equations.breakpoints if b > self.begin]
         time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *inner]))])
-        found = Starter(self.equations).state(time, q, v)
+        found = ConsistencySolver(self.equations).state(time, q, v)
         return found.q, found.v
 
     def require_repeating(self, solution: Solution) -> None:
@@ -94,7 +94,7 @@ class Flow:
             Naming the coordinate or the joint.
         """
         e = self.equations
-        form = first_order(e, "ggl")
+        form = formulate_first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
         times = np.linspace(interval.t[0], interval.t[-1], _LOOKED_AT + 2)[1:-1]
         state = interval.at(times)
@@ -148,7 +148,7 @@ class Flow:
         return np.concatenate([scales, scales * (_TURN / self.period)])
 
 
-class Shot(NamedTuple):
+class ShootingResult(NamedTuple):
     """A period that was run, and what becomes of its disturbances.
 
     Attributes
@@ -175,11 +175,11 @@ class Shot(NamedTuple):
     off: float
 
     @classmethod
-    def of(cls, flow: Flow, q: Array, v: Array) -> Shot:
-        """Run a period from a state on; see `Flow.run`."""
+    def of(cls, flow: PeriodMap, q: Array, v: Array) -> ShootingResult:
+        """Run a period from a state on; see `PeriodMap.run`."""
         solution = flow.run(q, v)
         sizes = flow.state_scales(flow.scales(solution))
-        linear = Linearized(flow.equations)
+        linear = VariationalEquations(flow.equations)
         free = linear.free_motions(solution.trajectory, sizes)
         into = (free / sizes[:, None] ** 2).T
         missed = flow.missed(solution)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.analysis.statics.corrector import Corrector, Point, StepError
-from beamdae.analysis.statics.path_controls import Control, LoadControl, Norm, Way
-from beamdae.analysis.statics.path_points import Path, Stretch
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.critical_points import Path, PathSegment
+from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection, StepNorm
 from beamdae.results.outcome import Status
 
 Array = np.ndarray
@@ -32,7 +32,7 @@ _SAME = 1e-2
 
 
 @dataclass(frozen=True)
-class Stepping:
+class ContinuationSettings:
     """How a path is followed.
 
     Attributes
@@ -56,17 +56,17 @@ class Stepping:
     by_arc: bool
     step: float
     load: float
-    norm: Norm
+    norm: StepNorm
     most: int
     leave_at: int = 0
 
 
-def follow(
+def follow_path(
     corrector: Corrector,
     path: Path,
-    stepping: Stepping,
+    stepping: ContinuationSettings,
     targets: Sequence[float],
-    way: Way | None = None,
+    way: PathDirection | None = None,
 ) -> None:
     """Follow a path from its end to the targets, one after the other.
 
@@ -82,33 +82,37 @@ def follow(
                 return
             before = len(path.branches)
             try:
-                way, reached = _stepped(corrector, path, stepping, target, way)
-            except StepError as problem:
+                way, reached = _take_step(corrector, path, stepping, target, way)
+            except CorrectorError as problem:
                 path.status, path.stuck = Status("failed", str(problem)), True
                 return
             if stepping.leave_at and len(path.branches) - left >= stepping.leave_at:
                 return
-            if len(path.branches) > before and _comes_back(path, stepping):
+            if len(path.branches) > before and _revisits_branch_point(path, stepping):
                 path.status = Status("failed", _CLOSED)
                 return
 
 
-def _comes_back(path: Path, stepping: Stepping) -> bool:
+def _revisits_branch_point(path: Path, stepping: ContinuationSettings) -> bool:
     """Whether the last branch point of a path is one that it went through before."""
     *others, last = (path.points[one.place] for one in path.branches)
     off = [stepping.norm.largest(one.x - last.x, one.mu - last.mu) for one in others]
     return min(off, default=np.inf) < _SAME * stepping.step
 
 
-def _stepped(
-    corrector: Corrector, path: Path, stepping: Stepping, target: float, way: Way | None
-) -> tuple[Way | None, bool]:
+def _take_step(
+    corrector: Corrector,
+    path: Path,
+    stepping: ContinuationSettings,
+    target: float,
+    way: PathDirection | None,
+) -> tuple[PathDirection | None, bool]:
     """Add the points of one step to the path; its direction, and whether the target is reached."""
     at, norm, aim = path.end, stepping.norm, stepping.aim
     sign, control = 1.0, aim
     if stepping.by_arc:
-        way = _arc_way(corrector, stepping, at, target, way)
-        control, reach = norm.arc(at.x, at.mu, way), _reach(stepping, way, path.size)
+        way = _arc_direction(corrector, stepping, at, target, way)
+        control, reach = norm.arc(at.x, at.mu, way), _max_arc_step(stepping, way, path.size)
         size = min(path.size, reach)
     else:
         way = way or corrector.tangent(at, aim)
@@ -123,20 +127,20 @@ def _stepped(
     while True:
         end = target if size == reach and not stepping.by_arc else begin + sign * size
         try:
-            found = _near(corrector, control, end, at, way.times(sign * size), norm)
+            found = _correct_prediction(corrector, control, end, at, way.times(sign * size), norm)
             after = corrector.direction(found, control)
             straight = norm.cosine(way, after or way) if stepping.by_arc else 1.0
             if straight < _STRAIGHT and size > _CORNER * stepping.step:
-                raise StepError("the path turns away from its direction")
-            stretch = Stretch(corrector, control, at, found, (begin, end), (way, after))
+                raise CorrectorError("the path turns away from its direction")
+            stretch = PathSegment(corrector, control, at, found, (begin, end), (way, after))
             landed = stretch.up_to(aim, target) if stepping.by_arc else None
             stretch = landed or stretch
             critical = stretch.critical()
             break
-        except StepError as problem:
+        except CorrectorError as problem:
             size *= _CUT
             if size < least:
-                raise StepError(str(problem)) from None
+                raise CorrectorError(str(problem)) from None
     path.add(stretch, critical)
     grown = _GROWTH if found.iterations <= _EASY and straight > _GENTLE else 1.0
     arrived = landed is not None or (not stepping.by_arc and end == target)
@@ -145,7 +149,7 @@ def _stepped(
     return stretch.ways[1], arrived
 
 
-def _reach(stepping: Stepping, way: Way, size: float) -> float:
+def _max_arc_step(stepping: ContinuationSettings, way: PathDirection, size: float) -> float:
     """The largest step by arc length; `size` is that of the last one, if there is one."""
     tiny = np.finfo(float).tiny
     moved = stepping.step / max(stepping.norm.largest(way.x), tiny)
@@ -155,21 +159,30 @@ def _reach(stepping: Stepping, way: Way, size: float) -> float:
     return moved
 
 
-def _near(
-    corrector: Corrector, control: Control, value: float, at: Point, way: Way, norm: Norm
-) -> Point:
+def _correct_prediction(
+    corrector: Corrector,
+    control: Control,
+    value: float,
+    at: EquilibriumPoint,
+    way: PathDirection,
+    norm: StepNorm,
+) -> EquilibriumPoint:
     """The point with this value of the control near to where a way leads."""
     guess = at.x + way.x, at.mu + way.mu
     found = corrector.corrected(control, value, *guess)
     off = norm.largest(found.x - guess[0])
     if off > _ASTRAY * norm.largest(found.x - at.x) + _ROUNDING:
-        raise StepError("the path turns away from its direction")
+        raise CorrectorError("the path turns away from its direction")
     return found
 
 
-def _arc_way(
-    corrector: Corrector, stepping: Stepping, at: Point, target: float, way: Way | None
-) -> Way:
+def _arc_direction(
+    corrector: Corrector,
+    stepping: ContinuationSettings,
+    at: EquilibriumPoint,
+    target: float,
+    way: PathDirection | None,
+) -> PathDirection:
     """The direction of the path by arc length, of length one, going on from `way`."""
     if way is None:
         way = corrector.tangent(at, LoadControl())
@@ -178,7 +191,9 @@ def _arc_way(
     return way.times(1.0 / stepping.norm.largest(way.x, way.mu))
 
 
-def switched(corrector: Corrector, path: Path, stepping: Stepping, side: float) -> Way:
+def switch_branch(
+    corrector: Corrector, path: Path, stepping: ContinuationSettings, side: float
+) -> PathDirection:
     """Go from the last branch point of a path onto the path that crosses it there.
 
     The path then ends with the first point of the other; the direction it goes on in is returned.
@@ -192,8 +207,8 @@ def switched(corrector: Corrector, path: Path, stepping: Stepping, side: float) 
     del path.points[branch.place + 1 :]
     path.critical = [one for one in path.critical if one.place <= branch.place]
     at, before = path.end, path.points[branch.place - 1]
-    own = Way(at.x - before.x, at.mu - before.mu)
-    way = _crossing(corrector, norm, at, branch.index, own)
+    own = PathDirection(at.x - before.x, at.mu - before.mu)
+    way = _crossing_direction(corrector, norm, at, branch.index, own)
     way = way.times(side / norm.largest(way.x, way.mu))
     control = norm.arc(at.x, at.mu, way)
     size = 0.5 * stepping.step
@@ -202,25 +217,29 @@ def switched(corrector: Corrector, path: Path, stepping: Stepping, side: float) 
             guess = at.x + size * way.x, at.mu + size * way.mu
             found = corrector.corrected(control, size, *guess)
             break
-        except StepError as problem:
+        except CorrectorError as problem:
             size *= _CUT
             if size < _LEAST * stepping.step:
-                raise StepError(f"no other path was found at the branch point, {problem}") from None
+                raise CorrectorError(
+                    f"no other path was found at the branch point, {problem}"
+                ) from None
     path.points.append(found)
-    return Way(found.x - at.x, found.mu - at.mu)
+    return PathDirection(found.x - at.x, found.mu - at.mu)
 
 
-def _crossing(corrector: Corrector, norm: Norm, at: Point, index: int, own: Way) -> Way:
+def _crossing_direction(
+    corrector: Corrector, norm: StepNorm, at: EquilibriumPoint, index: int, own: PathDirection
+) -> PathDirection:
     """About the direction of the path that crosses one of direction `own`.
 
     Both lie in the plane of the mode that is lost and of where the load leads besides; what is at
     right angles to `own` there is near enough for Newton's method.
     """
     if not len(at.stability.values):
-        raise StepError("paths that cross are not told apart where loads have no potential")
+        raise CorrectorError("paths that cross are not told apart where loads have no potential")
     mode = np.zeros_like(at.x)
     mode[: len(norm.scale)] = at.stability.mode(index)
-    lost = Way(mode, 0.0)
+    lost = PathDirection(mode, 0.0)
     ways = (lost, corrector.loaded(at, norm.row(lost)[0]))
     across = [norm.across(way, own) for way in ways]
     left = [

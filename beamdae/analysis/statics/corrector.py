@@ -9,11 +9,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.statics.load_scaling import LoadedEquations
-from beamdae.analysis.statics.path_controls import Control, Way
-from beamdae.analysis.statics.stability import Stability, stability
+from beamdae.analysis.statics.path_controls import Control, PathDirection
+from beamdae.analysis.statics.stability import Stability, assess_stability
 from beamdae.equations.starts.displacement_measure import Travel
-from beamdae.linear.factorizations import Factorization, SingularMatrixError, factorization
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -23,12 +23,12 @@ _ITERATIONS = 15
 _FAR, _CLOSED, _ROUNDED = 0.5, 1e-10, 1e-6
 
 
-class StepError(ArithmeticError):
+class CorrectorError(ArithmeticError):
     """A step that does not converge; the message is why, a phrase."""
 
 
 @dataclass(frozen=True)
-class Point:
+class EquilibriumPoint:
     """An equilibrium.
 
     Attributes
@@ -47,7 +47,7 @@ class Point:
     @cached_property
     def stability(self) -> Stability:
         """What the tangent stiffness says of it."""
-        return stability(self.system, self.x, self.system.tangent(self.x, self.mu))
+        return assess_stability(self.system, self.x, self.system.tangent(self.x, self.mu))
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Corrector:
     def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
         """Pattern with a last row and column, and where the tangent and the last row are in it."""
         pattern, size = self.system.pattern, self.system.pattern.shape[0]
-        column = column_of(pattern)
+        column = column_indices(pattern)
         own = np.arange(pattern.nnz) + column
         last = np.append(pattern.indptr[1:] + np.arange(size), pattern.nnz + size + size)
         indptr = np.append(pattern.indptr + np.arange(size + 1), pattern.nnz + 2 * size + 1)
@@ -78,7 +78,7 @@ class Corrector:
 
     @cached_property
     def _solver(self) -> Factorization:
-        return factorization(self._bordered[0])
+        return create_factorization(self._bordered[0])
 
     def _factorize(self, tangent: Array, by_factor: Array, row: tuple[Array, float]) -> None:
         pattern, own, last = self._bordered
@@ -89,9 +89,9 @@ class Corrector:
         try:
             self._solver.factorize(nonzeros)
         except SingularMatrixError:
-            raise StepError("the tangent stiffness is singular there") from None
+            raise CorrectorError("the tangent stiffness is singular there") from None
 
-    def corrected(self, control: Control, target: float, x: Array, mu: float) -> Point:
+    def corrected(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
         """The equilibrium near (x, mu) with this value of the control.
 
         Raises
@@ -104,19 +104,19 @@ class Corrector:
             residual, by_factor = self.system.residual(x, mu)
             off = np.append(residual, control.value(x, mu) - target)
             if not np.all(np.isfinite(off)):
-                raise StepError("the forces are not finite there")
+                raise CorrectorError("the forces are not finite there")
             self._factorize(self.system.tangent(x, mu), by_factor, control.row(x, mu))
             change = -self._solver.solve(off)
             far = self._size(change)
             if not far <= _FAR:
-                raise StepError("Newton's iteration runs away")
+                raise CorrectorError("Newton's iteration runs away")
             x, mu, self.iterations = x + change[:-1], mu + float(change[-1]), self.iterations + 1
             if far <= _CLOSED or (far <= _ROUNDED and far > 0.1 * before):
-                return Point(self.system, x, mu, k + 1)
+                return EquilibriumPoint(self.system, x, mu, k + 1)
             before = far
-        raise StepError(f"Newton's iteration has not converged after {_ITERATIONS} steps")
+        raise CorrectorError(f"Newton's iteration has not converged after {_ITERATIONS} steps")
 
-    def tangent(self, at: Point, control: Control) -> Way:
+    def tangent(self, at: EquilibriumPoint, control: Control) -> PathDirection:
         """The direction of the path by the control.
 
         Raises
@@ -128,16 +128,16 @@ class Corrector:
         _, by_factor = self.system.residual(x, mu)
         self._factorize(self.system.tangent(x, mu), by_factor, control.row(x, mu))
         way = self._solved(np.append(np.zeros(len(x)), 1.0))
-        return Way(way[:-1], float(way[-1]))
+        return PathDirection(way[:-1], float(way[-1]))
 
-    def direction(self, at: Point, control: Control) -> Way | None:
+    def direction(self, at: EquilibriumPoint, control: Control) -> PathDirection | None:
         """The same; None where the control does not change along the path."""
         try:
             return self.tangent(at, control)
-        except StepError:
+        except CorrectorError:
             return None
 
-    def loaded(self, at: Point, mode: Array) -> Way:
+    def loaded(self, at: EquilibriumPoint, mode: Array) -> PathDirection:
         """Where a growing factor leads from a point at which the stiffness loses a mode (n + m,).
 
         Without what goes along the mode itself, of which the equations say nothing.
@@ -149,12 +149,12 @@ class Corrector:
         """
         _, by_factor = self.system.residual(at.x, at.mu)
         self._factorize(self.system.tangent(at.x, at.mu), mode, (mode, 0.0))
-        return Way(self._solved(np.append(-by_factor, 0.0))[:-1], 1.0)
+        return PathDirection(self._solved(np.append(-by_factor, 0.0))[:-1], 1.0)
 
     def _solved(self, right: Array) -> Array:
         found = self._solver.solve(right)
         if not np.all(np.isfinite(found)):
-            raise StepError("the tangent stiffness is singular there")
+            raise CorrectorError("the tangent stiffness is singular there")
         return found
 
     def _size(self, change: Array) -> float:

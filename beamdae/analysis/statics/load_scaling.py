@@ -11,26 +11,26 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assemble import equations_of_motion
+from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.given_start import time_on_branch
+from beamdae.equations.formulations.first_order import State
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.formulations.tangents import Tangent, compute_tangent
+from beamdae.equations.starts.initial_conditions import time_on_branch
 from beamdae.equations.starts.reduced_equations import Reduced, reduced
-from beamdae.equations.static_equations import StaticEquations
-from beamdae.equations.tangents import Tangent, tangent
 from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.initial_state import AS_DRAWN
 from beamdae.parts.mechanism import Mechanism
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
 GRAVITY = "gravity"
-_WHAT = "names of loads (or 'gravity'), or lists of such names, one a stage"
+_LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one a stage"
 
 
-def stages_of(mechanism: Mechanism, loads: Any) -> Stages:
+def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
     """Names of the loads that are brought up together, one stage after the other.
 
     Raises
@@ -44,10 +44,13 @@ def stages_of(mechanism: Mechanism, loads: Any) -> Stages:
         if _is_heavy(mechanism):
             found = (*found, GRAVITY)
         return (found,) if found else ()
-    given = require_sequence("equilibrium", "loads", loads, _WHAT)
+    given = require_sequence("equilibrium", "loads", loads, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in given):
         given = [given] if given else []
-    stages = tuple(tuple(require_sequence("equilibrium", "loads", stage, _WHAT)) for stage in given)
+    stages = tuple(
+        tuple(require_sequence("equilibrium", "loads", stage, _LOADS_DESCRIPTION))
+        for stage in given
+    )
     names = [name for stage in stages for name in stage]
     for name in names:
         _require_load(mechanism, name)
@@ -64,7 +67,9 @@ def _is_heavy(mechanism: Mechanism) -> bool:
 
 def _require_load(mechanism: Mechanism, name: Any) -> None:
     if not isinstance(name, str):
-        raise BeamdaeError(f"equilibrium: loads must be {_WHAT}, got {short_repr(name)}.")
+        raise BeamdaeError(
+            f"equilibrium: loads must be {_LOADS_DESCRIPTION}, got {short_repr(name)}."
+        )
     if name == GRAVITY and _is_heavy(mechanism):
         return
     if name == GRAVITY and name not in mechanism.parts:
@@ -113,9 +118,9 @@ class LoadedEquations:
         both = sp.csc_array(one + other)
         both.sort_indices()
         size = one.shape[0]
-        keys = column_of(both).astype(np.int64) * size + both.indices
+        keys = column_indices(both).astype(np.int64) * size + both.indices
         where = [
-            np.searchsorted(keys, column_of(x).astype(np.int64) * size + x.indices)
+            np.searchsorted(keys, column_indices(x).astype(np.int64) * size + x.indices)
             for x in (one, other)
         ]
         return both, where[0], where[1]
@@ -150,10 +155,10 @@ class LoadedEquations:
 
     def tangent_of_motion(self, state: State, mu: float) -> Tangent:
         """The matrices of the equations of motion under the factor."""
-        under = tangent(self.equations, self.under.time, state)
+        under = compute_tangent(self.equations, self.under.time, state)
         if not self.is_scaled:
             return under
-        without = tangent(self.without.equations, self.without.time, state)
+        without = compute_tangent(self.without.equations, self.without.time, state)
         shares = {
             name: (1.0 - mu) * getattr(without, name) + mu * getattr(under, name)
             for name in ("damping", "stiffness", "reactions", "residual")
@@ -165,13 +170,13 @@ class LoadedEquations:
         own = (nonzeros, self.pattern.indices, self.pattern.indptr)
         return sp.csc_array(own, shape=self.pattern.shape)
 
-    def at(self, mu: float) -> AtFactor:
+    def at(self, mu: float) -> FixedFactorEquations:
         """The static equations under a factor that stays."""
-        return AtFactor(self, mu)
+        return FixedFactorEquations(self, mu)
 
 
 @dataclass(frozen=True)
-class AtFactor:
+class FixedFactorEquations:
     """Static equations under a load factor that stays, see `equations.relaxation`."""
 
     system: LoadedEquations
@@ -230,7 +235,7 @@ class Loading:
         return found
 
 
-def loading_of(model: Any, whole: EquationsOfMotion, loads: Any, t: float) -> Loading:
+def build_loading(model: Any, whole: EquationsOfMotion, loads: Any, t: float) -> Loading:
     """The equations of every stage of loading; `model` is a mechanism, or what has no parts."""
     time = time_on_branch(whole, t)
     if not isinstance(model, Mechanism):
@@ -242,12 +247,12 @@ def loading_of(model: Any, whole: EquationsOfMotion, loads: Any, t: float) -> Lo
         stages: Stages = ()
         models = [whole]
     else:
-        stages = stages_of(model, loads)
+        stages = resolve_load_stages(model, loads)
         scaled = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
-        models = [equations_of_motion(_without(model, names)) for names in scaled]
+        models = [equations_of_motion(_remove_loads(model, names)) for names in scaled]
     spared = reduced(models[-1], time) if whole.redundant else None
     if spared is not None:
-        models = [_spared(each, time) for each in models]
+        models = [_remove_redundant(each, time) for each in models]
     static = [StaticEquations(each, time) for each in models]
     pairs = pairwise(static) if stages else [(static[0], static[0])]
     systems = tuple(LoadedEquations(*pair) for pair in pairs)
@@ -256,12 +261,12 @@ def loading_of(model: Any, whole: EquationsOfMotion, loads: Any, t: float) -> Lo
     return Loading(whole, stages, systems, held, spared)
 
 
-def _spared(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
+def _remove_redundant(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
     found = reduced(equations, time)
     return equations if found is None else found.equations
 
 
-def _without(mechanism: Mechanism, names: set[str]) -> Mechanism:
+def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
     """The mechanism without some loads, and without what is inactive at the start of a run."""
     rest = copy(mechanism)
     away = names | mechanism.inactive

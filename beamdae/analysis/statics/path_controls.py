@@ -136,23 +136,23 @@ class ArcControl:
 
 
 @dataclass(frozen=True)
-class Way:
+class PathDirection:
     """A direction of a path, or a way along it, of x = (q, lam) and of the factor."""
 
     x: Array
     mu: float
 
-    def times(self, factor: float) -> Way:
+    def times(self, factor: float) -> PathDirection:
         """So many times as far."""
-        return Way(factor * self.x, factor * self.mu)
+        return PathDirection(factor * self.x, factor * self.mu)
 
-    def besides(self, other: Way) -> Way:
+    def besides(self, other: PathDirection) -> PathDirection:
         """It and another, one after the other."""
-        return Way(self.x + other.x, self.mu + other.mu)
+        return PathDirection(self.x + other.x, self.mu + other.mu)
 
 
 @dataclass(frozen=True)
-class Norm:
+class StepNorm:
     """Sizes of steps: of positions their natural ones, of the factor its own.
 
     Attributes
@@ -171,28 +171,28 @@ class Norm:
         moved = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
         return max(moved, abs(mu) / self.factor)
 
-    def row(self, way: Way) -> tuple[Array, float]:
+    def row(self, way: PathDirection) -> tuple[Array, float]:
         """What gives, times another way, the product of both."""
         along = np.zeros_like(way.x)
         along[: len(self.scale)] = way.x[: len(self.scale)] / self.scale**2
         return along, way.mu / self.factor**2
 
-    def product(self, one: Way, other: Way) -> float:
+    def product(self, one: PathDirection, other: PathDirection) -> float:
         """The product of two ways: zero at right angles, of one with itself its length squared."""
         along, along_mu = self.row(one)
         return float(along @ other.x + along_mu * other.mu)
 
-    def cosine(self, one: Way, other: Way) -> float:
+    def cosine(self, one: PathDirection, other: PathDirection) -> float:
         """Of the angle between two ways."""
         sizes = self.product(one, one) * self.product(other, other)
         return self.product(one, other) / float(np.sqrt(sizes))
 
-    def across(self, way: Way, other: Way) -> Way:
+    def across(self, way: PathDirection, other: PathDirection) -> PathDirection:
         """The part of a way that is at right angles to another."""
         share = self.product(other, way) / self.product(other, other)
         return way.besides(other.times(-share))
 
-    def arc(self, x: Array, mu: float, way: Way) -> ArcControl:
+    def arc(self, x: Array, mu: float, way: PathDirection) -> ArcControl:
         """Control of the way along a direction."""
         one = self.product(way, way)
         along, along_mu = self.row(way)

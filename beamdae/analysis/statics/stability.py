@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from beamdae.analysis.statics.load_scaling import LoadedEquations
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.linear.orderings import bordered
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.linear.orderings import compute_bordered_ordering
 
 Array = np.ndarray
 
@@ -76,7 +76,7 @@ class Stability:
         return int(np.sum(self.values < 0.0)) + index - self.negative
 
 
-def stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
+def assess_stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
     """Stability at x = (q, lam), where the tangent has these non-zeros."""
     n, scale = system.equations.n, system.equations.position_scales
     whole = system.matrix(nonzeros)
@@ -86,17 +86,19 @@ def stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
     skew = sp.csc_array(stiffness - stiffness.T)
     symmetric = np.max(np.abs(skew.data), initial=0.0) <= _SKEW * size
     if n <= _DENSE or (not symmetric and n <= _DENSE_SKEW):
-        return _dense(system, x, stiffness.toarray(), gradients.toarray())
+        return _dense_stability(system, x, stiffness.toarray(), gradients.toarray())
     unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
     if not symmetric:
         return unknown
     try:
-        return _sparse(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
+        return _sparse_stability(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
     except (RuntimeError, ArpackError):
         return unknown
 
 
-def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array) -> Stability:
+def _dense_stability(
+    system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
+) -> Stability:
     scale, m = system.equations.position_scales, len(gradients)
     free = la.qr(gradients.T)[0][:, m:] if m else np.eye(len(scale))
     if not free.shape[1]:
@@ -105,16 +107,16 @@ def _dense(system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
     zero = _ZERO * float(np.max(np.abs(stiffness), initial=0.0))
     if np.max(np.abs(own - own.T)) <= max(_SKEW * float(np.max(np.abs(own))), zero):
         values, vectors = la.eigh(0.5 * (own + own.T))
-        return _told(values, free @ vectors, scale, zero)
+        return _build_stability(values, free @ vectors, scale, zero)
     # Without a potential signs decide nothing: what grows or swings ever farther does.
     under = system.under
-    starter = Starter(under.equations)
+    starter = ConsistencySolver(under.equations)
     mass = starter.linearized(under.time, starter.at_rest(x[: len(scale)]))[2].toarray()
     inertia = free.T @ (mass * scale * scale[:, None]) @ free
-    return Stability(np.zeros(0), np.zeros((len(scale), 0)), _growing(own, inertia))
+    return Stability(np.zeros(0), np.zeros((len(scale), 0)), _count_unstable_modes(own, inertia))
 
 
-def _growing(stiffness: Array, inertia: Array) -> int:
+def _count_unstable_modes(stiffness: Array, inertia: Array) -> int:
     """How many squares of natural frequencies are negative or complex, but for very fast modes."""
     with np.errstate(divide="ignore", invalid="ignore"):
         # One over them: slow modes are what is exact of these.
@@ -126,7 +128,7 @@ def _growing(stiffness: Array, inertia: Array) -> int:
     return int(np.sum((slow.real < -rough) | (np.abs(slow.imag) > rough)))
 
 
-def _told(
+def _build_stability(
     values: Array, modes: Array, scale: Array, zero: float, negative: int | None = None
 ) -> Stability:
     """Of eigenvalues and modes in natural sizes; `negative` if not all of those are among them."""
@@ -135,7 +137,7 @@ def _told(
     return Stability(values, scale[:, None] * modes, count, zero)
 
 
-def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> Stability:
+def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> Stability:
     """Signs by those of the pivots of the saddle matrix, without its eigenvalues.
 
     [[K + r G^T G, G^T], [G, 0]] has m negative ones besides those of K in the motions that G
@@ -166,12 +168,14 @@ def _sparse(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> S
     )
     order = np.argsort(values)
     rounded = int(np.sum((values < 0.0) & (values >= -zero)))
-    return _told(values[order], vectors[:n, order], scale, zero, max(negative, 0) + rounded)
+    return _build_stability(
+        values[order], vectors[:n, order], scale, zero, max(negative, 0) + rounded
+    )
 
 
 def _negative_pivots(matrix: sp.csc_array, n: int) -> int:
     """How many pivots are negative in elimination without exchanges, coordinates first."""
-    order = bordered(sp.csc_array(matrix[:n, :n])).order
+    order = compute_bordered_ordering(sp.csc_array(matrix[:n, :n])).order
     order = np.concatenate([order, np.arange(n, matrix.shape[0])])
     ordered = sp.csc_matrix(sp.csc_array(matrix[order][:, order]))
     factors = splu(ordered, "NATURAL", 0.0, options={"SymmetricMode": True})

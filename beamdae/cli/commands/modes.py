@@ -58,9 +58,9 @@ def modes_command(
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated}
     require_writable(out, tuple(file.name for file in files.values()))
-    from beamdae.analysis.linear.rotation import rotation
-    from beamdae.analysis.modes.campbell import campbell
-    from beamdae.analysis.modes.modes import modes
+    from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
+    from beamdae.analysis.linear_dynamics.natural_modes import modes
+    from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 
     built = model()
     found: Any
@@ -75,7 +75,7 @@ def modes_command(
 
 def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
     """The table on the disk and on the screen, then the pictures."""
-    from beamdae.analysis.modes.modes import Modes
+    from beamdae.analysis.linear_dynamics.natural_modes import Modes
     from beamdae.report.pictures.figures import saved
     from beamdae.report.pictures.mode_shapes import figure_of_campbell, figure_of_modes
     from beamdae.report.terminal import tables as terminal

@@ -69,7 +69,7 @@ def static_command(
     name = f"{model.name}_static"
     table, picture = out / f"{name}.csv", out / f"{name}.png"
     require_writable(out, (table.name, table.with_suffix(".json").name, picture.name))
-    from beamdae.analysis.statics.equilibrium import equilibrium
+    from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.equilibrium_path import picture_of_path
 
     with warnings.catch_warnings():

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.analysis.modes.campbell import Campbell
-from beamdae.analysis.modes.modes import Modes
+from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
+from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.motion_player import Animation, animation
-from beamdae.report.pictures.curves import Plot
+from beamdae.report.page.motion_player import animation
 from beamdae.report.pictures.figures import COLORS, as_written, dressed, wrapped
 from beamdae.report.pictures.movies import Film
 from beamdae.report.scene.body_scene import scene_of, sections_of
@@ -21,6 +20,7 @@ from beamdae.report.scene.poses import Moved, Poses, Vibrating
 from beamdae.report.scene.scene import Scene
 from beamdae.report.scene.scene_frames import plain_frames
 from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
+from beamdae.results.displays import Animation, Plot
 from beamdae.results.outlines import outlines
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.analysis.modes.frequency_range import Spectrum
-from beamdae.equations.starts.redundancy import sentences
+from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import FrequencyRange
+from beamdae.equations.starts.redundant_constraints import sentences
 
 # Lightly damped modes are those of less than this.
 _LIGHTLY = 0.62
@@ -70,7 +70,7 @@ def _start(check: Any) -> str:
     return f"{check.start.asked}; {moved}"
 
 
-def _spectrum(found: Spectrum) -> dict[str, str]:
+def _spectrum(found: FrequencyRange) -> dict[str, str]:
     if found.massless:
         return {"mass": f"singular, {found.massless} moves without inertia"}
     facts = {"mass": "positive in every motion the joints allow"}

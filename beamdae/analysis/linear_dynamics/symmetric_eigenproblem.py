@@ -8,6 +8,7 @@ harm, and no infinite eigenvalue of the pencil gets in, for all vectors satisfy 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +16,12 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from beamdae.analysis.linear.linearization import Linearization
-from beamdae.analysis.modes.saddle_point import saddle
+from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.first_order import State
+from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
+from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
@@ -26,7 +30,7 @@ ALL_AT_ONCE = 250
 # Squares beside the shift that are zero.
 STILL = 1e-13
 # Singular values of G in natural sizes that are none.
-_NONE = 1e-9
+_NULL_SPACE_TOLERANCE = 1e-9
 # Beside |x| |K| |x|: what rounding may leave of the stiffness of a motion that nothing resists.
 _ROUNDING = 2e-14
 # The shift lies so far below the lowest mode, and where it is looked for first.
@@ -42,7 +46,7 @@ class MasslessError(BeamdaeError):
         self.coordinate = coordinate
 
 
-class Undamped(NamedTuple):
+class UndampedModes(NamedTuple):
     """Squares (k,) of angular frequencies, ascending, and shapes (n, k) with x^T M x = 1."""
 
     squares: Array
@@ -55,32 +59,34 @@ class SymmetricProblem:
     def __init__(self, lin: Linearization) -> None:
         own = lin.tangent
         self.e = lin.equations
-        self.stiffness = _symmetric(own.stiffness)
-        self.mass = _symmetric(own.mass)
+        self.stiffness = _symmetric_part(own.stiffness)
+        self.mass = _symmetric_part(own.mass)
         self.rows = own.held_accelerations(lin.equations)
         self.free, self.still = self.e.n - self.e.m, lin.still
 
-    def lowest(self, count: int | None) -> Undamped:
+    def lowest(self, count: int | None) -> UndampedModes:
         """The modes nearest to zero, or all."""
         if self.free <= 0:
-            return Undamped(np.zeros(0), np.zeros((self.e.n, 0)))
+            return UndampedModes(np.zeros(0), np.zeros((self.e.n, 0)))
         if count is None or self.e.n <= ALL_AT_ONCE or count >= self.free // 2:
             shapes, shift = self._all()
         else:
             shapes, shift = self._few(count)
         return self._refined(shapes, max(STILL * shift, self.still))
 
-    def _refined(self, shapes: Array, still: float) -> Undamped:
+    def _refined(self, shapes: Array, still: float) -> UndampedModes:
         """Rayleigh quotients: their error is the square of that of the shapes."""
         shapes = shapes / np.sqrt(np.einsum("ij,ij->j", shapes, self.mass @ shapes))
         squares = np.einsum("ij,ij->j", shapes, self.stiffness @ shapes)
-        squares[np.abs(squares) <= np.maximum(rounding_of(self.stiffness, shapes), still)] = 0.0
+        squares[
+            np.abs(squares) <= np.maximum(quadratic_form_rounding(self.stiffness, shapes), still)
+        ] = 0.0
         order = np.argsort(squares, kind="stable")
-        return Undamped(squares[order], shapes[:, order])
+        return UndampedModes(squares[order], shapes[:, order])
 
     def _all(self) -> tuple[Array, float]:
         """By the inverse of K + s M in the null space of G, accurate for the lowest modes."""
-        free = null_space(self.rows, self.e.position_scales)
+        free = scaled_null_space(self.rows, self.e.position_scales)
         k, m = (free.T @ (matrix @ free) for matrix in (self.stiffness, self.mass))
         try:
             lower = la.cholesky(m, lower=True)
@@ -105,7 +111,7 @@ class SymmetricProblem:
         s = _FIRST * float(np.max(np.abs(self.stiffness.diagonal()[has]) / inertia[has])) or 1.0
         least = _LEAST / _FIRST * s
         for _ in range(_ROUNDS):
-            solve = saddle(self.stiffness + s * self.mass, self.rows.T, self.rows)
+            solve = factorize_saddle_point(self.stiffness + s * self.mass, self.rows.T, self.rows)
             if solve is None:
                 s *= 1.37
                 continue
@@ -133,21 +139,21 @@ class SymmetricProblem:
         return shapes, s
 
 
-def _symmetric(matrix: sp.csc_array) -> sp.csc_array:
+def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
     return sp.csc_array(0.5 * (matrix + matrix.T))
 
 
-def null_space(rows: sp.csc_array, scales: Array) -> Array:
+def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
     """Motions that rows allow, orthonormal in natural sizes, (n, free)."""
     if not rows.shape[0]:
         return np.diag(scales)
     matrix = rows.toarray() * scales
     lengths = np.linalg.norm(matrix, axis=1)
     matrix /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return scales[:, None] * la.null_space(matrix, rcond=_NONE)
+    return scales[:, None] * la.null_space(matrix, rcond=_NULL_SPACE_TOLERANCE)
 
 
-def rounding_of(stiffness: sp.csc_array, shapes: Array) -> Array:
+def quadratic_form_rounding(stiffness: sp.csc_array, shapes: Array) -> Array:
     """What rounding may make of x^H K x, (k,)."""
     sizes = np.abs(shapes)
     return _ROUNDING * np.einsum("ij,ij->j", sizes, abs(stiffness) @ sizes)
@@ -159,3 +165,57 @@ def _shift_below(squares: Array) -> float:
     # Whose inverse is a number.
     told = size[size > max(1e-11 * np.max(size, initial=0.0), 1e-200)]
     return _BELOW * float(np.min(told)) if len(told) else 1.0
+
+
+@dataclass(frozen=True)
+class FrequencyRange:
+    """Natural frequencies at the start.
+
+    Attributes
+    ----------
+    lowest, highest
+        Of vibrations [Hz], or None where there are none.
+    damping_ratio
+        Of the fastest.
+    loose
+        Motions that nothing drives back.
+    falling
+        The fastest rate at which a motion leaves the start [1/s], or 0.
+    massless
+        The coordinate that moves without inertia, or "".
+    """
+
+    lowest: float | None
+    highest: float | None
+    damping_ratio: float
+    loose: int
+    falling: float
+    massless: str
+
+
+def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
+    """Natural frequencies about a consistent state, of the motions its joints allow.
+
+    Constraints must not depend on each other.
+    """
+    own = compute_tangent(e, time, state)
+    try:
+        squares, shapes = SymmetricProblem(Linearization(e, e, "start", time, state, own)).lowest(
+            None
+        )
+    except MasslessError as problem:
+        return FrequencyRange(None, None, 0.0, 0, 0.0, problem.coordinate)
+    rates = np.sqrt(squares[squares > 0.0])
+    ratio = 0.0
+    if len(rates):
+        fastest = shapes[:, -1]
+        ratio = float(fastest @ (own.damping @ fastest) / (2.0 * rates[-1]))
+    hertz = rates / (2.0 * np.pi)
+    return FrequencyRange(
+        float(hertz[0]) if len(rates) else None,
+        float(hertz[-1]) if len(rates) else None,
+        ratio,
+        int(np.sum(squares == 0.0)),
+        float(np.sqrt(np.max(-squares, initial=0.0))),
+        "",
+    )

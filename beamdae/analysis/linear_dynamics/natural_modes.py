@@ -5,22 +5,99 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
-from beamdae.analysis.linear.linearization import REFERENCE, Linearization, linearization
-from beamdae.analysis.linear.rotation import Turning
-from beamdae.analysis.modes.eigenproblem import eigenmodes
+from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
+from beamdae.analysis.linear_dynamics.quadratic_eigenproblem import QuadraticProblem
+from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
+from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import SymmetricProblem
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.linear.factorizations import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 
+Array = np.ndarray
+
+# Beside the largest entry: what is no asymmetry, of matrices that are exact and of differences.
+_EXACT, _DIFFERENCES = 1e-12, 1e-9
+
+
+class EigenSolution(NamedTuple):
+    """Eigenvalues [1/s] with their shapes, zeros first, then by size; of pairs the upper one.
+
+    Attributes
+    ----------
+    values
+        (k,), imaginary parts of vibrations positive.
+    shapes
+        (n, k), x^H M x = 1.
+    """
+
+    values: Array
+    shapes: Array
+
+
+def is_conservative(lin: Linearization) -> bool:
+    """Whether matrices are symmetric and velocities have no part in forces."""
+    own, m = lin.tangent, lin.equations.m
+    if own.damping.nnz and abs(own.damping).max() > 0.0:
+        return False
+    if not (_is_symmetric(own.stiffness) and _is_symmetric(own.mass)):
+        return False
+    if not m:
+        return True
+    # At rest constraints on velocities hold the shape of whatever vibrates.
+    moving = lin.nonholonomic
+    if moving.any() and abs(own.held[moving]).max() > 0.0:
+        return False
+    rows = own.held_accelerations(lin.equations)
+    off = abs(own.reactions.T - rows)
+    return bool(off.max() <= _EXACT * abs(rows).max())
+
+
+def _is_symmetric(matrix: sp.csc_array) -> bool:
+    # Derivatives by differences are off by more than rounding.
+    return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= _DIFFERENCES * abs(matrix).max())
+
+
+@single_threaded
+def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = True) -> EigenSolution:
+    """The lowest modes, all if `count` is None.
+
+    With `damped` False those of the symmetric parts of K and M alone.
+    """
+    lowest = SymmetricProblem(lin).lowest(count)
+    if not damped or is_conservative(lin):
+        values = np.where(lowest.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(lowest.squares))
+        values += np.sqrt(np.maximum(-lowest.squares, 0.0))
+        return _normalize(lin, values, lowest.shapes.astype(complex), count)
+    return _normalize(lin, *QuadraticProblem(lin, lowest.squares, count).lowest(count), count)
+
+
+def _normalize(
+    lin: Linearization, values: Array, shapes: Array, count: int | None
+) -> EigenSolution:
+    """Lowest first, x^H M x = 1, and as real as can be."""
+    mass = lin.tangent.mass
+    order = np.argsort(np.abs(values), kind="stable")[:count]
+    values, shapes = values[order], shapes[:, order]
+    size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))
+    phase = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", shapes, mass @ shapes)))
+    shapes = shapes * phase / np.where(size > 0.0, size, 1.0)
+    # The largest of its coordinates is positive.
+    if shapes.size:
+        natural = shapes.real / lin.equations.position_scales[:, None]
+        largest = natural[np.argmax(np.abs(natural), axis=0), np.arange(shapes.shape[1])]
+        shapes = shapes * np.where(largest < 0.0, -1.0, 1.0)
+    return EigenSolution(values, shapes)
+
+
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = np.ndarray
 
 # Kinds of modes.
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
@@ -109,7 +186,10 @@ class Modes:
         r is the travel of everything along the axis; over all modes of a mechanism that nothing
         but the ground holds they add up to what can move of the mass.
         """
-        turning, mass = Turning.of(self._linearization.equations), self._linearization.tangent.mass
+        turning, mass = (
+            RotatingCoordinates.of(self._linearization.equations),
+            self._linearization.tangent.mass,
+        )
         travels = np.stack([turning.travel(axis) for axis in (0, 1)], axis=1)
         found = np.abs(self.shapes.conj() @ (mass @ travels)) ** 2
         whole = np.einsum("ij,ij->j", travels, mass @ travels)
@@ -209,16 +289,16 @@ def modes(
     damped = require_choice("modes", "damping", damping, (True, False))
     if isinstance(model, Model):
         model = model()
-    lin = linearization("modes", model, about, require_finite("modes", "t", t))
-    return modes_of(lin, wanted, damped, model if isinstance(model, Mechanism) else None)
+    lin = linearize_about("modes", model, about, require_finite("modes", "t", t))
+    return compute_modes(lin, wanted, damped, model if isinstance(model, Mechanism) else None)
 
 
-def modes_of(
+def compute_modes(
     lin: Linearization, n: int | None, damped: bool = True, mechanism: Mechanism | None = None
 ) -> Modes:
     """The modes of linearized equations."""
-    found = eigenmodes(lin, n, damped)
-    kinds = tuple(_kind(complex(value)) for value in found.values)
+    found = solve_eigenproblem(lin, n, damped)
+    kinds = tuple(_classify_mode(complex(value)) for value in found.values)
     return Modes(
         lin.about,
         found.values,
@@ -226,12 +306,12 @@ def modes_of(
         kinds,
         lin.state.q,
         mechanism,
-        (*lin.warnings, *_held(lin), *_unstable(found.values, kinds)),
+        (*lin.warnings, *_constraint_warnings(lin), *_instability_warnings(found.values, kinds)),
         lin,
     )
 
 
-def _kind(value: complex) -> str:
+def _classify_mode(value: complex) -> str:
     if value == 0.0:
         return RIGID
     if value.real > _NONE * abs(value):
@@ -239,13 +319,13 @@ def _kind(value: complex) -> str:
     return VIBRATION if value.imag > 0.0 else DECAY
 
 
-def _held(lin: Linearization) -> list[str]:
+def _constraint_warnings(lin: Linearization) -> list[str]:
     if lin.equations.n > lin.equations.m:
         return []
     return ["nothing vibrates: joints and drivers hold every coordinate."]
 
 
-def _unstable(values: Array, kinds: Sequence[str]) -> list[str]:
+def _instability_warnings(values: Array, kinds: Sequence[str]) -> list[str]:
     growing = [float(x.real) for x, kind in zip(values, kinds, strict=True) if kind == UNSTABLE]
     if not growing:
         return []

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.statics.load_scaling import Loading, loading_of
-from beamdae.analysis.statics.targets import Asked
-from beamdae.analysis.statics.tracing import free_motion, traced
+from beamdae.analysis.statics.load_scaling import Loading, build_loading
+from beamdae.analysis.statics.path_tracing import PathSettings, free_coordinate, trace_path
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, require_finite
 from beamdae.linear.factorizations import single_threaded
@@ -114,9 +113,9 @@ def equilibrium(
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
     t = require_finite(_NAME, "t", t)
-    asked = Asked.of(to, control, step, switch, most_points)
+    asked = PathSettings.of(to, control, step, switch, most_points)
     whole, q = _begin(model, start)
-    loading = loading_of(model, whole, loads, t)
+    loading = build_loading(model, whole, loads, t)
     with single_threaded:
         found = _result(loading, q, asked, information)
     told = list(found.warnings)
@@ -140,9 +139,11 @@ def _begin(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
     return whole, whole.q0
 
 
-def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any]) -> Equilibrium:
+def _result(
+    loading: Loading, q: Array, asked: PathSettings, information: dict[str, Any]
+) -> Equilibrium:
     e, time = loading.whole, loading.systems[0].under.time
-    found = traced(loading, q, asked)
+    found = trace_path(loading, q, asked)
     states = np.array([point.x for point in found.points])
     rubs = any(term.rows is not None for term in e.forces)
     return Equilibrium(
@@ -158,5 +159,5 @@ def _result(loading: Loading, q: Array, asked: Asked, information: dict[str, Any
         {**asked.told, "iterations": found.iterations},
         information,
         (_WITHOUT_FRICTION,) if rubs else (),
-        free_motion(e, found.points[-1]),
+        free_coordinate(e, found.points[-1]),
     )

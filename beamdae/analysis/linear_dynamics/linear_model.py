@@ -4,25 +4,121 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.linear.inputs import Input, inputs_of
-from beamdae.analysis.linear.linearization import REFERENCE, Linearization, linearization
-from beamdae.analysis.linear.rotation import Turning
-from beamdae.analysis.modes.saddle_point import saddle
-from beamdae.equations.equations_of_motion import Observable
+from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
+from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
+from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.assembly.statement_checks import collect_statements
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
 from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
+from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Named
+
+Array = np.ndarray
+
+
+class ModelInput(NamedTuple):
+    """An input, and what one unit of it adds to the equations.
+
+    Attributes
+    ----------
+    named
+        Name and unit: "push.Fy" [N]; of drivers the acceleration they prescribe.
+    force
+        Added to F, (n,).
+    held
+        Names of the constraints it drives, and what it adds to them.
+    """
+
+    named: Named
+    force: Array
+    held: dict[str, float]
+
+    @property
+    def is_drive(self) -> bool:
+        """Whether it prescribes a motion."""
+        return bool(self.held)
+
+
+def resolve_inputs(
+    mechanism: Any, lin: Linearization, chosen: Sequence[str] | None
+) -> list[ModelInput]:
+    """Inputs of a mechanism: those chosen by the names of parts, or all."""
+    parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
+    there = {name: part for name, part in parts.items() if part.inputs}
+    names = (
+        list(there) if chosen is None else require_sequence("linearize", "inputs", chosen, "names")
+    )
+    found: list[ModelInput] = []
+    for name in names:
+        if not isinstance(name, str) or name not in there:
+            raise BeamdaeError(
+                f"linearize: no input {short_repr(name)}{suggest(name, there)}, forces, moments and "
+                "drivers of the mechanism are inputs by name."
+            )
+        found += _part_inputs(mechanism, there[name], lin)
+    return found
+
+
+def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[ModelInput]:
+    t = float(lin.time[0])
+    values = [law.at(t) for law in part.laws]
+    found = []
+    for k, named in enumerate(part.inputs):
+        # Loads and drivers are linear in their laws: any step is exact.
+        step = max(1.0, abs(values[k]))
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [x + (sign * step if j == k else 0.0) for j, x in enumerate(values)]
+            ends.append(_part_residual(mechanism, part.following(moved), lin))
+        names = ends[0][0].lam_names
+        force, held = np.split((ends[0][1] - ends[1][1]) / (2.0 * step), [lin.equations.n])
+        driven = {name: float(x) for name, x in zip(names, held, strict=True) if x != 0.0}
+        found.append(ModelInput(_name_input(part.name, named, bool(driven)), force, driven))
+    return found
+
+
+def _name_input(part: str, named: Named, drives: bool) -> Named:
+    if not drives:
+        return Named(f"{part}.{named.name}", named.unit)
+    return Named(f"{part}.{named.name}_ddot", f"{named.unit}/s^2")
+
+
+def _part_residual(
+    mechanism: Mechanism, part: Part, lin: Linearization
+) -> tuple[EquationsOfMotion, Array]:
+    """Equations of the part alone on the coordinates of all, and their residual at the state."""
+    owners, e = map_coordinates(mechanism), lin.equations
+    forces, constraints, _ = collect_statements(part, mechanism.gravity, owners.sizes)
+    own = build_equations(
+        coordinates=e.coordinates,
+        q0=e.q0,
+        v0=e.v0,
+        length=e.length,
+        parts=e.parts,
+        breakpoints=(),
+        time_scale=None,
+        forces=forces,
+        constraints=constraints,
+        observables={},
+        owners=owners,
+    )
+    return own, compute_tangent(own, lin.time, lin.state._replace(lam=np.zeros(own.m))).residual
+
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-Array = np.ndarray
 
 # Matrices of states are full.
 _MOST = 2000
@@ -146,18 +242,18 @@ def linearize(
     """
     if isinstance(model, Model):
         model = model()
-    lin = linearization("linearize", model, about, require_finite("linearize", "t", t))
-    driving = inputs_of(model, lin, inputs)
-    observed = _outputs(lin, outputs)
+    lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
+    driving = resolve_inputs(model, lin, inputs)
+    observed = _resolve_outputs(lin, outputs)
     if lin.equations.n > _MOST:
         raise BeamdaeError(
             f"linearize: {lin.equations.n} coordinates are too many, at most {_MOST}; take fewer "
             "elements."
         )
-    return _Reduction(lin, driving).model(observed)
+    return _StateReduction(lin, driving).model(observed)
 
 
-def _outputs(lin: Linearization, chosen: Sequence[str] | None) -> list[Observable]:
+def _resolve_outputs(lin: Linearization, chosen: Sequence[str] | None) -> list[Observable]:
     there = {o.name: o for o in lin.whole.observables}
     names = (
         list(there) if chosen is None else require_sequence("linearize", "outputs", chosen, "names")
@@ -168,10 +264,10 @@ def _outputs(lin: Linearization, chosen: Sequence[str] | None) -> list[Observabl
     return [there[name] for name in names]
 
 
-class _Reduction:
+class _StateReduction:
     """From all coordinates to independent ones: dq = Z x, dv = Y w + W x."""
 
-    def __init__(self, lin: Linearization, driving: Sequence[Input]) -> None:
+    def __init__(self, lin: Linearization, driving: Sequence[ModelInput]) -> None:
         self.lin, self.e, self.driving = lin, lin.equations, driving
         e, own = self.e, lin.tangent
         driven = {name for one in driving for name in one.held}
@@ -184,9 +280,9 @@ class _Reduction:
         moving = lin.nonholonomic
         held, rates = own.held.toarray(), own.held_rates.toarray()
         scales = e.position_scales
-        self.x_at, self.z = _independent(held[~free & ~moving], scales)
+        self.x_at, self.z = _independent_coordinates(held[~free & ~moving], scales)
         all_rates = np.where(moving[:, None], rates, held)[~free]
-        self.w_at, self.y = _independent(all_rates, scales)
+        self.w_at, self.y = _independent_coordinates(all_rates, scales)
         # Velocities that positions ask for: V W = -J Z where velocities alone are held.
         self.w = np.zeros((e.n, len(self.x_at)))
         if moving.any():
@@ -195,7 +291,7 @@ class _Reduction:
             self.w = la.lstsq(all_rates, asked)[0]
         self.w = self.w - self.y @ self.w[self.w_at]
         self.rows, self.held, self.moving = rows, held, moving
-        solve = saddle(own.mass, own.reactions, own.held_accelerations(e))
+        solve = factorize_saddle_point(own.mass, own.reactions, own.held_accelerations(e))
         if solve is None:
             raise BeamdaeError("linearize: something moves without inertia, give it a mass.")
         self.solve = solve
@@ -219,7 +315,7 @@ class _Reduction:
         rates = np.vstack([dv[self.x_at], da[self.w_at]])
         if lin.turning is not None:
             # What is observed is that of the inertial frame, where all of it turns on.
-            dv = dv + lin.turning.speed * (Turning.of(e).generator @ dq)
+            dv = dv + lin.turning.speed * (RotatingCoordinates.of(e).generator @ dq)
         found, values, columns = self._observed(observed, dq, dv, dlam)
         states = [e.coordinates[k] for k in self.x_at]
         states += [e.coordinates[k].rate for k in self.w_at]
@@ -262,7 +358,7 @@ class _Reduction:
         return np.vstack(found), np.concatenate(values), tuple(columns)
 
 
-def _independent(rows: Array, scales: Array) -> tuple[Array, Array]:
+def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     """Coordinates all others follow from under rows @ dq = 0, and how: dq = Z dq[chosen]."""
     n = rows.shape[1]
     matrix = rows * scales

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.linear.factorizations import SingularMatrixError, factorization
+from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 
 Array = np.ndarray
 
 
-def saddle(
+def factorize_saddle_point(
     block: sp.sparray, reactions: sp.sparray, rows: sp.sparray
 ) -> Callable[[Array], Array] | None:
     """What solves [[block, reactions], [rows, 0]] x = right; None if that is singular."""
@@ -21,7 +21,7 @@ def saddle(
         matrix = sp.block_array([[block, reactions], [rows, None]])
     own = sp.csc_array(matrix)
     own.sort_indices()
-    solver = factorization(own)
+    solver = create_factorization(own)
     try:
         solver.factorize(own.data)
     except SingularMatrixError:

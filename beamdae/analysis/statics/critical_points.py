@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from beamdae.analysis.statics.corrector import Corrector, Point, StepError
-from beamdae.analysis.statics.path_controls import Control, Way
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.results.outcome import REACHED_END, Status
 
 # Of a stretch: how closely a point is found where Newton's method ends the search, and the
@@ -27,7 +27,7 @@ LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 
 
 @dataclass(frozen=True)
-class Critical:
+class PathCriticalPoint:
     """A point at which the tangent stiffness loses a direction.
 
     Attributes
@@ -58,32 +58,32 @@ class Path:
         Whether it ended where no step converges.
     """
 
-    points: list[Point] = field(default_factory=list)
-    critical: list[Critical] = field(default_factory=list)
+    points: list[EquilibriumPoint] = field(default_factory=list)
+    critical: list[PathCriticalPoint] = field(default_factory=list)
     status: Status = REACHED_END
     size: float = np.inf
     stuck: bool = False
 
     @property
-    def end(self) -> Point:
+    def end(self) -> EquilibriumPoint:
         """The last point."""
         return self.points[-1]
 
     @property
-    def branches(self) -> list[Critical]:
+    def branches(self) -> list[PathCriticalPoint]:
         """Where other paths cross."""
         return [one for one in self.critical if one.kind == BRANCH]
 
-    def add(self, stretch: Stretch, critical: Sequence[Found]) -> None:
+    def add(self, stretch: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
         """Add the end of a stretch, and before it what is critical on the way there."""
         for found in critical:
-            self.critical.append(Critical(found.kind, len(self.points), found.index))
+            self.critical.append(PathCriticalPoint(found.kind, len(self.points), found.index))
             self.points.append(found.point)
         self.points.append(stretch.end)
 
 
 @dataclass(frozen=True)
-class Stretch:
+class PathSegment:
     """The path between two of its points, by the control of the step that was made.
 
     Attributes
@@ -96,18 +96,18 @@ class Stretch:
 
     corrector: Corrector
     control: Control
-    begin: Point
-    end: Point
+    begin: EquilibriumPoint
+    end: EquilibriumPoint
     values: tuple[float, float]
-    ways: tuple[Way, Way | None]
+    ways: tuple[PathDirection, PathDirection | None]
 
-    def at(self, share: float) -> Point:
+    def at(self, share: float) -> EquilibriumPoint:
         """A point between: 0 is the begin, 1 the end."""
         a, b, (first, last) = self.begin, self.end, self.values
         x, mu = a.x + share * (b.x - a.x), a.mu + share * (b.mu - a.mu)
         return self.corrector.corrected(self.control, first + share * (last - first), x, mu)
 
-    def up_to(self, aim: Control, target: float) -> Stretch | None:
+    def up_to(self, aim: Control, target: float) -> PathSegment | None:
         """The part of it up to a value of `aim`; None where that is not reached."""
         off = [aim.value(point.x, point.mu) - target for point in (self.begin, self.end)]
         if off[0] * off[1] > 0.0 or off[0] == 0.0:
@@ -123,14 +123,14 @@ class Stretch:
         near = self.at(share)
         try:
             end = self.corrector.corrected(aim, target, near.x, near.mu)
-        except StepError:
+        except CorrectorError:
             # Where the aim itself turns nothing is closer.
             end = near
         value = self.control.value(end.x, end.mu)
         after = self.corrector.direction(end, self.control)
         return replace(self, end=end, values=(self.values[0], value), ways=(self.ways[0], after))
 
-    def critical(self, splits: int = _SPLITS) -> list[Found]:
+    def critical(self, splits: int = _SPLITS) -> list[SegmentCriticalPoint]:
         """What is critical in it, in order."""
         counts = [point.stability.negative for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
@@ -146,31 +146,31 @@ class Stretch:
                 return [one for half in self._halves() for one in half.critical(splits - 1)]
         return sorted(filter(None, found), key=lambda one: one.share)
 
-    def _halves(self) -> tuple[Stretch, Stretch]:
+    def _halves(self) -> tuple[PathSegment, PathSegment]:
         middle, value = self._beside(0.5), 0.5 * sum(self.values)
         way = self.corrector.direction(middle, self.control)
         if way is None:
-            raise StepError("paths cross there")
+            raise CorrectorError("paths cross there")
         return (
             replace(self, end=middle, values=(self.values[0], value), ways=(self.ways[0], way)),
             replace(self, begin=middle, values=(value, self.values[1]), ways=(way, self.ways[1])),
         )
 
-    def _flutter(self, counts: Sequence[int]) -> list[Found]:
+    def _flutter(self, counts: Sequence[int]) -> list[SegmentCriticalPoint]:
         """Where the number of unstable directions changes without a potential."""
         near = self._around(self._changed(counts[0]), None)
         return [replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near]
 
-    def _lost(self, index: int) -> Found | None:
+    def _lost(self, index: int) -> SegmentCriticalPoint | None:
         """Where an eigenvalue changes its sign, if it does."""
         ends = [point.stability.value(index) for point in (self.begin, self.end)]
         if not ends[0] * ends[1] < 0.0:
             return None
 
-        def left(point: Point) -> float:
+        def left(point: EquilibriumPoint) -> float:
             value = point.stability.value(index)
             if np.isnan(value):
-                raise StepError("the stability of equilibria changes abruptly")
+                raise CorrectorError("the stability of equilibria changes abruptly")
             return value
 
         share = brentq(lambda share: left(self._beside(share)), 0.0, 1.0, xtol=_WIDTH)
@@ -181,13 +181,13 @@ class Stretch:
         rates = [0.0 if way is None else way.mu for way in self.ways]
         return rates[0] * rates[1] < 0.0
 
-    def _touched(self) -> Found | None:
+    def _touched(self) -> SegmentCriticalPoint | None:
         """Where the load factor turns and no direction is lost, as on a path that branches off.
 
         There it crosses the one that it came from, or another, and an eigenvalue touches zero.
         """
 
-        def rate(point: Point) -> float:
+        def rate(point: EquilibriumPoint) -> float:
             way = self.corrector.direction(point, self.control)
             return 0.0 if way is None else way.mu
 
@@ -204,12 +204,12 @@ class Stretch:
         before, after = (point.stability.negative for point in aside)
         return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
 
-    def _beside(self, share: float) -> Point:
+    def _beside(self, share: float) -> EquilibriumPoint:
         """A point between, or close by where paths cross and Newton's method has no hold."""
         for aside in (0.0, _WIDTH, -_WIDTH):
             try:
                 return self.at(share + aside)
-            except StepError as problem:
+            except CorrectorError as problem:
                 told = problem
         raise told
 
@@ -223,8 +223,8 @@ class Stretch:
         return 0.5 * (low + high)
 
     def _around(
-        self, share: float, left: Callable[[Point], float] | None, width: float = _WIDTH
-    ) -> Found:
+        self, share: float, left: Callable[[EquilibriumPoint], float] | None, width: float = _WIDTH
+    ) -> SegmentCriticalPoint:
         """The point at which something vanishes, near a share; None: there it is.
 
         From four points around it: at the point itself, where paths cross, the equations do not
@@ -241,8 +241,8 @@ class Stretch:
         factors = np.array([point.mu for point in points])
         rates = np.diff(factors)
         kind = LIMIT if rates[0] * rates[-1] < 0.0 else BRANCH
-        point = Point(self.corrector.system, x, float(weights @ factors))
-        return Found(share, point, kind, 0)
+        point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
+        return SegmentCriticalPoint(share, point, kind, 0)
 
 
 def _root(places: Array, values: Sequence[float], near: float) -> float:
@@ -254,10 +254,10 @@ def _root(places: Array, values: Sequence[float], near: float) -> float:
 
 
 @dataclass(frozen=True)
-class Found:
+class SegmentCriticalPoint:
     """A critical point of a stretch: where, what, of which kind, and which eigenvalue vanishes."""
 
     share: float
-    point: Point
+    point: EquilibriumPoint
     kind: str
     index: int

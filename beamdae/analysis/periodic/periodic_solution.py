@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.periodic.monodromy import Linearized
-from beamdae.analysis.periodic.shooting import Flow, Shot, UnfinishedError
+from beamdae.analysis.periodic.monodromy import VariationalEquations
+from beamdae.analysis.periodic.shooting import IncompleteRunError, PeriodMap, ShootingResult
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -106,15 +106,15 @@ def periodic(
     settle = require_count("periodic", "settle", settle, 0, MOST_SETTLING)
     method = Radau(RTOL) if integrator is None else integrator
     require_integrator("periodic", method)
-    flow = Flow.of(equations_of("periodic", model, start), method, begin, period)
+    flow = PeriodMap.of(build_periodic_equations("periodic", model, start), method, begin, period)
     try:
-        shot, iterations = converged(flow, *settled(flow, settle), tolerance)
-    except UnfinishedError as problem:
+        shot, iterations = solve_shooting(flow, *settle_motion(flow, settle), tolerance)
+    except IncompleteRunError as problem:
         told = str(problem).removeprefix("periodic: ").rstrip(".")
         found = PeriodicMotion(problem.solution, period, status=Status("failed", told))
     else:
-        status = _status(shot, iterations, tolerance)
-        multipliers, error = _multipliers(flow, shot)
+        status = _shooting_status(shot, iterations, tolerance)
+        multipliers, error = _converge_multipliers(flow, shot)
         found = PeriodicMotion(
             shot.solution, period, multipliers, error, shot.off, iterations, status
         )
@@ -123,7 +123,7 @@ def periodic(
     return found
 
 
-def _status(shot: Shot, iterations: int, tolerance: float) -> Status:
+def _shooting_status(shot: ShootingResult, iterations: int, tolerance: float) -> Status:
     if shot.off <= tolerance:
         return Status("ok", "repeats after its period")
     told = f"after {iterations} iterations the motion misses its start by {shot.off:.3g} of itself"
@@ -132,7 +132,7 @@ def _status(shot: Shot, iterations: int, tolerance: float) -> Status:
     return Status("failed", told)
 
 
-def equations_of(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
+def build_periodic_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     """Equations of a model whose parts are always active; `name` is that of what was given it."""
     equations = as_equations(name, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
@@ -143,7 +143,7 @@ def equations_of(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     return equations
 
 
-def settled(flow: Flow, periods: int) -> tuple[Array, Array]:
+def settle_motion(flow: PeriodMap, periods: int) -> tuple[Array, Array]:
     """The state (q, v) after some periods."""
     e = flow.equations
     q, v = flow.consistent(e.q0, e.v0)
@@ -157,9 +157,11 @@ def settled(flow: Flow, periods: int) -> tuple[Array, Array]:
     return flow.consistent(q - turns, last.v[-1])
 
 
-def converged(flow: Flow, q: Array, v: Array, tolerance: float) -> tuple[Shot, int]:
+def solve_shooting(
+    flow: PeriodMap, q: Array, v: Array, tolerance: float
+) -> tuple[ShootingResult, int]:
     """The last shot of Newton's method, and how many there were before it."""
-    shot = Shot.of(flow, q, v)
+    shot = ShootingResult.of(flow, q, v)
     flow.require_repeating(shot.solution)
     best, last = shot, 0
     for iteration in range(1, _MOST_ITERATIONS + 1):
@@ -169,7 +171,7 @@ def converged(flow: Flow, q: Array, v: Array, tolerance: float) -> tuple[Shot, i
         change = -np.linalg.lstsq(matrix, shot.missed, rcond=_NEUTRAL)[0]
         # No more than what the motion is as a whole.
         change /= max(1.0, float(np.max(np.abs(change))) / 3.0)
-        shot = _moved(flow, shot, change)
+        shot = _shoot_from(flow, shot, change)
         if shot.off < 0.5 * best.off:
             last = iteration
         best = min(best, shot, key=lambda x: x.off)
@@ -178,19 +180,21 @@ def converged(flow: Flow, q: Array, v: Array, tolerance: float) -> tuple[Shot, i
     return best, _MOST_ITERATIONS
 
 
-def _moved(flow: Flow, shot: Shot, change: Array, halvings: int = _HALVINGS) -> Shot:
+def _shoot_from(
+    flow: PeriodMap, shot: ShootingResult, change: Array, halvings: int = _HALVINGS
+) -> ShootingResult:
     """The period from a changed start on; from one changed by less where no run gets through."""
     try:
-        return Shot.of(flow, *flow.consistent(*shot.moved(change)))
-    except UnfinishedError:
+        return ShootingResult.of(flow, *flow.consistent(*shot.moved(change)))
+    except IncompleteRunError:
         if not halvings:
             raise
-        return _moved(flow, shot, 0.5 * change, halvings - 1)
+        return _shoot_from(flow, shot, 0.5 * change, halvings - 1)
 
 
-def _multipliers(flow: Flow, shot: Shot) -> tuple[Array, float]:
+def _converge_multipliers(flow: PeriodMap, shot: ShootingResult) -> tuple[Array, float]:
     """Floquet multipliers, with the steps of disturbances halved until the largest stay."""
-    linear = Linearized(flow.equations)
+    linear = VariationalEquations(flow.equations)
     into = (shot.free / shot.scales[:, None] ** 2).T
     found, error = sorted_multipliers(shot.carried), np.inf
     for halving in range(1, _MOST_HALVINGS + 1):

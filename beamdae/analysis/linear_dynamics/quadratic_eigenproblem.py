@@ -10,15 +10,15 @@ import numpy as np
 import scipy.linalg as la
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from beamdae.analysis.linear.linearization import Linearization
-from beamdae.analysis.modes.saddle_point import saddle
-from beamdae.analysis.modes.symmetric_problem import (
+from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
     ALL_AT_ONCE,
     STILL,
-    null_space,
-    rounding_of,
+    quadratic_form_rounding,
+    scaled_null_space,
 )
 from beamdae.errors import BeamdaeError
+from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
@@ -41,7 +41,7 @@ class QuadraticProblem:
         told = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _MANY]
         self.rate = float(_BELOW * np.sqrt(told[0] * told[-1])) if len(told) else 1.0
         own, s = self.own, self.rate
-        solve = saddle(
+        solve = factorize_saddle_point(
             own.stiffness + s * own.damping + s**2 * own.mass,
             own.reactions,
             own.held + s * own.held_rates,
@@ -60,7 +60,7 @@ class QuadraticProblem:
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.rate
         if n <= ALL_AT_ONCE or wanted >= n:
-            basis = null_space(self.own.held_accelerations(e), e.position_scales)
+            basis = scaled_null_space(self.own.held_accelerations(e), e.position_scales)
             if len(e.nonholonomic_rows):
                 basis = np.diag(e.position_scales)
             whole = la.block_diag(basis, self.rate * basis)
@@ -97,7 +97,7 @@ class QuadraticProblem:
         inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes))
         shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
         energy = np.abs(np.einsum("ij,ij->j", shapes.conj(), stiffness @ shapes))
-        rounding, size = rounding_of(stiffness, shapes), np.abs(values)
+        rounding, size = quadratic_form_rounding(stiffness, shapes), np.abs(values)
         still = np.maximum(rounding, STILL * self.rate**2)
         zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
         zero |= size**2 <= self.lin.still
@@ -105,7 +105,7 @@ class QuadraticProblem:
         # What rounding of the stiffness makes of an eigenvalue on one of the axes, unless dampers
         # take or give more than rounding.
         taken = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), self.own.damping @ shapes)))
-        is_damped = taken > rounding_of(self.own.damping, shapes)
+        is_damped = taken > quadratic_form_rounding(self.own.damping, shapes)
         off = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, 1e-300))
         off = np.maximum(off, 1e-12 * size)
         real = np.where(np.abs(values.real) <= off, 0.0, values.real)
