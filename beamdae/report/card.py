@@ -6,8 +6,8 @@ import html
 from collections.abc import Mapping
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.motion import thumbnail
-from beamdae.report.terminal.tables import number
+from beamdae.report.pictures.motion import draw_thumbnail
+from beamdae.report.terminal.tables import format_number
 from beamdae.results.event_records import happened
 from beamdae.results.solution import Solution
 
@@ -35,9 +35,9 @@ def _facts(solution: Solution) -> dict[str, str]:
     facts = {
         "status": f"{status.kind}: {status.sentence}",
         "time": f"{solution.t[0]:g} s to {solution.trajectory.end:g} s, {len(solution.t)} rows",
-        "cost": f"{cost.steps} steps, {cost.rejected_steps} rejected, {number(cost.wall_time)} s",
-        "energy imbalance": number(quality.energy_imbalance),
-        "drift": f"{number(quality.max_position_drift)}, {number(quality.max_velocity_drift)} "
+        "cost": f"{cost.steps} steps, {cost.rejected_steps} rejected, {format_number(cost.wall_time)} s",
+        "energy imbalance": format_number(quality.energy_imbalance),
+        "drift": f"{format_number(quality.max_position_drift)}, {format_number(quality.max_velocity_drift)} "
         "(positions, velocities)",
         "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
     }
@@ -59,7 +59,7 @@ def table(facts: Mapping[str, str]) -> str:
 
 def _picture(solution: Solution) -> str:
     try:
-        return thumbnail(solution)
+        return draw_thumbnail(solution)
     except BeamdaeError:
         # Equations have no shape.
         return ""

@@ -8,9 +8,9 @@ from typing import Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.curves_data import curves_of, rows_a_curve
-from beamdae.report.scene.scene_frames import frames_of
+from beamdae.report.scene.scene_frames import export_run_frames
 from beamdae.report.terminal import tables as terminal
-from beamdae.report.terminal.responsive_table import FittedTable
+from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.results.event_records import happened
 from beamdae.results.headers import observed_columns
 from beamdae.results.solution import Solution
@@ -54,7 +54,7 @@ def page_of_run(
         "subtitle": f"{method}: {status.sentence}",
         "made": versions(),
         "notes": [*warnings, *solution.warnings],
-        "groups": [{"id": _ID, "frames": frames_of(solution)}],
+        "groups": [{"id": _ID, "frames": export_run_frames(solution)}],
         "tables": [table for table in _tables(solution, table, errors) if table["rows"]],
         "cases": [
             {
@@ -84,7 +84,7 @@ def _tables(
     ]
 
 
-def _told(title: str, table: FittedTable) -> dict[str, Any]:
+def _told(title: str, table: ResponsiveTable) -> dict[str, Any]:
     head, *rows = table.texts
     return {"title": title, "head": head, "rows": rows}
 
@@ -94,7 +94,7 @@ def _provenance(solution: Solution) -> list[list[str]]:
     model = told["model"]
     settings = {"model": model.get("name", "")}
     settings |= {
-        str(name): terminal.number(x, 6) for name, x in model.get("parameters", {}).items()
+        str(name): terminal.format_number(x, 6) for name, x in model.get("parameters", {}).items()
     }
     settings["started"] = str(told["start"]["asked"] or "as drawn")
     settings["equations"] = told["equations"]["identity"][:_DIGITS]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 
-def plain(text: str) -> str:
+def make_printable(text: str) -> str:
     """The text on one line, with what no screen shows (control characters, ...) as its code."""
     return "".join(map(_shown, text))
 
 
-def shortened(text: str, most: int) -> str:
+def shorten_text(text: str, most: int) -> str:
     """The plain text in at most so many letters: of a longer one the middle is left out."""
-    text = plain(text)
+    text = make_printable(text)
     if len(text) <= most:
         return text
     kept = most - 1

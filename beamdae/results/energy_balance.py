@@ -97,7 +97,7 @@ class EnergyLedger:
             if active is not None:
                 state = state._replace(lam=active.own(state.lam))
             if id(own) not in keepers:
-                keepers[id(own)] = measures.books_of(own)
+                keepers[id(own)] = measures.balance_rows(own)
             function = keepers[id(own)]
             values = np.split(function(interval.times, *state), [3, 6], axis=1)
             energies, powers, norms = map(np.ascontiguousarray, values)

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import require_count
 from beamdae.results.column_selection import every_column, selected
+from beamdae.results.displays import Plot, load_views
 from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovered import of_state
@@ -24,8 +25,6 @@ from beamdae.results.strain_validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -186,9 +185,7 @@ class Equilibrium:
         BeamdaeError
             If there is no column of such a name.
         """
-        from beamdae.report.pictures.equilibrium_path import plot_of_path
-
-        return plot_of_path(self, names)
+        return load_views().plot_equilibrium_path(self, names)
 
     def table(self) -> pd.DataFrame:
         """Load factors, observed quantities, stability and kind of each point of the path."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 
 Array = np.ndarray
 

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import require_choice
+from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest, mean
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -103,9 +102,7 @@ class FrequencyResponse:
 
     def plot(self, column: str) -> Plot:
         """Draw half the range of an observed column over the parameter: dashed where unstable."""
-        from beamdae.report.pictures.response_curve import picture_of_response
-
-        return picture_of_response(self, column)
+        return load_views().plot_frequency_response(self, column)
 
     @property
     def folds(self) -> list[float]:

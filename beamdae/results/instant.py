@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.equations.configurations import Configuration
-from beamdae.equations.formulations import State
+from beamdae.equations.assembly.configurations import Configuration
+from beamdae.equations.formulations.first_order import State
 from beamdae.errors import BeamdaeError, require_finite
 from beamdae.results.trajectory import Trajectory
 

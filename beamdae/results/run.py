@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.results.energy_balance import EnergyLedger, Quality
 from beamdae.results.event_records import Occurrence
 from beamdae.results.outcome import Statistics, Status
@@ -157,7 +157,7 @@ class Run:
             equations = self.equations
             if active is not None:
                 equations, found = active.equations, found._replace(lam=active.own(found.lam))
-            rows[here] = measures.books_of(equations)(times[here], *found)[:, -2:]
+            rows[here] = measures.balance_rows(equations)(times[here], *found)[:, -2:]
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     def summary(self) -> dict[str, Any]:

@@ -9,7 +9,11 @@ from itertools import groupby
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import JointMatrix, has_loops, joint_matrix
+from beamdae.equations.starts.rank import (
+    ConstraintJacobian,
+    build_constraint_jacobian,
+    has_closed_loops,
+)
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -86,9 +90,9 @@ def _of_stretch(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[SingularPosition, ...]:
     start, end = trajectory.intervals[0].t[0], trajectory.end
-    if end <= start or not has_loops(equations):
+    if end <= start or not has_closed_loops(equations):
         return ()
-    matrix = joint_matrix(equations)
+    matrix = build_constraint_jacobian(equations)
     if equations.redundant:
         matrix = matrix.of_rank_at(*_first(trajectory))
     looks = int(np.clip(_WORK / equations.m**3, _LEAST_LOOKS, _MOST_LOOKS))
@@ -129,13 +133,13 @@ def _dips(values: Array) -> Array:
     return found[found > 0][:_DIPS]
 
 
-def _smallest(matrix: JointMatrix, trajectory: Trajectory, t: Array) -> Array:
+def _smallest(matrix: ConstraintJacobian, trajectory: Trajectory, t: Array) -> Array:
     times, state = trajectory.at(t)
     return matrix.smallest(times, state.q)
 
 
 def _seen_through(
-    matrix: JointMatrix, trajectory: Trajectory, at: Array, width: float
+    matrix: ConstraintJacobian, trajectory: Trajectory, at: Array, width: float
 ) -> tuple[Array, Array]:
     """Time and value of the bottom of dips that are known to +- width [s]."""
     value = np.full(len(at), np.inf)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.equations.assemble import equations_of_motion
-from beamdae.equations.observation import observing
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.assembly.observation import add_observable
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.initial_state import AS_DRAWN
+from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import table_of
 from beamdae.results.instant import Instant
 from beamdae.results.joined_runs import joined
@@ -33,8 +34,6 @@ from beamdae.symbolic.statements import Named, Quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.report.page.motion_player import Animation
-    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -91,9 +90,7 @@ class Solution(Run, Tabulated):
         )
 
     def _repr_html_(self) -> str:
-        from beamdae.report.card import card
-
-        return card(self)
+        return load_views().summarize_as_html(self)
 
     @cached_property
     def observed(self) -> pd.DataFrame:
@@ -111,7 +108,7 @@ class Solution(Run, Tabulated):
             If the name is taken, the quantity is none of the mechanism's, or the run not one of a
             mechanism.
         """
-        return replace(self, equations=observing(self.equations, name, what))
+        return replace(self, equations=add_observable(self.equations, name, what))
 
     def animate(
         self,
@@ -122,9 +119,7 @@ class Solution(Run, Tabulated):
         trail: Any = False,
     ) -> Animation | Path:
         """Moving pictures of the run, see `beamdae.animate`."""
-        from beamdae.report.pictures.motion import animate
-
-        return animate(self, path, speed, frames, color, trail)
+        return load_views().animate(self, path, speed, frames, color, trail)
 
     @property
     def events(self) -> pd.DataFrame:

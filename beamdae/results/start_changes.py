@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 
 Array = np.ndarray
 

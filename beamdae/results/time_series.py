@@ -11,14 +11,13 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.results.column_selection import every_column, selected
+from beamdae.results.displays import Plot, load_views
 from beamdae.results.headers import observed_columns
 from beamdae.results.storage.files import file_path, replacing
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
-
-    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -147,9 +146,7 @@ class Tabulated:
 
     def plot(self, *names: str) -> Plot:
         """Draw columns over time, see `beamdae.plot`."""
-        from beamdae.report.pictures.curves import plot
-
-        return plot(self, *names)
+        return load_views().plot_time_series(self, *names)
 
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet (needs pyarrow: `pip install beamdae[parquet]`).

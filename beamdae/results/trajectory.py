@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.configurations import Configuration
-from beamdae.equations.formulations import State
+from beamdae.equations.assembly.configurations import Configuration
+from beamdae.equations.formulations.first_order import State
 
 Array = np.ndarray
 

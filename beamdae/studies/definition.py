@@ -18,7 +18,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.model_functions import Model, file_name
+from beamdae.model_functions import Model, require_file_name
 from beamdae.studies.case import Case, Known
 from beamdae.studies.deviations import column_names
 from beamdae.studies.execution.case_run import Limits, Task, mistake
@@ -73,7 +73,7 @@ class Study:
     errors: bool | None = None
 
     def __post_init__(self) -> None:
-        file_name("study", self.name)
+        require_file_name("study", self.name)
         set_fields(
             self,
             cases=_cases(self.name, self.cases),

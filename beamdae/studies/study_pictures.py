@@ -72,7 +72,7 @@ def _of_one_group(results: Results) -> list[Path]:
         return []
     path = results.folder / "comparison.png"
     title = results.study.cases[0].group
-    return [pictures.picture_of_comparison(path, _columns(truth), runs, uncertainty, title)]
+    return [pictures.plot_comparison(path, _columns(truth), runs, uncertainty, title)]
 
 
 def _columns(table: pd.DataFrame) -> pd.DataFrame:
@@ -200,7 +200,7 @@ def _panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
     axes = {}
     for k, title in enumerate(titles):
         axis = figure.add_subplot(rows, columns, k + 1)
-        axis.set_title(pictures.wrapped(title, _LINE), fontsize=9)
+        axis.set_title(pictures.wrap_title(title, _LINE), fontsize=9)
         axis.grid(color="0.9", lw=0.6, which="both")
         axes[title] = axis
     return figure, axes
@@ -249,5 +249,7 @@ def _saved(figure: Figure, styles: dict[tuple[str, str], dict[str, Any]], path: 
     """The files of a figure, if it has panels."""
     if not figure.axes:
         return []
-    pictures.legend(figure, {label or series: style for (series, label), style in styles.items()})
-    return [pictures.saved(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
+    pictures.add_legend(
+        figure, {label or series: style for (series, label), style in styles.items()}
+    )
+    return [pictures.save_figure(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]

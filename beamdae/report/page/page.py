@@ -11,7 +11,7 @@ from typing import Any
 from beamdae.errors import BeamdaeError
 from beamdae.report.page.encoding import stored_curves, stored_frames
 from beamdae.report.page.template import filled
-from beamdae.report.text import plain
+from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
 
 # Each once in the page, one after the other: what they define is known to all of them.
@@ -116,7 +116,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
 def _rendered(page: Mapping[str, Any]) -> str:
     """The template with everything it refers to in it."""
-    title = html.escape(plain(page["title"]))
+    title = html.escape(make_printable(page["title"]))
     return filled("page", _STYLES, _SCRIPTS, page, title=title)
 
 

@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, is_valid_path, require_sequence, short_repr
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
 from beamdae.results.column_selection import every_column, selected
+from beamdae.results.displays import Plot
 from beamdae.results.headers import Header
 from beamdae.results.time_series import Tabulated
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # Letters of the name of a panel.
 _NAME = 40
-
-
-@dataclass(frozen=True)
-class Plot:
-    """A picture that a notebook shows; `figure` is matplotlib's, to be changed at will."""
-
-    figure: Figure
-
-    def _repr_png_(self) -> bytes:
-        found = io.BytesIO()
-        self.figure.savefig(found, dpi=110, format="png")
-        return found.getvalue()
-
-    def save(self, path: str | Path) -> Path:
-        """Write it as a file, PNG, SVG or PDF by its name; returns the path."""
-        return pictures.saved(self.figure, picture_path("Plot.save", path))
 
 
 def picture_path(name: str, path: Any) -> Path:
@@ -89,27 +69,29 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     wanted = names or pictures.characteristic_columns(first)
     found = (c for name in wanted for c in selected(tables[0], name, observed=first))
     columns = list(dict.fromkeys(found))
-    figure, axes = pictures.panels(len(columns), "")
+    figure, axes = pictures.create_panels(len(columns), "")
     looks = [
         {"color": color, "ls": dash}
         for color, dash in zip(
-            pictures.repeated(pictures.COLORS), pictures.repeated(pictures.DASHES), strict=False
+            pictures.repeat_styles(pictures.COLORS),
+            pictures.repeat_styles(pictures.DASHES),
+            strict=False,
         )
     ]
     styles = [looks[k % len(looks)] for k in range(len(runs))]
     for axis, column in zip(axes, columns, strict=False):
         for table, style in zip(tables, styles, strict=True):
             (own,) = selected(table, column)
-            drawn = pictures.drawable({TIME: table[TIME], own: table[own]})
+            drawn = pictures.mask_huge_values({TIME: table[TIME], own: table[own]})
             time = drawn[TIME]
-            axis.plot(time, drawn[own], lw=1.4, **style, **pictures.mark(time))
+            axis.plot(time, drawn[own], lw=1.4, **style, **pictures.single_point_marker(time))
         header = Header.of(column)
         name = column.removesuffix(f" [{header.unit}]")
-        pictures.dressed(axis, shortened(name, _NAME), f"[{header.unit}]")
+        pictures.format_axis(axis, shorten_text(name, _NAME), f"[{header.unit}]")
     if len(runs) > 1:
         lines = {label: {"lw": 1.4, **style} for label, style in zip(told, styles, strict=True)}
-        pictures.legend(figure, lines)
-    pictures.as_written(figure)
+        pictures.add_legend(figure, lines)
+    pictures.disable_math_text(figure)
     return Plot(figure)
 
 

@@ -9,13 +9,13 @@ import numpy as np
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.pictures.curves import Plot
 from beamdae.report.pictures.labels import place_names
 from beamdae.report.scene import poses
-from beamdae.report.scene.body_scene import scene_of
+from beamdae.report.scene.body_scene import build_scene
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.stage import Stage
-from beamdae.report.text import shortened
+from beamdae.report.scene.stage import SceneArtists
+from beamdae.report.text import shorten_text
+from beamdae.results.displays import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,15 +60,15 @@ def draw(mechanism: Mechanism) -> Plot:
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"draw: expected a mechanism, got {short_repr(mechanism)}.")
-    return Plot(figure_of_drawing(mechanism))
+    return Plot(create_drawing(mechanism))
 
 
-def figure_of_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
+def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
     """The drawing as a figure of a size [inch], by default one that fits."""
-    scene = scene_of(mechanism, poses.drawn, np.zeros(1))
+    scene = build_scene(mechanism, poses.reference_poses, np.zeros(1))
     low, high = scene.extent()
     figure, axis = _canvas(high - low, size)
-    Stage(axis, scene)
+    SceneArtists(axis, scene)
     names = _names(scene, _NEAR * float(np.max(high - low)))
     if np.any(mechanism.gravity):
         names.append(_gravity(mechanism.gravity, low, high, scene.size, axis))
@@ -77,7 +77,7 @@ def figure_of_drawing(mechanism: Mechanism, size: tuple[float, float] | None = N
     axis.margins(_MARGIN)
     axis.autoscale_view()
     place_names(axis, names, _dense(scene))
-    pictures.as_written(figure)
+    pictures.disable_math_text(figure)
     return figure
 
 
@@ -120,10 +120,10 @@ def _names(scene: Scene, near: float) -> list[tuple[Array, str]]:
         at = scene.poses[row, 0, :2]
         for other, texts in groups:
             if np.hypot(*(at - other)) < near:
-                texts.append(shortened(text, _MOST))
+                texts.append(shorten_text(text, _MOST))
                 break
         else:
-            groups.append((at, [shortened(text, _MOST)]))
+            groups.append((at, [shorten_text(text, _MOST)]))
     return [(at, "\n".join(texts)) for at, texts in groups]
 
 

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.report.pictures.curves import Plot
 from beamdae.report.pictures.figures import (
     AXIS,
     COLORS,
-    as_written,
-    drawable,
-    dressed,
-    legend,
-    moving,
-    panels,
-    saved,
+    add_legend,
+    create_panels,
+    disable_math_text,
+    format_axis,
+    mask_huge_values,
+    save_figure,
+    varying_columns,
 )
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
 from beamdae.results.column_selection import every_column, selected
+from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.headers import Header
 
@@ -36,7 +36,7 @@ _TICKS = 5
 _MARKS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
 
-def picture_of_path(path: Path, found: Equilibrium, title: str) -> Path:
+def save_path_figure(path: Path, found: Equilibrium, title: str) -> Path:
     """Draw the load factor over each observed position, deformation and force.
 
     Stretches are dashed where the equilibrium is unstable under loads that stay; limit and branch
@@ -47,24 +47,24 @@ def picture_of_path(path: Path, found: Equilibrium, title: str) -> Path:
     Path
         Of the PNG file.
     """
-    return saved(_figure(found, drawable(found.columns), title), path)
+    return save_figure(_figure(found, mask_huge_values(found.columns), title), path)
 
 
-def plot_of_path(found: Equilibrium, names: Sequence[str]) -> Plot:
+def plot_path(found: Equilibrium, names: Sequence[str]) -> Plot:
     """The same of some columns by name, for a notebook or a file; see `Equilibrium.plot`."""
     every = every_column(found.columns, found.coordinates())
     chosen = (selected(every, name, "Equilibrium", found.columns) for name in names)
     headers = dict.fromkeys(header for some in chosen for header in some)
     columns = {h: np.asarray(every[h]) for h in headers} if names else found.columns
-    figure = _figure(found, drawable(columns), "", tuple(headers))
-    as_written(figure)
+    figure = _figure(found, mask_huge_values(columns), "", tuple(headers))
+    disable_math_text(figure)
     return Plot(figure)
 
 
 def _figure(found: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()) -> Figure:
-    names = names or [name for name in moving(columns) if _changes(found, name)]
+    names = names or [name for name in varying_columns(columns) if _changes(found, name)]
     factors, unstable = found.factors.sum(axis=1), _unstable_stretches(found)
-    figure, axes = panels(len(names), title)
+    figure, axes = create_panels(len(names), title)
     for axis, name in zip(axes, names, strict=False):
         values = columns[name]
         for is_unstable, stretch in groupby(range(len(values) - 1), unstable.__getitem__):
@@ -74,10 +74,10 @@ def _figure(found: Equilibrium, columns: Any, title: str, names: Sequence[str] =
             axis.plot(values[part], factors[part], color=COLORS[0], lw=1.2, ls=style)
         for one in found.critical:
             axis.plot(values[one.row], factors[one.row], **_mark(one.kind))
-        dressed(axis, "", "load factor [-]")
+        format_axis(axis, "", "load factor [-]")
         axis.margins(x=0.03)
         axis.locator_params(axis="x", nbins=_TICKS)
-        axis.set_xlabel(shortened(name, AXIS))
+        axis.set_xlabel(shorten_text(name, AXIS))
     entries: dict[str, dict[str, Any]] = {
         "stable": {"color": COLORS[0], "ls": "-"},
         "unstable": {"color": COLORS[0], "ls": (0, (3, 2))},
@@ -87,7 +87,7 @@ def _figure(found: Equilibrium, columns: Any, title: str, names: Sequence[str] =
     for kind in dict.fromkeys(one.kind for one in found.critical):
         entries[kind] = _mark(kind)
     if names:
-        legend(figure, entries)
+        add_legend(figure, entries)
     return figure
 
 

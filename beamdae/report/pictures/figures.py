@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
 from beamdae.results.headers import Header, observed_columns
 from beamdae.results.storage.files import replacing
 
@@ -40,7 +40,7 @@ _LINE, _NAME, _BESIDE, AXIS, _ENTRY = 60, 40, 22, 28, 60
 _LETTER, _SIGN = 0.075, 0.8
 
 
-def picture_of_run(path: Path, table: Columns, title: str) -> Path:
+def plot_run(path: Path, table: Columns, title: str) -> Path:
     """Draw the observed positions, deformations and forces over time; rates are left out.
 
     Parameters
@@ -53,24 +53,24 @@ def picture_of_run(path: Path, table: Columns, title: str) -> Path:
     Path
         Of the PNG file.
     """
-    drawn = drawable(table)
+    drawn = mask_huge_values(table)
     groups = _groups(drawn)
-    figure, axes = panels(len(groups), title, "observables")
+    figure, axes = create_panels(len(groups), title, "observables")
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
-        for column, color in zip(columns, repeated(COLORS), strict=False):
+        for column, color in zip(columns, repeat_styles(COLORS), strict=False):
             time, values = drawn[TIME], drawn[column]
-            axis.plot(time, values, color=color, lw=1.2, **mark(time))
-        dressed(axis, shortened(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
+            axis.plot(time, values, color=color, lw=1.2, **single_point_marker(time))
+        format_axis(axis, shorten_text(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
         if len(columns) > 1:
             _legend(axis, labels)
         else:
             label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
-            axis.set_ylabel(shortened(label, AXIS))
-    return saved(figure, path)
+            axis.set_ylabel(shorten_text(label, AXIS))
+    return save_figure(figure, path)
 
 
-def picture_of_comparison(
+def plot_comparison(
     path: Path,
     reference: pd.DataFrame,
     runs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame | None]],
@@ -88,32 +88,33 @@ def picture_of_comparison(
     uncertainty
         Of the reference, in the same measure.
     """
-    drawn = drawable(reference)
+    drawn = mask_huge_values(reference)
     columns = characteristic_columns(drawn)
     errors = {
         label: deviant.max(axis=1) for label, (_, deviant) in runs.items() if deviant is not None
     }
     errors = {label: x.where((x > 0.0) & (x < _HUGE)) for label, x in errors.items()}
     measured = any(x.notna().any() for x in errors.values())
-    figure, axes = panels(len(columns) + measured, title)
+    figure, axes = create_panels(len(columns) + measured, title)
     looks = [
-        {"color": c, "ls": d} for c, d in zip(repeated(COLORS), repeated(DASHES), strict=False)
+        {"color": c, "ls": d}
+        for c, d in zip(repeat_styles(COLORS), repeat_styles(DASHES), strict=False)
     ]
     styles = dict(zip(runs, looks, strict=False))
     for axis, column in zip(axes, columns, strict=False):
         time = drawn[TIME]
-        axis.plot(time, drawn[column], color="0.8", lw=5, **mark(time))
+        axis.plot(time, drawn[column], color="0.8", lw=5, **single_point_marker(time))
         for label, (curve, _) in runs.items():
-            table = drawable(curve)
+            table = mask_huge_values(curve)
             if column in table:
                 time = table[TIME]
-                axis.plot(time, table[column], lw=1.4, **styles[label], **mark(time))
-        dressed(axis, "", column)
+                axis.plot(time, table[column], lw=1.4, **styles[label], **single_point_marker(time))
+        format_axis(axis, "", column)
     if measured:
         _errors(axes[-1], errors, styles, uncertainty)
     entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
-    legend(figure, entries)
-    return saved(figure, path)
+    add_legend(figure, entries)
+    return save_figure(figure, path)
 
 
 def _errors(
@@ -124,18 +125,18 @@ def _errors(
 ) -> None:
     """Errors over time, each in the style of its run."""
     for label, error in errors.items():
-        axis.plot(error.index, error, lw=1.0, **styles[label], **mark(error))
+        axis.plot(error.index, error, lw=1.0, **styles[label], **single_point_marker(error))
     axis.set_yscale("log")
     if 0.0 < uncertainty < _HUGE:
         line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
         axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
-    dressed(axis, "", "error / amplitude [-]")
+    format_axis(axis, "", "error / amplitude [-]")
 
 
 def characteristic_columns(table: Columns) -> list[str]:
     """The columns a comparison is drawn in: a deformation, or else the first motion."""
     groups: dict[str, list[str]] = {}
-    for column in moving(table):
+    for column in varying_columns(table):
         groups.setdefault(Header.of(column).name, []).append(column)
     for columns in groups.values():
         if {Header.of(c).suffix for c in columns} & {"u", "v", "phi"}:
@@ -148,13 +149,13 @@ def characteristic_columns(table: Columns) -> list[str]:
 def _groups(table: Columns) -> dict[tuple[str, str], list[str]]:
     """Columns that share a panel, by observable and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for column in moving(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
+    for column in varying_columns(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
     return groups
 
 
-def moving(table: Columns) -> list[str]:
+def varying_columns(table: Columns) -> list[str]:
     """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}
@@ -171,23 +172,23 @@ def _unit(column: str) -> str:
     return Header.of(column).unit
 
 
-def drawable(table: Columns) -> dict[str, Array]:
+def mask_huge_values(table: Columns) -> dict[str, Array]:
     """The columns without numbers no axis has a place for."""
     columns = {name: np.asarray(table[name], float) for name in map(str, table)}
     return {name: np.where(np.abs(x) < _HUGE, x, np.nan) for name, x in columns.items()}
 
 
-def mark(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
+def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
     """A mark where there is but one row: a line would not be seen."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 
 
-def repeated(styles: Sequence[Any]) -> list[Any]:
+def repeat_styles(styles: Sequence[Any]) -> list[Any]:
     """More styles than anything drawn here has need of."""
     return list(styles) * 8
 
 
-def panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
+def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
     """A figure with so many axes over time, in two columns; of more it has twelve and says so."""
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
@@ -203,19 +204,19 @@ def panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
     # Not below, where legends are.
     some = [f"{number} of {wanted} {what}"] if wanted > number else []
-    figure.suptitle("\n".join(filter(None, [wrapped(title), *some])), fontsize=11)
+    figure.suptitle("\n".join(filter(None, [wrap_title(title), *some])), fontsize=11)
     return figure, axes
 
 
-def wrapped(title: str, line: int = _LINE) -> str:
+def wrap_title(title: str, line: int = _LINE) -> str:
     """A title on about two lines; of a longer one the middle is left out."""
-    return textwrap.fill(shortened(title, 2 * line - 10), line)
+    return textwrap.fill(shorten_text(title, 2 * line - 10), line)
 
 
-def dressed(axis: Axes, title: str, ylabel: str) -> None:
+def format_axis(axis: Axes, title: str, ylabel: str) -> None:
     """Title, label and grid of an axis."""
     axis.set_title(title, fontsize=10)
-    axis.set_ylabel(shortened(ylabel, AXIS))
+    axis.set_ylabel(shorten_text(ylabel, AXIS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":
@@ -238,16 +239,16 @@ def _legend(axis: Axes, labels: Sequence[str]) -> None:
         handlelength=1.2,
         columnspacing=1.0,
     )
-    _name(found, [shortened(label, 14) for label in labels])
+    _name(found, [shorten_text(label, 14) for label in labels])
 
 
-def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
+def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
     """A legend below the panels, of lines in these styles by name, that takes no room from them."""
     from matplotlib.lines import Line2D
 
     width = figure.get_figwidth()
     most = min(_ENTRY, int((width - _SIGN) / _LETTER))
-    names = [shortened(name, most) for name in entries]
+    names = [shorten_text(name, most) for name in entries]
     widest = _LETTER * max(map(len, names), default=1) + _SIGN
     columns = max(1, min(len(names), int(width / widest)))
     figure.set_figheight(figure.get_figheight() + 0.19 * math.ceil(len(names) / columns))
@@ -269,7 +270,7 @@ def _name(found: Legend, names: Sequence[str]) -> None:
         text.set_text(name)
 
 
-def as_written(figure: Figure) -> None:
+def disable_math_text(figure: Figure) -> None:
     """Names are no formulas: a dollar sign in them is one."""
     legends = [axis.get_legend() for axis in figure.axes] + figure.legends
     texts = [text for found in legends if found is not None for text in found.get_texts()]
@@ -279,12 +280,12 @@ def as_written(figure: Figure) -> None:
         text.set_parse_math(False)
 
 
-def saved(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
     """Save a picture, names in it drawn as they are written; the folder is made if need be."""
     kind = path.suffix.removeprefix(".").lower() or "png"
     if kind not in (known := figure.canvas.get_supported_filetypes()):
         raise BeamdaeError(f"path {path} must end in one of {', '.join(f'.{k}' for k in known)}.")
-    as_written(figure)
+    disable_math_text(figure)
     with replacing(path) as scratch, warnings.catch_warnings():
         # A name in a script the font lacks is drawn as boxes; the tables have it right.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")

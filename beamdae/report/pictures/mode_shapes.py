@@ -13,13 +13,13 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import animation
-from beamdae.report.pictures.figures import COLORS, as_written, dressed, wrapped
-from beamdae.report.pictures.movies import Film
-from beamdae.report.scene.body_scene import scene_of, sections_of
-from beamdae.report.scene.poses import Moved, Poses, Vibrating
+from beamdae.report.pictures.figures import COLORS, disable_math_text, format_axis, wrap_title
+from beamdae.report.pictures.movies import FigureAnimation
+from beamdae.report.scene.body_scene import build_scene, count_beam_sections
+from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.scene_frames import plain_frames
-from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
+from beamdae.report.scene.scene_frames import export_frames
+from beamdae.report.scene.stage import SceneArtists, add_caption, create_bare_axis, padded_extent
 from beamdae.results.displays import Animation, Plot
 from beamdae.results.outlines import outlines
 
@@ -42,7 +42,7 @@ class _Shapes:
 
     def __init__(self, part: str, modes: Modes) -> None:
         self._modes, self._mechanism = modes, _of_mechanism(part, modes)
-        self.still = self._scene(Moved(self._mechanism, modes.q[None]), 1)
+        self.still = self._scene(CoordinatePoses(self._mechanism, modes.q[None]), 1)
         low, high = self.still.extent()
         self._largest = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
@@ -51,20 +51,20 @@ class _Shapes:
         shape = self._modes.shapes[k]
         return self._scene(self._vibrating(k, self._scale(k) * shape, phases), len(phases))
 
-    def _vibrating(self, k: int, shape: Array, phases: Array) -> Vibrating:
-        return Vibrating(self._mechanism, self._modes.q, shape, phases)
+    def _vibrating(self, k: int, shape: Array, phases: Array) -> VibrationPoses:
+        return VibrationPoses(self._mechanism, self._modes.q, shape, phases)
 
     def _scale(self, k: int) -> float:
         """How far its largest displacement is drawn, over what it is."""
         poses = self._vibrating(k, self._modes.shapes[k], np.array([0.0, 1.0, 1j]))
-        drawn = outlines(self._mechanism, sections_of(self._mechanism))
+        drawn = outlines(self._mechanism, count_beam_sections(self._mechanism))
         found = [poses(drawing.places)[..., :2] for _, drawing in drawn]
         rest, real, imaginary = np.concatenate(found, axis=1)
         largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
         return self._largest / largest if largest > 0.0 else 0.0
 
     def _scene(self, poses: Poses, frames: int) -> Scene:
-        return scene_of(
+        return build_scene(
             self._mechanism, poses, np.zeros(frames), left_out=lambda part: part.is_load
         )
 
@@ -89,14 +89,14 @@ def draw_modes(modes: Modes) -> Plot:
     BeamdaeError
         If there is no mode, or the model has no parts that can be drawn.
     """
-    return Plot(figure_of_modes(modes))
+    return Plot(create_modes_figure(modes))
 
 
-def figure_of_modes(modes: Modes, title: str = "") -> Figure:
+def create_modes_figure(modes: Modes, title: str = "") -> Figure:
     """The shapes of modes as a figure."""
     shapes = _Shapes("draw_modes", modes)
     panels = [shapes.moved(k, np.ones(1)) for k in range(min(len(modes), _PANELS))]
-    low, high = frame_of([shapes.still, *panels])
+    low, high = padded_extent([shapes.still, *panels])
     columns = min(len(panels), _COLUMNS)
     rows = math.ceil(len(panels) / columns)
     width, height = high - low
@@ -109,10 +109,10 @@ def figure_of_modes(modes: Modes, title: str = "") -> Figure:
         axis.set_aspect("equal")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axis.set_axis_off()
-        Stage(axis, shapes.still, pale=True)
-        Stage(axis, scene)
+        SceneArtists(axis, shapes.still, pale=True)
+        SceneArtists(axis, scene)
         axis.set_title(_told(modes, k), fontsize=9)
-    as_written(figure)
+    disable_math_text(figure)
     return figure
 
 
@@ -146,10 +146,12 @@ def animate_mode(
     scene = shapes.moved(k, phases)
     if path is None:
         return _in_notebook(scene, number, modes, k)
-    figure, axis = plain_stage(frame_of([shapes.still, scene]))
-    Stage(axis, shapes.still, pale=True)
-    caption(axis).set_text(f"mode {_told(modes, k)}")
-    film = Film(figure, Stage(axis, scene).show, number, max(round(number / _PERIOD), 1))
+    figure, axis = create_bare_axis(padded_extent([shapes.still, scene]))
+    SceneArtists(axis, shapes.still, pale=True)
+    add_caption(axis).set_text(f"mode {_told(modes, k)}")
+    film = FigureAnimation(
+        figure, SceneArtists(axis, scene).show, number, max(round(number / _PERIOD), 1)
+    )
     return film.written("animate_mode", path)
 
 
@@ -160,7 +162,7 @@ def _in_notebook(scene: Scene, frames: int, modes: Modes, k: int) -> Animation:
     low, high = scene.extent()
     width, height = (high - low).tolist()
     times = np.arange(frames) * period / frames
-    shown_as = plain_frames(scene, times)
+    shown_as = export_frames(scene, times)
     return animation(shown_as, (width, height), f"mode {_told(modes, k)}", period / _PERIOD, False)
 
 
@@ -172,10 +174,10 @@ def draw_campbell(found: Campbell) -> Plot:
     found
         See `beamdae.campbell`.
     """
-    return Plot(figure_of_campbell(found))
+    return Plot(create_campbell_figure(found))
 
 
-def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figure:
+def create_campbell_figure(found: Campbell, title: str = "Campbell diagram") -> Figure:
     """A Campbell diagram as a figure."""
     if not isinstance(found, Campbell):
         raise BeamdaeError(
@@ -194,10 +196,10 @@ def figure_of_campbell(found: Campbell, title: str = "Campbell diagram") -> Figu
             axis.annotate(f" {multiple}", at, color="0.4", va="center")
     for k, values in enumerate(frequencies.T):
         axis.plot(speeds, values, color=COLORS[k % len(COLORS)], lw=1.4, marker=".", ms=4)
-    dressed(axis, "", "frequency [Hz]")
+    format_axis(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
     axis.set_xlabel("speed [rad/s]")
-    as_written(figure)
+    disable_math_text(figure)
     return figure
 
 
@@ -223,5 +225,5 @@ def _figure(size: tuple[float, float], title: str) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(wrapped(title), fontsize=11)
+    figure.suptitle(wrap_title(title), fontsize=11)
     return figure

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
-from beamdae.report.page.motion_player import Animation, animation
-from beamdae.report.pictures.movies import Film
-from beamdae.report.scene.beam_colors import Painted, painted
-from beamdae.report.scene.run_scene import scene_of_run
+from beamdae.report.page.motion_player import animation
+from beamdae.report.pictures.movies import FigureAnimation
+from beamdae.report.scene.beam_colors import BeamColors, compute_beam_colors
+from beamdae.report.scene.run_scene import build_run_scene
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.scene_frames import colors_of, plain_frames
-from beamdae.report.scene.stage import Stage, caption, frame_of, plain_stage
-from beamdae.report.scene.styles import look_of
+from beamdae.report.scene.scene_frames import available_colors, export_frames
+from beamdae.report.scene.stage import SceneArtists, add_caption, create_bare_axis, padded_extent
+from beamdae.report.scene.styles import find_style
+from beamdae.results.displays import Animation
 from beamdae.results.outlines import frame_times
 from beamdae.results.solution import Solution
 
@@ -77,13 +78,13 @@ def animate(
         number = require_count("animate", "frames", frames, _FEWEST, _MOST)
     rate = float(np.clip((number - 1) / lasts, 0.1, _FASTEST)) if lasts > 0.0 else 1.0
     times = frame_times(solution, number)
-    scene = scene_of_run("animate", solution, times, trail)
+    scene = build_run_scene("animate", solution, times, trail)
     if path is None:
-        frames_shown = plain_frames(scene, times, colors_of(solution, times, color))
+        frames_shown = export_frames(scene, times, available_colors(solution, times, color))
         low, high = scene.extent()
         width, height = (high - low).tolist()
         return animation(frames_shown, (width, height), "", speed, color is not None)
-    colors = None if color is None else painted("animate", solution, color, times)
+    colors = None if color is None else compute_beam_colors("animate", solution, color, times)
     return _film(scene, colors, _captions(times, speed), rate).written("animate", path)
 
 
@@ -95,9 +96,11 @@ def _captions(times: Array, speed: float) -> list[str]:
     return [f"t = {time:.{digits}f} s{slowed}" for time in times]
 
 
-def _film(scene: Scene, colors: Painted | None, captions: list[str], rate: float) -> Film:
-    figure, axis = plain_stage(frame_of([scene]), 0.0 if colors is None else _BAR)
-    stage, told = Stage(axis, scene, colors), caption(axis)
+def _film(
+    scene: Scene, colors: BeamColors | None, captions: list[str], rate: float
+) -> FigureAnimation:
+    figure, axis = create_bare_axis(padded_extent([scene]), 0.0 if colors is None else _BAR)
+    stage, told = SceneArtists(axis, scene, colors), add_caption(axis)
     if colors is not None:
         _color_bar(figure, colors)
 
@@ -105,10 +108,10 @@ def _film(scene: Scene, colors: Painted | None, captions: list[str], rate: float
         told.set_text(captions[frame])
         return [*stage.show(frame), told]
 
-    return Film(figure, show, len(captions), rate)
+    return FigureAnimation(figure, show, len(captions), rate)
 
 
-def _color_bar(figure: Figure, colors: Painted) -> None:
+def _color_bar(figure: Figure, colors: BeamColors) -> None:
     from matplotlib.cm import ScalarMappable
 
     tall = float(figure.get_size_inches()[1])
@@ -121,11 +124,11 @@ def _color_bar(figure: Figure, colors: Painted) -> None:
     axis.set_title(colors.title, fontsize=8, color="0.3", pad=3)
 
 
-def thumbnail(solution: Solution) -> str:
+def draw_thumbnail(solution: Solution) -> str:
     """Where the mechanism was at some times of a run, the last in full color, as SVG."""
     times = frame_times(solution, _TIMES)
-    scene = scene_of_run("animate", solution, times, left_out=lambda part: True)
-    low, high = frame_of([scene])
+    scene = build_run_scene("animate", solution, times, left_out=lambda part: True)
+    low, high = padded_extent([scene])
     width, height = high - low
     scale = _THUMBNAIL / max(width, height)
     drawn = []
@@ -133,7 +136,7 @@ def thumbnail(solution: Solution) -> str:
         shade = 1.0 if k == _TIMES - 1 else 0.15 + 0.35 * k / _TIMES
         for glyph, line in scene.lines():
             x, y = scale * (line[k, :, 0] - low[0]), scale * (high[1] - line[k, :, 1])
-            color = look_of(glyph.kind).color
+            color = find_style(glyph.kind).color
             if glyph.kind == "point":
                 drawn.append(
                     f'<circle cx="{np.mean(x[:-1]):.1f}" cy="{np.mean(y[:-1]):.1f}" r="3" '

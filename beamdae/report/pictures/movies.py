@@ -25,7 +25,7 @@ _WHITE = 240
 
 
 @dataclass(frozen=True)
-class Film:
+class FigureAnimation:
     """A figure that is changed from frame to frame.
 
     Attributes

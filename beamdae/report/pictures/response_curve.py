@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.report.pictures.curves import Plot
-from beamdae.report.pictures.figures import COLORS, as_written
+from beamdae.report.pictures.figures import COLORS, disable_math_text
+from beamdae.results.displays import Plot
 from beamdae.results.frequency_response import FrequencyResponse
 from beamdae.results.headers import Header
 
 
-def picture_of_response(response: FrequencyResponse, column: str) -> Plot:
+def plot_response(response: FrequencyResponse, column: str) -> Plot:
     """Half the range of an observed column over the parameter; dashed where it is unstable."""
     # Here, for it takes longer to import than some commands to run.
     from matplotlib.figure import Figure
@@ -33,5 +33,5 @@ def picture_of_response(response: FrequencyResponse, column: str) -> Plot:
     axes.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    as_written(figure)
+    disable_math_text(figure)
     return Plot(figure)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_choice, require_finite
-from beamdae.report.pictures.curves import Plot
-from beamdae.report.pictures.figures import COLORS, as_written, wrapped
+from beamdae.report.pictures.figures import COLORS, disable_math_text, wrap_title
+from beamdae.results.displays import Plot
 from beamdae.results.section_forces.section_forces import FORCES, SectionForces
 
 
-def diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
+def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
     """Draw N, Q or M of a beam over its arc length, at one time or as an envelope.
 
     The line is what balances the loads, dots are what the strains say, and the gray band is the
@@ -54,13 +54,13 @@ def diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> P
         axes.plot(forces.s, line, color=COLORS[0], lw=1.6)
         axes.plot(forces.s, forces.strained[k, row], ".", color=COLORS[1], ms=4)
         when = f"t = {forces.t[row]:g} s"
-    axes.set_title(wrapped(f"{name}, {when}"), fontsize=10)
+    axes.set_title(wrap_title(f"{name}, {when}"), fontsize=10)
     axes.set_xlabel("s [m]")
     axes.set_ylabel(FORCES[what])
     axes.margins(x=0.0)
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    as_written(figure)
+    disable_math_text(figure)
     return Plot(figure)
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.equations.coordinate_map import owners_of
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.scene.body_scene import sections_of
+from beamdae.report.scene.body_scene import count_beam_sections
 from beamdae.results.section_forces.section_motions import At, evaluated, strains_and_rates
 from beamdae.results.solution import Solution
 
@@ -38,7 +38,7 @@ _AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class Painted:
+class BeamColors:
     """Values along beams in each frame, and the scale they have over the whole run.
 
     Attributes
@@ -83,7 +83,7 @@ class Painted:
         return Normalize(*self.limits)
 
 
-def painted(name: str, solution: Solution, what: Any, times: Array) -> Painted:
+def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) -> BeamColors:
     """Strain, stress or section force along all beams of a run; `name` asks for it.
 
     Strain and stress are the largest in size over the section, |eps11 + eta kappa11| on its
@@ -97,13 +97,13 @@ def painted(name: str, solution: Solution, what: Any, times: Array) -> Painted:
     """
     what = require_choice(name, "color", what, tuple(QUANTITIES))
     mechanism = solution.equations.mechanism
-    beams = [] if mechanism is None else paintable(mechanism)
+    beams = [] if mechanism is None else find_beams(mechanism)
     if mechanism is None or not beams:
         raise BeamdaeError(f"{name}: color {what!r} is that of beams, the mechanism has none.")
     every = np.unique(np.concatenate([times, solution.t]))
     _, state = solution.trajectory.at(every)
-    sections, shown = sections_of(mechanism), np.searchsorted(every, times)
-    owners, found, most = owners_of(mechanism), dict[str, Array](), 0.0
+    sections, shown = count_beam_sections(mechanism), np.searchsorted(every, times)
+    owners, found, most = map_coordinates(mechanism), dict[str, Array](), 0.0
     for beam in beams:
         own = owners.slice(beam)
         values = _along(beam, what, sections, state.q[:, own], state.v[:, own])
@@ -114,7 +114,7 @@ def painted(name: str, solution: Solution, what: Any, times: Array) -> Painted:
     if unit == "-":
         factor, prefix = (1e-3, "10⁻³ ") if most < 0.1 else (1.0, "")
     limit = most / factor or 1.0
-    return Painted(
+    return BeamColors(
         f"{title} [{prefix}{unit}]".replace("⁻³ -", "⁻³"),
         {part: values / factor for part, values in found.items()},
         (-limit if signed else 0.0, limit),
@@ -122,7 +122,7 @@ def painted(name: str, solution: Solution, what: Any, times: Array) -> Painted:
     )
 
 
-def paintable(mechanism: Mechanism) -> list[Beam]:
+def find_beams(mechanism: Mechanism) -> list[Beam]:
     """The beams of a mechanism."""
     return [part for part in mechanism.parts.values() if isinstance(part, Beam)]
 

@@ -14,10 +14,10 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
 from beamdae.report.scene import elastic_symbols as elastic  # noqa: F401 (they register symbols)
 from beamdae.report.scene import load_arrows as loads  # noqa: F401 (they register symbols)
-from beamdae.report.scene.builder import Measure, Sketch, circle
+from beamdae.report.scene.builder import Measure, SceneBuilder, circle
 from beamdae.report.scene.joint_symbols import symbol
 from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Scene, corners
+from beamdae.report.scene.scene import Scene, bounding_box
 from beamdae.results.outlines import outlines
 
 Array = np.ndarray
@@ -32,7 +32,7 @@ _SYMBOL = 0.022
 _MASS = 0.42
 
 
-def scene_of(
+def build_scene(
     mechanism: Mechanism,
     poses: Poses,
     times: Array,
@@ -40,7 +40,7 @@ def scene_of(
     left_out: Callable[[Part], bool] = lambda part: False,
     name: str = "draw",
 ) -> Scene:
-    """What is seen of a mechanism in the frames that poses are of, see `Sketch`.
+    """What is seen of a mechanism in the frames that poses are of, see `SceneBuilder`.
 
     Parts that are no bodies are drawn unless `left_out`; `name` asks for it.
 
@@ -49,15 +49,17 @@ def scene_of(
     BeamdaeError
         If nothing of it can be drawn.
     """
-    sketch = Sketch(poses, times, measure)
-    shown = [x for x in outlines(mechanism, sections_of(mechanism)) if x[1].kind != "ground"]
+    sketch = SceneBuilder(poses, times, measure)
+    shown = [
+        x for x in outlines(mechanism, count_beam_sections(mechanism)) if x[1].kind != "ground"
+    ]
     lines = [sketch.through(drawing.places) for _, drawing in shown]
     others = [a for part in mechanism.parts.values() for a in part.attachments]
     points = [x.reshape(-1, 2) for x in lines]
     points += [sketch.pose(sketch.at(a))[:, :2] for a in others]
     if not points:
         raise BeamdaeError(f"{name}: the mechanism has no parts that could be drawn.")
-    low, high = corners(np.concatenate(points))
+    low, high = bounding_box(np.concatenate(points))
     sketch.size = _SYMBOL * (float(np.max(high - low)) or 1.0)
     for (body, drawing), line in zip(shown, lines, strict=True):
         sketch.part = body
@@ -70,13 +72,13 @@ def scene_of(
     return sketch.scene()
 
 
-def sections_of(mechanism: Mechanism) -> int:
+def count_beam_sections(mechanism: Mechanism) -> int:
     """How many sections beams are drawn through."""
     beams = sum(isinstance(part, Beam) for part in mechanism.parts.values())
     return int(np.clip(_MOST_SECTIONS // max(beams, 1), _LEAST_SECTIONS, SECTIONS))
 
 
-def _body(drawing: Drawing, line: Array, sketch: Sketch) -> None:
+def _body(drawing: Drawing, line: Array, sketch: SceneBuilder) -> None:
     if drawing.kind == "rigid" and len({id(place.body) for place in drawing.places}) == 1:
         _rigid(drawing.places, sketch)
     elif drawing.kind == "point":
@@ -88,7 +90,7 @@ def _body(drawing: Drawing, line: Array, sketch: Sketch) -> None:
         sketch.name(sketch.at(drawing.places[len(drawing.places) // 2]))
 
 
-def _rigid(places: Sequence[Attachment], sketch: Sketch) -> None:
+def _rigid(places: Sequence[Attachment], sketch: SceneBuilder) -> None:
     """All points move with the first of them; outlines are closed."""
     row, points = sketch.at(places[0]), np.array([place.point for place in places])
     points = points - points[0]
@@ -98,7 +100,7 @@ def _rigid(places: Sequence[Attachment], sketch: Sketch) -> None:
     sketch.name(_middle(row, points.mean(axis=0), sketch))
 
 
-def _middle(row: int, arm: Any, sketch: Sketch) -> int:
+def _middle(row: int, arm: Any, sketch: SceneBuilder) -> int:
     pose = sketch.pose(row).copy()
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     pose[:, 0] += c * arm[0] - s * arm[1]

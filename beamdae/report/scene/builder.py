@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
 from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Curve, Glyph, Scene, Symbol, broken
+from beamdae.report.scene.scene import Glyph, MovingCurve, Scene, Symbol, join_lines
 from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
@@ -19,7 +19,7 @@ Array = np.ndarray
 Measure = Callable[[Quantity], Array]
 
 
-class Sketch:
+class SceneBuilder:
     """Collects what is seen of the parts, one after the other.
 
     Parameters
@@ -67,7 +67,7 @@ class Sketch:
 
     def curve(self, kind: str, places: Array) -> None:
         """A line through points (frames, k, 2)."""
-        self._glyphs.append(Curve(self.part, kind, places))
+        self._glyphs.append(MovingCurve(self.part, kind, places))
 
     def carried(self, kind: str, at: int, points: Array) -> None:
         """Points (k, 2) [m] that turn with a pose; drawn as they are where it has no turn."""
@@ -114,7 +114,7 @@ class Sketch:
         base = np.array([(-1.2 * half, below), (1.2 * half, below)])
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
         # It stays where a part is no longer active.
-        self._add("ground", self.at(place), broken(cone, base, *hatch), part=place.body.name)
+        self._add("ground", self.at(place), join_lines(cone, base, *hatch), part=place.body.name)
 
     def scene(self) -> Scene:
         """All that was collected."""
@@ -122,15 +122,15 @@ class Sketch:
         return Scene(poses, tuple(self._glyphs), tuple(self._names), self.size)
 
 
-def unit(direction: Sequence[float] | Array) -> Array:
+def unit_vector(direction: Sequence[float] | Array) -> Array:
     """The direction in length one, downward where it has none."""
     length = math.hypot(*direction)
     return np.array(direction, float) / length if length > 0.0 else np.array([0.0, -1.0])
 
 
-def turned(points: Any, direction: Sequence[float] | Array) -> Array:
+def rotate_points(points: Any, direction: Sequence[float] | Array) -> Array:
     """Points (k, 2) with the x axis in a direction."""
-    c, s = unit(direction)
+    c, s = unit_vector(direction)
     return np.asarray(points, float) @ np.array([(c, s), (-s, c)])
 
 
@@ -142,7 +142,7 @@ def circle(radius: float, corners: int = 16) -> Array:
 
 def wheel(radius: float) -> Array:
     """A circle with a spoke, which shows how it turns."""
-    return broken(circle(radius, 60), np.array([(0.0, 0.0), (radius, 0.0)]))
+    return join_lines(circle(radius, 60), np.array([(0.0, 0.0), (radius, 0.0)]))
 
 
 def box(width: float, height: float) -> Array:
@@ -151,8 +151,8 @@ def box(width: float, height: float) -> Array:
     return 0.5 * corners * (width, height)
 
 
-def hatched(low: float, high: float, size: float) -> Array:
+def hatched_line(low: float, high: float, size: float) -> Array:
     """A line along the x axis with hatches below it."""
     feet = np.linspace(low, high, max(round((high - low) / (0.6 * size)), 2) + 1)[1:]
     hatch = [np.array([(x, 0.0), (x - 0.4 * size, -0.4 * size)]) for x in feet]
-    return broken(np.array([(low, 0.0), (high, 0.0)]), *hatch)
+    return join_lines(np.array([(low, 0.0), (high, 0.0)]), *hatch)

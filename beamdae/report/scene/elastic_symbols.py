@@ -10,7 +10,7 @@ from beamdae.parts.forces.bushing import Bushing
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
-from beamdae.report.scene.builder import Sketch, broken, circle, hatched, turned
+from beamdae.report.scene.builder import SceneBuilder, broken, circle, hatched_line, rotate_points
 from beamdae.report.scene.joint_symbols import grounded, middle, symbol, travel
 
 Array = np.ndarray
@@ -21,7 +21,7 @@ _STROKE = 1.35
 
 
 @symbol.register
-def _between(part: SpringDamper, sketch: Sketch) -> None:
+def _between(part: SpringDamper, sketch: SceneBuilder) -> None:
     """A coil, a dashpot, or both side by side; where the points always meet, a spiral."""
     grounded(part, sketch)
     a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
@@ -83,7 +83,7 @@ def _spiral(size: float) -> Array:
 
 
 @symbol.register
-def _torsion(part: TorsionSpring, sketch: Sketch) -> None:
+def _torsion(part: TorsionSpring, sketch: SceneBuilder) -> None:
     grounded(part, sketch)
     a, b = sketch.at(part.a), sketch.at(part.b)
     # Any points of the bodies do: it is drawn at one of them.
@@ -95,7 +95,7 @@ def _torsion(part: TorsionSpring, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _bushing(part: Bushing, sketch: Sketch) -> None:
+def _bushing(part: Bushing, sketch: SceneBuilder) -> None:
     """A ring of the one body around a pin of the other."""
     grounded(part, sketch)
     a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
@@ -110,15 +110,15 @@ def _bushing(part: Bushing, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _contact(part: Contact, sketch: Sketch) -> None:
+def _contact(part: Contact, sketch: SceneBuilder) -> None:
     surface, touching = part.surface, sketch.at(part.point)
     on = sketch.at(surface.on)
     if isinstance(surface, CircleSurface):
         sketch.carried("surface", on, _hatched_circle(surface, sketch.size))
     else:
         low, high = travel(surface.on, part.point, surface.direction, sketch)
-        wall = hatched(low, high, sketch.size)
-        sketch.carried("surface", on, turned(wall, surface.direction))
+        wall = hatched_line(low, high, sketch.size)
+        sketch.carried("surface", on, rotate_points(wall, surface.direction))
     sketch.carried("contact", touching, circle(0.2 * sketch.size))
     sketch.name(touching)
 

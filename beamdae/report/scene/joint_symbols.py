@@ -20,13 +20,13 @@ from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine
 from beamdae.parts.joints.skate import Skate
 from beamdae.parts.part import Part
 from beamdae.report.scene.builder import (
-    Sketch,
+    SceneBuilder,
     box,
     broken,
     circle,
-    hatched,
-    turned,
-    unit,
+    hatched_line,
+    rotate_points,
+    unit_vector,
     wheel,
 )
 
@@ -39,7 +39,7 @@ _NEAREST = 201
 
 
 @singledispatch
-def symbol(part: Part, sketch: Sketch) -> None:
+def symbol(part: Part, sketch: SceneBuilder) -> None:
     """Sketch what is no body: by default a diamond where it is attached, with its name."""
     rows = [sketch.at(attachment) for attachment in part.attachments]
     for row in rows:
@@ -48,18 +48,18 @@ def symbol(part: Part, sketch: Sketch) -> None:
         sketch.name(rows[0])
 
 
-def grounded(part: Any, sketch: Sketch) -> None:
+def grounded(part: Any, sketch: SceneBuilder) -> None:
     """The ground under its points, as far as they are of the ground."""
     for attachment in part.attachments:
         sketch.support(attachment)
 
 
-def _pin(sketch: Sketch, row: int) -> None:
+def _pin(sketch: SceneBuilder, row: int) -> None:
     sketch.carried("joint", row, circle(_PIN * sketch.size))
 
 
 @symbol.register
-def _joint(part: Joint, sketch: Sketch) -> None:
+def _joint(part: Joint, sketch: SceneBuilder) -> None:
     grounded(part, sketch)
     row = sketch.at(part.b)
     sketch.carried("joint", row, circle(0.3 * sketch.size, 4))
@@ -67,7 +67,7 @@ def _joint(part: Joint, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _revolute(part: Revolute, sketch: Sketch) -> None:
+def _revolute(part: Revolute, sketch: SceneBuilder) -> None:
     grounded(part, sketch)
     row = sketch.at(part.b)
     _pin(sketch, row)
@@ -75,7 +75,7 @@ def _revolute(part: Revolute, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _weld(part: Weld, sketch: Sketch) -> None:
+def _weld(part: Weld, sketch: SceneBuilder) -> None:
     row = sketch.at(part.b)
     for fixed, held in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):
@@ -84,7 +84,7 @@ def _weld(part: Weld, sketch: Sketch) -> None:
     sketch.name(row)
 
 
-def _clamp(fixed: Attachment, held: Attachment, sketch: Sketch) -> None:
+def _clamp(fixed: Attachment, held: Attachment, sketch: SceneBuilder) -> None:
     """A wall across the end of a beam; the ground under anything else."""
     length = getattr(held.body, "length", None)
     if held.s is None or length is None or 1e-6 < held.s / length < 1.0 - 1e-6:
@@ -92,7 +92,9 @@ def _clamp(fixed: Attachment, held: Attachment, sketch: Sketch) -> None:
         return
     side = 1.0 if held.s < 0.5 * length else -1.0
     along = side * np.array([math.cos(held.inclination), math.sin(held.inclination)])
-    wall = turned(hatched(-1.3 * sketch.size, 1.3 * sketch.size, sketch.size), _left(-along))
+    wall = rotate_points(
+        hatched_line(-1.3 * sketch.size, 1.3 * sketch.size, sketch.size), _left(-along)
+    )
     sketch.carried("ground", sketch.at(fixed), wall)
 
 
@@ -101,7 +103,7 @@ def _left(direction: Array) -> Array:
 
 
 @symbol.register
-def _on_line(part: PointOnLine, sketch: Sketch) -> None:
+def _on_line(part: PointOnLine, sketch: SceneBuilder) -> None:
     _slot(part, sketch, 0.0)
     row = sketch.at(part.b)
     _pin(sketch, row)
@@ -109,45 +111,45 @@ def _on_line(part: PointOnLine, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _prismatic(part: Prismatic, sketch: Sketch) -> None:
+def _prismatic(part: Prismatic, sketch: SceneBuilder) -> None:
     a, b = np.array(part.a.point), np.array(part.b.point)
-    _slot(part, sketch, float(_left(unit(part.direction)) @ (b - a)))
+    _slot(part, sketch, float(_left(unit_vector(part.direction)) @ (b - a)))
     row = sketch.at(part.b)
-    block = turned(box(1.5 * sketch.size, 2.0 * _SLOT * sketch.size), part.direction)
+    block = rotate_points(box(1.5 * sketch.size, 2.0 * _SLOT * sketch.size), part.direction)
     sketch.carried("joint", row, block)
     sketch.name(row)
 
 
-def _slot(part: Any, sketch: Sketch, offset: float) -> None:
+def _slot(part: Any, sketch: SceneBuilder, offset: float) -> None:
     """Two walls as long as the way that is gone between them; hatched on the ground."""
     low, high = travel(part.a, part.b, part.direction, sketch)
     half = _SLOT * sketch.size
     walls = [np.array([(low, offset + half), (high, offset + half)])]
     if isinstance(part.a.body, Ground):
-        walls.append(np.add(hatched(low, high, sketch.size), (0.0, offset - half)))
+        walls.append(np.add(hatched_line(low, high, sketch.size), (0.0, offset - half)))
     else:
         walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
-    sketch.carried("guide", sketch.at(part.a), turned(broken(*walls), part.direction))
+    sketch.carried("guide", sketch.at(part.a), rotate_points(broken(*walls), part.direction))
 
 
 def travel(
-    a: Attachment, b: Attachment, direction: Any, sketch: Sketch, more: float = 0.0
+    a: Attachment, b: Attachment, direction: Any, sketch: SceneBuilder, more: float = 0.0
 ) -> tuple[float, float]:
     """From where to where one point goes along a direction of the other's body, and beyond."""
-    x = sketch.way(sketch.at(a), sketch.at(b)) @ unit(direction)
+    x = sketch.way(sketch.at(a), sketch.at(b)) @ unit_vector(direction)
     beyond = _BEYOND * sketch.size + more
     return float(np.min(x)) - beyond, float(np.max(x)) + beyond
 
 
 @symbol.register
-def _driven_along(part: TranslationalDriver, sketch: Sketch) -> None:
+def _driven_along(part: TranslationalDriver, sketch: SceneBuilder) -> None:
     a, b = sketch.at(part.a), sketch.at(part.b)
     pose = np.column_stack([sketch.pose(b)[:, :2], sketch.pose(a)[:, 2]])
     row, reach = sketch.follow(pose), 2.5 * sketch.size
     shaft = np.array([(0.0, 0.0), (0.8 * reach, 0.0)])
-    sketch.carried("driver", row, turned(shaft, part.direction))
+    sketch.carried("driver", row, rotate_points(shaft, part.direction))
     sketch.carried(
-        "driver tip", row, turned(np.add(tip(sketch.size), (reach, 0.0)), part.direction)
+        "driver tip", row, rotate_points(np.add(tip(sketch.size), (reach, 0.0)), part.direction)
     )
     sketch.name(b)
 
@@ -158,7 +160,7 @@ def tip(size: float) -> Array:
 
 
 @symbol.register
-def _distance(part: Distance, sketch: Sketch) -> None:
+def _distance(part: Distance, sketch: SceneBuilder) -> None:
     grounded(part, sketch)
     a, b = sketch.at(part.a), sketch.at(part.b)
     sketch.link("link", a, b)
@@ -167,25 +169,27 @@ def _distance(part: Distance, sketch: Sketch) -> None:
     sketch.name(middle(a, b, sketch))
 
 
-def middle(a: int, b: int, sketch: Sketch) -> int:
+def middle(a: int, b: int, sketch: SceneBuilder) -> int:
     """The pose halfway between two."""
     return sketch.follow(0.5 * (sketch.pose(a) + sketch.pose(b)))
 
 
 @symbol.register
-def _driver(part: Driver, sketch: Sketch) -> None:
+def _driver(part: Driver, sketch: SceneBuilder) -> None:
     grounded(part, sketch)
     row = sketch.at(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
     arc = 1.2 * sketch.size * np.column_stack([np.cos(angle), np.sin(angle)])
     sketch.carried("driver", row, arc)
-    end = turned(np.add(tip(sketch.size), (0.25 * sketch.size, 0.0)), _left(arc[-1])) + arc[-1]
+    end = (
+        rotate_points(np.add(tip(sketch.size), (0.25 * sketch.size, 0.0)), _left(arc[-1])) + arc[-1]
+    )
     sketch.carried("driver tip", row, end)
     sketch.name(row)
 
 
 @symbol.register
-def _gear(part: Gear, sketch: Sketch) -> None:
+def _gear(part: Gear, sketch: SceneBuilder) -> None:
     a, b = sketch.at(part.a), sketch.at(part.b)
     sketch.link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)
@@ -207,50 +211,50 @@ def _centered(place: Attachment) -> bool:
 
 
 @symbol.register
-def _rack(part: RackAndPinion, sketch: Sketch) -> None:
+def _rack(part: RackAndPinion, sketch: SceneBuilder) -> None:
     a, b = sketch.at(part.a), sketch.at(part.b)
     sketch.carried("wheel", a, wheel(abs(part.radius)))
-    e = unit(part.direction)
+    e = unit_vector(part.direction)
     # The rack passes the pinion on its left.
     touch = np.subtract(part.a.point, part.b.point) - part.radius * _left(e)
     low, high = travel(part.b, part.a, part.direction, sketch, abs(part.radius))
-    line = turned([(low, 0.0), (high, 0.0)], e) + (touch - (touch @ e) * e)
+    line = rotate_points([(low, 0.0), (high, 0.0)], e) + (touch - (touch @ e) * e)
     sketch.carried("guide", b, line)
     sketch.name(a)
 
 
 @symbol.register
-def _rolling(part: RollingOnLine, sketch: Sketch) -> None:
+def _rolling(part: RollingOnLine, sketch: SceneBuilder) -> None:
     low, high = travel(part.a, part.b, part.direction, sketch, part.radius)
-    side = np.subtract(part.b.point, part.a.point) @ _left(unit(part.direction))
-    line = hatched(low, high, sketch.size) * (1.0, 1.0 if side > 0.0 else -1.0)
-    sketch.carried("surface", sketch.at(part.a), turned(line, part.direction))
+    side = np.subtract(part.b.point, part.a.point) @ _left(unit_vector(part.direction))
+    line = hatched_line(low, high, sketch.size) * (1.0, 1.0 if side > 0.0 else -1.0)
+    sketch.carried("surface", sketch.at(part.a), rotate_points(line, part.direction))
     _wheel(part.b, part.radius, sketch)
 
 
 @symbol.register
-def _rolling_on_circle(part: RollingOnCircle, sketch: Sketch) -> None:
+def _rolling_on_circle(part: RollingOnCircle, sketch: SceneBuilder) -> None:
     turns = not isinstance(part.a.body, Ground)
     track = wheel(part.radii[0]) if turns else circle(part.radii[0], 60)
     sketch.carried("wheel" if turns else "surface", sketch.at(part.a), track)
     _wheel(part.b, part.radii[1], sketch)
 
 
-def _wheel(center: Attachment, radius: float, sketch: Sketch) -> None:
+def _wheel(center: Attachment, radius: float, sketch: SceneBuilder) -> None:
     row = sketch.at(center)
     sketch.carried("wheel", row, wheel(radius))
     sketch.name(row)
 
 
 @symbol.register
-def _skate(part: Skate, sketch: Sketch) -> None:
+def _skate(part: Skate, sketch: SceneBuilder) -> None:
     row, reach = sketch.at(part.on), sketch.size
-    sketch.carried("skate", row, turned([(-reach, 0.0), (reach, 0.0)], part.direction))
+    sketch.carried("skate", row, rotate_points([(-reach, 0.0), (reach, 0.0)], part.direction))
     sketch.name(row)
 
 
 @symbol.register
-def _sliding(part: SlidingOnBeam, sketch: Sketch) -> None:
+def _sliding(part: SlidingOnBeam, sketch: SceneBuilder) -> None:
     """A sleeve along the beam, where the point is nearest to it."""
     row, beam = sketch.at(part.a), part.beam
     sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _NEAREST)]

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beamdae.beams.distributed_force import DistributedForce, MovingForce
+from beamdae.beams.beam_loads import DistributedForce, MovingForce
 from beamdae.parts.forces.force_law import ForceLaw
 from beamdae.parts.forces.loads import Force, Moment
 from beamdae.parts.laws import Law
-from beamdae.report.scene.builder import Sketch
+from beamdae.report.scene.builder import SceneBuilder
 from beamdae.report.scene.joint_symbols import symbol, tip
 
 Array = np.ndarray
@@ -26,14 +26,14 @@ _LATER = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
 @symbol.register
-def _force(part: Force, sketch: Sketch) -> None:
+def _force(part: Force, sketch: SceneBuilder) -> None:
     row = sketch.at(part.on)
     load = _values(part.laws, sketch)
     _push(sketch, row, _turned(load, row, sketch) if part.axes == "body" else load)
     sketch.name(row)
 
 
-def _turned(load: Array, row: int, sketch: Sketch, drawn: float = 0.0) -> Array:
+def _turned(load: Array, row: int, sketch: SceneBuilder, drawn: float = 0.0) -> Array:
     """Components of the axes of a body in those of the drawing; `drawn` is their angle there."""
     angle = sketch.pose(row)[:, 2] + drawn
     c, s = np.cos(angle), np.sin(angle)
@@ -41,14 +41,14 @@ def _turned(load: Array, row: int, sketch: Sketch, drawn: float = 0.0) -> Array:
 
 
 @symbol.register
-def _moment(part: Moment, sketch: Sketch) -> None:
+def _moment(part: Moment, sketch: SceneBuilder) -> None:
     row = sketch.at(part.on)
     _twist(sketch, row, _values(part.laws, sketch)[:, 0])
     sketch.name(row)
 
 
 @symbol.register
-def _law(part: ForceLaw, sketch: Sketch) -> None:
+def _law(part: ForceLaw, sketch: SceneBuilder) -> None:
     """Arrows where velocities are known, diamonds in a drawing."""
     rows = [sketch.at(place) for place in part.on]
     if sketch.measure is None:
@@ -62,7 +62,7 @@ def _law(part: ForceLaw, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _distributed(part: DistributedForce, sketch: Sketch) -> None:
+def _distributed(part: DistributedForce, sketch: SceneBuilder) -> None:
     places = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _ALONG_BEAM)]
     rows = [sketch.at(place) for place in places]
     if not part.laws:
@@ -81,7 +81,7 @@ def _distributed(part: DistributedForce, sketch: Sketch) -> None:
 
 
 @symbol.register
-def _moving(part: MovingForce, sketch: Sketch) -> None:
+def _moving(part: MovingForce, sketch: SceneBuilder) -> None:
     beam = part.beam
     at = np.linspace(0.0, beam.length, _SECTIONS)
     axis = sketch.through([beam.at(s) for s in at])
@@ -95,7 +95,7 @@ def _moving(part: MovingForce, sketch: Sketch) -> None:
     sketch.name(_push(sketch, sketch.follow(pose), load))
 
 
-def _push(sketch: Sketch, row: int, load: Array, share: float = 1.0) -> int:
+def _push(sketch: SceneBuilder, row: int, load: Array, share: float = 1.0) -> int:
     """An arrow that ends at a pose, of a force (frames, 2); returns where it begins."""
     tail = sketch.pose(row).copy()
     tail[:, :2] -= share * _REACH * sketch.size * _of_largest(load)
@@ -107,7 +107,7 @@ def _push(sketch: Sketch, row: int, load: Array, share: float = 1.0) -> int:
     return begin
 
 
-def _twist(sketch: Sketch, row: int, moment: Array) -> None:
+def _twist(sketch: SceneBuilder, row: int, moment: Array) -> None:
     """An arrow around a pose, counter-clockwise for a positive moment (frames,)."""
     share = _of_largest(moment[:, None])[:, 0]
     if not np.any(np.isfinite(share)):
@@ -137,7 +137,7 @@ def _of_largest(load: Array) -> Array:
     return shares
 
 
-def _values(laws: Sequence[Law], sketch: Sketch) -> Array:
+def _values(laws: Sequence[Law], sketch: SceneBuilder) -> Array:
     """What laws give in the frames (frames, laws).
 
     In a drawing, a frame alone, what they give at the first time at which they give something.

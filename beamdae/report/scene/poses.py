@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from beamdae.equations.coordinate_map import owners_of
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.section_forces.section_motions import At, evaluated, place_and_turn
@@ -25,20 +25,20 @@ class Poses(Protocol):
         """Where they are."""
 
 
-def drawn(places: Sequence[Attachment]) -> Array:
+def reference_poses(places: Sequence[Attachment]) -> Array:
     """One frame: the reference drawing."""
     return np.array([[(*place.point, 0.0) for place in places]], float).reshape(1, -1, 3)
 
 
-class Moved:
+class CoordinatePoses:
     """A frame for each row of coordinates of a mechanism."""
 
     def __init__(self, mechanism: Mechanism, q: Array) -> None:
-        self._owners, self._q = owners_of(mechanism), q
+        self._owners, self._q = map_coordinates(mechanism), q
 
     def __call__(self, places: Sequence[Attachment]) -> Array:
         """Where they are."""
-        found = np.repeat(drawn(places), len(self._q), axis=0)
+        found = np.repeat(reference_poses(places), len(self._q), axis=0)
         bodies: dict[int, list[int]] = {}
         for k, place in enumerate(places):
             # What has no coordinates stays where it is drawn.
@@ -52,13 +52,16 @@ class Moved:
         return found
 
 
-class Vibrating:
+class VibrationPoses:
     """Frames of small motions about a state: its poses and Re(phase d/dq poses . shape) more."""
 
     def __init__(self, mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> None:
         self._step = _STEP / max(float(np.max(np.abs(shape))), 1e-300)
         ends = [self._step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
-        self._moved, self._phases = Moved(mechanism, np.concatenate([q[None], q + ends])), phases
+        self._moved, self._phases = (
+            CoordinatePoses(mechanism, np.concatenate([q[None], q + ends])),
+            phases,
+        )
 
     def __call__(self, places: Sequence[Attachment]) -> Array:
         """Where they are."""

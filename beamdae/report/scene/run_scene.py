@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations import State
+from beamdae.equations.assembly.observation import add_observable
+from beamdae.equations.formulations.first_order import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.equations.observation import observing
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
-from beamdae.report.scene.body_scene import scene_of
+from beamdae.report.scene.body_scene import build_scene
 from beamdae.report.scene.builder import Measure
-from beamdae.report.scene.poses import Moved
-from beamdae.report.scene.scene import Curve, Scene
+from beamdae.report.scene.poses import CoordinatePoses
+from beamdae.report.scene.scene import MovingCurve, Scene
 from beamdae.results.solution import Solution
 from beamdae.symbolic.statements import Quantity
 
@@ -25,7 +25,7 @@ Array = np.ndarray
 _TRAIL, _BETWEEN = 2000, 10
 
 
-def scene_of_run(
+def build_run_scene(
     name: str, solution: Solution, times: Array, trail: Any = False, **settings: Any
 ) -> Scene:
     """What is seen of a run at these times; `name` asks for it.
@@ -35,7 +35,7 @@ def scene_of_run(
     trail
         Whether observed points leave a line behind them; or the names of those that do.
     settings
-        Of `scene_of`.
+        Of `build_scene`.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def scene_of_run(
     branched, state = solution.trajectory.at(times)
 
     measure = _measure(solution, branched, state)
-    poses = Moved(mechanism, state.q)
-    scene = scene_of(mechanism, poses, times, measure, name=name, **settings)
+    poses = CoordinatePoses(mechanism, state.q)
+    scene = build_scene(mechanism, poses, times, measure, name=name, **settings)
     observed = _observed_points(mechanism.observables)
     chosen = {x: observed[x] for x in _chosen(name, trail, observed)}
     trails = _trails(solution, chosen, times)
@@ -69,7 +69,7 @@ def _absent(solution: Solution, times: Array) -> dict[str, Array]:
 
 def _measure(solution: Solution, branched: Array, state: State) -> Measure:
     def measure(quantity: Quantity) -> Array:
-        e = observing(solution.equations, "load that is drawn", quantity)
+        e = add_observable(solution.equations, "load that is drawn", quantity)
         rows = ObservedRows(replace(e, observables=e.observables[-1:]))
         return rows(branched, *state)
 
@@ -99,7 +99,7 @@ def _chosen(name: str, trail: Any, observed: Iterable[str]) -> list[str]:
     return chosen
 
 
-def _trails(solution: Solution, observed: dict[str, Quantity], times: Array) -> list[Curve]:
+def _trails(solution: Solution, observed: dict[str, Quantity], times: Array) -> list[MovingCurve]:
     """Of each point where it has been up to each frame, at several times between frames."""
     between = int(np.clip(_TRAIL // len(times), 1, _BETWEEN))
     fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
@@ -109,5 +109,5 @@ def _trails(solution: Solution, observed: dict[str, Quantity], times: Array) -> 
     for name, quantity in observed.items():
         columns = [column.name for column in quantity.columns]
         places = measure(quantity)[:, [columns.index("x"), columns.index("y")]]
-        found.append(Curve(name, "trail", np.where(been[..., None], places, np.nan)))
+        found.append(MovingCurve(name, "trail", np.where(been[..., None], places, np.nan)))
     return found

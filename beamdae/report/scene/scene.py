@@ -14,7 +14,7 @@ _LEAST = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class MovingCurve:
     """A line through points that move each on its own.
 
     Attributes
@@ -56,7 +56,7 @@ class Symbol:
     points: Array
 
 
-Glyph = Curve | Symbol
+Glyph = MovingCurve | Symbol
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Scene:
         return line
 
     def _line(self, glyph: Glyph) -> Array:
-        if isinstance(glyph, Curve):
+        if isinstance(glyph, MovingCurve):
             return glyph.places
         share, along, across = glyph.points.T
         start, way = self.poses[glyph.at][:, None], self.poses[glyph.to] - self.poses[glyph.at]
@@ -108,18 +108,18 @@ class Scene:
     def extent(self) -> tuple[Array, Array]:
         """The lower left and the upper right corner of all that is seen [m]; symbols stay small."""
         seen = [line.reshape(-1, 2) for _, line in self.lines()]
-        low, high = corners(np.concatenate(seen or [self.poses[..., :2].reshape(-1, 2)]))
+        low, high = bounding_box(np.concatenate(seen or [self.poses[..., :2].reshape(-1, 2)]))
         more = 0.5 * max(_LEAST * self.size - float(np.max(high - low)), 0.0)
         return low - more, high + more
 
 
-def corners(points: Array) -> tuple[Array, Array]:
+def bounding_box(points: Array) -> tuple[Array, Array]:
     """Lower left and upper right corner of those of the points (k, 2) that are finite."""
     known = points[np.isfinite(points).all(axis=1)]
     return known.min(axis=0), known.max(axis=0)
 
 
-def broken(*lines: Array) -> Array:
+def join_lines(*lines: Array) -> Array:
     """Several lines (k, n) as one."""
     gap = np.full((1, lines[0].shape[1]), np.nan)
     return np.concatenate([x for line in lines for x in (line, gap)][:-1])

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.scene.beam_colors import Painted, painted
-from beamdae.report.scene.run_scene import scene_of_run
-from beamdae.report.scene.scene import Curve, Scene, Symbol
+from beamdae.report.scene.beam_colors import BeamColors, compute_beam_colors
+from beamdae.report.scene.run_scene import build_run_scene
+from beamdae.report.scene.scene import MovingCurve, Scene, Symbol
 from beamdae.results.outlines import frame_times
 from beamdae.results.solution import Solution
 
@@ -22,18 +22,18 @@ _COLORS = ("stress", "M")
 _FRAMES, _DIGITS = 120, 5
 
 
-def frames_of(solution: Solution) -> dict[str, Any] | None:
-    """What is seen of a run over its frames, see `plain_frames`; None if nothing is."""
+def export_run_frames(solution: Solution) -> dict[str, Any] | None:
+    """What is seen of a run over its frames, see `export_frames`; None if nothing is."""
     times = frame_times(solution, _FRAMES)
     try:
-        scene = scene_of_run("animate", solution, times)
+        scene = build_run_scene("animate", solution, times)
     except BeamdaeError:
         # Equations have no shape.
         return None
-    return plain_frames(scene, times, colors_of(solution, times))
+    return export_frames(scene, times, available_colors(solution, times))
 
 
-def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> dict[str, Any]:
+def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ()) -> dict[str, Any]:
     """A scene as plain data.
 
     Returns
@@ -52,7 +52,7 @@ def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> 
     digits = _DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
     return {
         "t": times.tolist(),
-        "bodies": [_curve(x, digits) for x in scene.glyphs if isinstance(x, Curve)],
+        "bodies": [_curve(x, digits) for x in scene.glyphs if isinstance(x, MovingCurve)],
         "poses": [_pose(pose, digits) for pose in scene.poses],
         "symbols": [_symbol(x, digits, scene) for x in scene.glyphs if isinstance(x, Symbol)],
         "colors": [_color(x) for x in colors],
@@ -60,19 +60,19 @@ def plain_frames(scene: Scene, times: Array, colors: Sequence[Painted] = ()) -> 
     }
 
 
-def colors_of(solution: Solution, times: Array, first: Any = None) -> list[Painted]:
+def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
     """The colors a run may have, as far as sections know what they take; `first` is wanted."""
-    found = [] if first is None else [painted("animate", solution, first, times)]
+    found = [] if first is None else [compute_beam_colors("animate", solution, first, times)]
     for what in (x for x in _COLORS if x != first):
         try:
-            found.append(painted("animate", solution, what, times))
+            found.append(compute_beam_colors("animate", solution, what, times))
         except BeamdaeError:
             # No beams, or one that does not know its height.
             continue
     return found
 
 
-def _curve(curve: Curve, digits: int) -> dict[str, Any]:
+def _curve(curve: MovingCurve, digits: int) -> dict[str, Any]:
     trail = curve.kind == "trail"
     places = curve.places[-1:] if trail else curve.places
     x, y = np.moveaxis(np.round(places, digits), -1, 0)
@@ -114,7 +114,7 @@ def _symbol(symbol: Symbol, digits: int, scene: Scene) -> dict[str, Any]:
     }
 
 
-def _color(colors: Painted) -> dict[str, Any]:
+def _color(colors: BeamColors) -> dict[str, Any]:
     digits = 3 - math.floor(math.log10(max(map(abs, colors.limits))))
     values = {part: np.round(x, digits).tolist() for part, x in colors.values.items()}
     return {

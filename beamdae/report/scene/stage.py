@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.report.scene.beam_colors import Painted
-from beamdae.report.scene.scene import Curve, Scene, corners
-from beamdae.report.scene.styles import look_of
+from beamdae.report.scene.beam_colors import BeamColors
+from beamdae.report.scene.scene import MovingCurve, Scene, bounding_box
+from beamdae.report.scene.styles import find_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -23,7 +23,7 @@ Array = np.ndarray
 _WIDTH, _LEAST = 6.0, (2.0, 1.5)
 
 
-class Stage:
+class SceneArtists:
     """The artists of a scene on an axis.
 
     Parameters
@@ -39,14 +39,14 @@ class Stage:
     """
 
     def __init__(
-        self, axis: Axes, scene: Scene, painted: Painted | None = None, pale: bool = False
+        self, axis: Axes, scene: Scene, painted: BeamColors | None = None, pale: bool = False
     ) -> None:
         self._axis, self._pale, self._painted = axis, pale, painted
         self._moving = [(self._artist(g, line), line, g) for g, line in scene.lines()]
         self.show(0)
 
     def _artist(self, glyph: Any, line: Array) -> Artist:
-        look = look_of(glyph.kind)
+        look = find_style(glyph.kind)
         color, order = ("0.8", 0.5) if self._pale else (look.color, look.order)
         if self._paints(glyph):
             from matplotlib.collections import LineCollection
@@ -67,7 +67,9 @@ class Stage:
 
     def _paints(self, glyph: Any) -> bool:
         painted = self._painted
-        return painted is not None and isinstance(glyph, Curve) and glyph.part in painted.values
+        return (
+            painted is not None and isinstance(glyph, MovingCurve) and glyph.part in painted.values
+        )
 
     def show(self, frame: int) -> list[Artist]:
         """Move everything to where it is in a frame."""
@@ -86,7 +88,7 @@ class Stage:
         return [artist for artist, _, _ in self._moving]
 
 
-def plain_stage(corners: tuple[Array, Array], below: float = 0.0) -> tuple[Figure, Axes]:
+def create_bare_axis(corners: tuple[Array, Array], below: float = 0.0) -> tuple[Figure, Axes]:
     """A figure of nothing but equal axes between corners, with a strip [inch] below them."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -103,15 +105,15 @@ def plain_stage(corners: tuple[Array, Array], below: float = 0.0) -> tuple[Figur
     return figure, axis
 
 
-def caption(axis: Axes) -> Text:
+def add_caption(axis: Axes) -> Text:
     """A text in the corner above."""
     look: dict[str, Any] = {"va": "top", "color": "0.4", "fontsize": 9, "parse_math": False}
     return axis.text(0.02, 0.98, "", transform=axis.transAxes, **look)
 
 
-def frame_of(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
+def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
     """The corners of what is seen of scenes, with a margin of its size and of some width."""
-    low, high = corners(np.array([x for scene in scenes for x in scene.extent()]))
+    low, high = bounding_box(np.array([x for scene in scenes for x in scene.extent()]))
     size = float(np.max(high - low)) or 1.0
     middle = (low + high) / 2.0
     half = np.maximum((high - low) / 2.0, 0.1 * size) + margin * size

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import FrequencyRange
-from beamdae.equations.starts.redundant_constraints import sentences
+from beamdae.equations.starts.redundant_constraints import describe_dependent_sets
 
 # Lightly damped modes are those of less than this.
 _LIGHTLY = 0.62
@@ -14,7 +14,7 @@ _LIGHTLY = 0.62
 _MOST_TOLD = 8
 
 
-def facts_of(check: Any) -> Mapping[str, str]:
+def describe_check(check: Any) -> Mapping[str, str]:
     """Topics of a `Check`, and what there is to tell of each."""
     facts = {"size": f"{check.coordinates} coordinates, {check.constraints} constraints"}
     if check.mobility is not None:
@@ -23,7 +23,7 @@ def facts_of(check: Any) -> Mapping[str, str]:
             f"{check.mobility} = {check.coordinates} coordinates - {check.rank} independent "
             f"constraints; {rigid} if beams are rigid and drivers hold"
         )
-        facts["dependent constraints"] = sentences(check.dependent) or "none"
+        facts["dependent constraints"] = describe_dependent_sets(check.dependent) or "none"
         free = check.free_motions
         more = [f"and {len(free) - _MOST_TOLD} more"] if len(free) > _MOST_TOLD else []
         facts["free motions"] = "; ".join([*free[:_MOST_TOLD], *more]) or "none"

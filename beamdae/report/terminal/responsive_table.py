@@ -11,7 +11,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from beamdae.report.text import plain
+from beamdae.report.text import make_printable
 
 # Columns are left out before the first one is cut below this or half the width, and it is never
 # cut below the least; no column of sentences is folded below that.
@@ -22,9 +22,9 @@ _GAP, _EDGES = 2, 2
 _TOPICS = 2
 
 
-def cut(text: str, most: int) -> str:
+def shorten_to_cells(text: str, most: int) -> str:
     """The plain text in at most so many cells of a terminal: a longer one loses its middle."""
-    text = plain(text)
+    text = make_printable(text)
     if cell_len(text) <= most:
         return text
     head, tail = text[: (len(text) + 1) // 2], text[(len(text) + 1) // 2 :]
@@ -59,7 +59,7 @@ class Column:
         return self.header.replace("\n", " ")
 
 
-class FittedTable:
+class ResponsiveTable:
     """A table of texts, laid out when it is printed, for the width there is then.
 
     Parameters
@@ -83,7 +83,7 @@ class FittedTable:
         elsewhere: str = "",
     ) -> None:
         self._first, self._columns, self._elsewhere = first, list(columns), elsewhere
-        self._rows = [[plain(text) for text in row] for row in rows]
+        self._rows = [[make_printable(text) for text in row] for row in rows]
 
     @property
     def texts(self) -> list[list[str]]:
@@ -128,7 +128,7 @@ class FittedTable:
 
     def _table(self, columns: Sequence[Column], first: int) -> Table:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        table.add_column(Text(cut(self._first, first)), no_wrap=True, width=first)
+        table.add_column(Text(shorten_to_cells(self._first, first)), no_wrap=True, width=first)
         for column in columns:
             if column.sentences:
                 table.add_column(Text(column.header), overflow="fold")
@@ -139,11 +139,11 @@ class FittedTable:
                 )
         for row in self._rows:
             texts = (row[self._place(column)] for column in columns)
-            table.add_row(Text(cut(row[0], first)), *map(Text, texts))
+            table.add_row(Text(shorten_to_cells(row[0], first)), *map(Text, texts))
         return table
 
 
-class Facts:
+class FactList:
     """Two columns, laid out when they are printed: what, cut in its middle where it has to be.
 
     Parameters
@@ -155,8 +155,8 @@ class Facts:
     """
 
     def __init__(self, title: str, rows: Mapping[str, str]) -> None:
-        self._title = plain(title)
-        self._rows = {plain(topic): plain(said) for topic, said in rows.items()}
+        self._title = make_printable(title)
+        self._rows = {make_printable(topic): make_printable(said) for topic, said in rows.items()}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The rows."""
@@ -167,6 +167,6 @@ class Facts:
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
         for topic, said in self._rows.items():
-            table.add_row(Text(cut(topic, most)), Text(said))
+            table.add_row(Text(shorten_to_cells(topic, most)), Text(said))
         if self._rows:
             yield table

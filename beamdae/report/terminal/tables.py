@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.report.terminal.responsive_table import Column, Facts, FittedTable
-from beamdae.report.text import plain
+from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
+from beamdae.report.text import make_printable
 from beamdae.results.headers import Header
 from beamdae.results.strain_validity import BeamRange
 
@@ -54,7 +54,7 @@ _SUMMARIZED = {
 }
 
 
-def number(value: Any, digits: int = 3) -> str:
+def format_number(value: Any, digits: int = 3) -> str:
     """A number in few characters; a dash for one that is not there."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
@@ -68,26 +68,26 @@ def number(value: Any, digits: int = 3) -> str:
         return "-"
 
 
-def facts(title: str, rows: Mapping[str, Any]) -> Facts:
+def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
     """Two columns: what, and how much."""
-    said = {name: x if isinstance(x, str) else number(x) for name, x in rows.items()}
-    return Facts(title, said)
+    said = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
+    return FactList(title, said)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
     """What a run did and how well, from `Solution.summary()` and `Solution.integrator`."""
-    s = {name: number(value) for name, value in summary.items()}
+    s = {name: format_number(value) for name, value in summary.items()}
     shown = {k: v for k, v in settings.items() if v is not None and k not in _TOLD_APART}
     amplitudes = settings.get("amplitudes", {})
-    moves = ", ".join(f"{name} {number(value)}" for name, value in amplitudes.items())
+    moves = ", ".join(f"{name} {format_number(value)}" for name, value in amplitudes.items())
     scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
     shares = settings.get("limited_by", {})
     limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
     return {
         "status": str(s["reason"]),
-        "time reached": f"{number(summary['last_time'], 6)} s",
+        "time reached": f"{format_number(summary['last_time'], 6)} s",
         "integrator": f"{settings.get('integrator', '')} "
-        + ", ".join(f"{name}={number(value)}" for name, value in shown.items()),
+        + ", ".join(f"{name}={format_number(value)}" for name, value in shown.items()),
         **scaled,
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
         f"{s['newton_failures']} Newton failures",
@@ -101,7 +101,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     }
 
 
-def validity(beams: Iterable[BeamRange]) -> FittedTable:
+def validity(beams: Iterable[BeamRange]) -> ResponsiveTable:
     """How far each beam went from its floating frame, and what its strains make of it."""
     columns = [
         Column("deflection\nof length", 2),
@@ -110,13 +110,13 @@ def validity(beams: Iterable[BeamRange]) -> FittedTable:
         Column("error\n[-]"),
     ]
     rows = [
-        (x.name, *(number(v, 2) for v in (x.deflection, x.rotation, x.strain, x.error)))
+        (x.name, *(format_number(v, 2) for v in (x.deflection, x.rotation, x.strain, x.error)))
         for x in beams
     ]
-    return FittedTable("beam", columns, rows, "the JSON file")
+    return ResponsiveTable("beam", columns, rows, "the JSON file")
 
 
-def ranges(observed: Columns, errors: Columns | None = None) -> FittedTable:
+def ranges(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
     """Smallest, largest and last value of each observed column, and what is told of its error.
 
     `errors` has a row for each column, in their order: first its amplitude, then what is shown.
@@ -130,12 +130,12 @@ def ranges(observed: Columns, errors: Columns | None = None) -> FittedTable:
     rows = [
         (
             name,
-            *(number(x, 5) for x in values.values()),
-            *(number(known[k], 2) for known in values_told),
+            *(format_number(x, 5) for x in values.values()),
+            *(format_number(known[k], 2) for known in values_told),
         )
         for k, (name, values) in enumerate(extremes(observed).items())
     ]
-    return FittedTable("observed", columns, rows, "--json")
+    return ResponsiveTable("observed", columns, rows, "--json")
 
 
 def extremes(observed: Columns) -> dict[str, dict[str, float]]:
@@ -165,36 +165,36 @@ def _rounding(observed: Columns) -> dict[str, float]:
     return {kind: _ROUNDING * size for kind, size in largest.items()}
 
 
-def comparison_table(table: pd.DataFrame) -> FittedTable:
+def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     """The table of a study, with a mark on errors that the reference cannot resolve."""
     shown = [name for name in _COMPARED if name in table]
     rows = []
     for _, row in table.iterrows():
-        cells = {name: number(row[name]) for name in shown}
+        cells = {name: format_number(row[name]) for name in shown}
         if row.get("below resolution", False):
-            cells["error [-]"] = f"< {number(10.0 * row['reference uncertainty [-]'])}"
+            cells["error [-]"] = f"< {format_number(10.0 * row['reference uncertainty [-]'])}"
         if "wall time max [s]" in cells:
             cells["wall time max [s]"] = _ends(row["wall time min [s]"], row["wall time max [s]"])
         rows.append((str(row["label"]), *cells.values()))
-    return FittedTable("integrator", [_COMPARED[name] for name in shown], rows, "cases.csv")
+    return ResponsiveTable("integrator", [_COMPARED[name] for name in shown], rows, "cases.csv")
 
 
 def _ends(least: Any, most: Any) -> str:
     """The ends of repeated timings."""
-    return "-" if number(least) == "-" else f"{number(least)} to {number(most)}"
+    return "-" if format_number(least) == "-" else f"{format_number(least)} to {format_number(most)}"
 
 
-def summary_table(summary: pd.DataFrame) -> FittedTable:
+def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
     """What the rows of a group come to."""
     ends = (f" ({_ends(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy())
-    values = summary["value"].map(number) + " " + summary["unit"] + list(ends)
+    values = summary["value"].map(format_number) + " " + summary["unit"] + list(ends)
     told = summary.assign(value=values.str.strip()).astype(str)
     shown = [name for name in _SUMMARIZED if name in told and (told[name] != "").any()]
     rows = [tuple(row) for row in told[["answer", *shown]].to_numpy()]
-    return FittedTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
+    return ResponsiveTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
 
 
-def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> FittedTable:
+def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> ResponsiveTable:
     """The table of a sweep: parameters, how each run ended, what is told of it."""
     last = len(told) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
@@ -203,18 +203,18 @@ def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(told)]
     names = [first, *others, "status", *told]
-    rows = [tuple(number(row[name], 5) for name in names) for _, row in table.iterrows()]
-    return FittedTable(first, columns, rows, "sweep.csv")
+    rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
+    return ResponsiveTable(first, columns, rows, "sweep.csv")
 
 
 def failures(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
     where = failed["group"] + ", " + failed["label"]
-    return [plain(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
+    return [make_printable(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
 
 
-def modes(table: pd.DataFrame) -> FittedTable:
+def modes(table: pd.DataFrame) -> ResponsiveTable:
     """Frequencies of modes, and what moves in them, from `Modes.table()`."""
     columns = [
         Column("frequency\n[Hz]"),
@@ -230,33 +230,33 @@ def modes(table: pd.DataFrame) -> FittedTable:
     rows = [
         (
             str(row["mode"]),
-            number(row[values[0]], 6),
-            *(number(row[name]) for name in values[1:]),
+            format_number(row[values[0]], 6),
+            *(format_number(row[name]) for name in values[1:]),
             str(row["kind"]),
             str(row["moves"]),
         )
         for _, row in table.iterrows()
     ]
-    return FittedTable("mode", columns, rows, "the CSV file")
+    return ResponsiveTable("mode", columns, rows, "the CSV file")
 
 
-def campbell(table: pd.DataFrame) -> FittedTable:
+def campbell(table: pd.DataFrame) -> ResponsiveTable:
     """Frequencies of modes by speed, from `Campbell.table()`."""
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
     rows = [
-        (number(row["speed [rad/s]"]), *(number(row[name], 5) for name in frequencies))
+        (format_number(row["speed [rad/s]"]), *(format_number(row[name], 5) for name in frequencies))
         for _, row in table.iterrows()
     ]
-    return FittedTable("speed [rad/s]", columns, rows, "the CSV file")
+    return ResponsiveTable("speed [rad/s]", columns, rows, "the CSV file")
 
 
-def parts(kinds: Mapping[str, str]) -> FittedTable:
+def parts(kinds: Mapping[str, str]) -> ResponsiveTable:
     """The parts of a mechanism and what they are."""
-    return FittedTable("part", [Column("kind", sentences=True)], kinds.items())
+    return ResponsiveTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
-def models(found: Iterable[Mapping[str, Any]]) -> FittedTable:
+def models(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Models that files define, with their parameters."""
     columns = [
         Column("t_end\n[s]", 3),
@@ -270,19 +270,19 @@ def models(found: Iterable[Mapping[str, Any]]) -> FittedTable:
         rows.append(
             (one["name"], f"{one['t_end']:g}", Path(one["file"]).name, values, one["about"])
         )
-    return FittedTable("model", columns, rows, "--json")
+    return ResponsiveTable("model", columns, rows, "--json")
 
 
-def studies(found: Iterable[Mapping[str, Any]]) -> FittedTable:
+def studies(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Studies that files define, with the models they are of."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
     rows = [
         (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in found
     ]
-    return FittedTable("study", columns, rows, "--json")
+    return ResponsiveTable("study", columns, rows, "--json")
 
 
-def problems(found: Iterable[Mapping[str, Any]]) -> FittedTable:
+def problems(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Files and what is wrong with them."""
     rows = [(Path(one["file"]).name, one["problem"]) for one in found]
-    return FittedTable("file", [Column("cannot be listed", sentences=True)], rows)
+    return ResponsiveTable("file", [Column("cannot be listed", sentences=True)], rows)

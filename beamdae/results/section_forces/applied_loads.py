@@ -16,9 +16,9 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.coordinate_map import Owners, owners_of
+from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.results.section_forces.section_motions import (
@@ -82,7 +82,7 @@ def acting_on(
     """
     mechanism = equations.mechanism
     assert mechanism is not None
-    on = _OnBeam(beam, equations, owners_of(mechanism), times, state)
+    on = _OnBeam(beam, equations, map_coordinates(mechanism), times, state)
     weight = factors.get(GRAVITY, 1.0)
     gravity = weight * _gravity(mechanism, times)
     on.inertia(gravity)
@@ -130,7 +130,12 @@ class _OnBeam:
     """Adds up what acts on one beam."""
 
     def __init__(
-        self, beam: Beam, equations: EquationsOfMotion, owners: Owners, times: Array, state: State
+        self,
+        beam: Beam,
+        equations: EquationsOfMotion,
+        owners: CoordinateMap,
+        times: Array,
+        state: State,
     ) -> None:
         self._beam, self._owners, self._times, self._state = beam, owners, times, state
         self._own = tuple(x[:, owners.slice(beam)] for x in state[:3])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
 from beamdae.results.section_forces.applied_loads import acting_on
 from beamdae.results.section_forces.recovery import SAME_PLACE, balanced_and_strained

@@ -22,9 +22,9 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.coordinate_map import owners_of
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.results.section_forces.applied_loads import ALL, Acting, acting_on
 from beamdae.results.section_forces.section_motions import (
     At,
@@ -103,7 +103,7 @@ class _Along:
 
     def __init__(self, beam: Beam, equations: EquationsOfMotion, state: State) -> None:
         assert equations.mechanism is not None
-        own = owners_of(equations.mechanism).slice(beam)
+        own = map_coordinates(equations.mechanism).slice(beam)
         self._beam, self._own = beam, tuple(x[:, own] for x in state[:3])
         self._start = self._located(np.zeros(1))[0]
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.errors import BeamdaeError, require_positive
+from beamdae.results.displays import Plot, load_views
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from beamdae.report.pictures.curves import Plot
 
 Array = np.ndarray
 
@@ -213,6 +212,4 @@ class SectionForces:
         Default the only one, or least and largest over all. The line is what balances the loads,
         dots are what the strains say, and the gray band is the estimated error.
         """
-        from beamdae.report.pictures.section_diagrams import diagram
-
-        return diagram(self, what, t)
+        return load_views().plot_section_forces(self, what, t)

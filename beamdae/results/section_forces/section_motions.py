@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MOST_KINDS, Formula
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray
@@ -85,4 +85,4 @@ def _made(build: Build, kind: Callable[..., Any], size: int, numbers: int | None
     return RowFunction(ca.Function("sections", inputs, [ca.densify(values)]))
 
 
-_kept = lru_cache(maxsize=MOST_KINDS)(_made)
+_kept = lru_cache(maxsize=MAX_SHARED_KERNELS)(_made)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.model_hash import identity_of
+from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.frozen_constraint import Held
@@ -74,7 +74,7 @@ class Checkpoint:
     sides
         On which sides of their values the quantities of events were, see `Solution.sides`.
     identity
-        Of its equations, see `identity_of`; none where the state is an equilibrium, from which any
+        Of its equations, see `hash_model`; none where the state is an equilibrium, from which any
         model may begin that has the coordinates.
     """
 
@@ -109,7 +109,7 @@ class Checkpoint:
             {} if active is None else dict(active.found),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
-            identity_of(solution.equations),
+            hash_model(solution.equations),
             dict(solution.sides),
             _doubt(solution),
         )
@@ -226,5 +226,5 @@ class Checkpoint:
         ]
         if changed:
             return f"other parameters, {', '.join(changed)}"
-        same = not self.identity or identity_of(equations) == self.identity
+        same = not self.identity or hash_model(equations) == self.identity
         return "" if same else "other numbers or formulas"

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.configurations import Configuration
+from beamdae.equations.assembly.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
-from beamdae.equations.formulations import State
+from beamdae.equations.formulations.first_order import State
 from beamdae.parts.joints.frozen_constraint import Held
 from beamdae.results.event_records import Occurrence
 from beamdae.results.outcome import Statistics, Status

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.model_hash import identity_of
+from beamdae.equations.model_hash import hash_model
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -19,8 +19,8 @@ _MOST_ENTRIES = 16
 
 
 def provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Hash of the equations, see `identity_of`, and what the mechanism is made of, if it is one."""
-    told: dict[str, Any] = {"identity": identity_of(equations)}
+    """Hash of the equations, see `hash_model`, and what the mechanism is made of, if it is one."""
+    told: dict[str, Any] = {"identity": hash_model(equations)}
     mechanism = equations.mechanism
     return told if mechanism is None else told | _mechanism(mechanism)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.equations.model_hash import identity_of
+from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.storage.files import file_path, replacing, versions, write_result
@@ -116,7 +116,7 @@ def save(solution: Solution, path: str | Path) -> Path:
         "format": _FORMAT,
         "version": _VERSION,
         "label": solution.label,
-        "identity": identity_of(solution.equations),
+        "identity": hash_model(solution.equations),
         "plain": kept.plain,
         _TABLE: list(table),
         _COORDINATES: list(coordinates),

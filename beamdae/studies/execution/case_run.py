@@ -25,7 +25,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.report.scene.scene_frames import frames_of
+from beamdae.report.scene.scene_frames import export_run_frames
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -212,7 +212,7 @@ def _performed(task: Task, reads: Reads) -> Outcome:
                 status = Status("failed", str(problem))
         table = by_time(solution)
         text = to_text(table)
-        frames = frames_of(solution) if task.animated else None
+        frames = export_run_frames(solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
     found["peak memory [GB]"] = peak_memory()

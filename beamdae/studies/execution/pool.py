@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError
 from typing import Any, Protocol
 
 from beamdae.errors import BeamdaeError, format_message, require_count, short_repr
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import Outcome, Task, mistake, perform
 from beamdae.studies.execution.deferred_interrupts import Interrupts
@@ -153,7 +153,7 @@ class DaskPool:
     """The workers of a Dask scheduler; a task whose worker dies goes to another one."""
 
     def __init__(self, address: str) -> None:
-        named = f"--scheduler {shortened(address, _LONGEST_ADDRESS)}"
+        named = f"--scheduler {shorten_text(address, _LONGEST_ADDRESS)}"
         try:
             from distributed import Client
         except ImportError:

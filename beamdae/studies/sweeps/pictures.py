@@ -12,8 +12,8 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.pictures.curves import Plot
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
+from beamdae.results.displays import Plot
 from beamdae.studies.sweeps.scales import Scale
 from beamdae.studies.sweeps.sweep import short
 from beamdae.studies.sweeps.tables import STATUS, Panel
@@ -48,7 +48,7 @@ def plots(swept: SweepResults, folder: Path) -> dict[str, Callable[[], list[Path
 
 def _files(draw: Callable[[], Plot], path: Path) -> list[Path]:
     figure = draw().figure
-    return [pictures.saved(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
+    return [pictures.save_figure(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
 
 
 def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -> Plot:
@@ -61,25 +61,25 @@ def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -
     panels = _with_numbers(swept.table, panels)
     labels = list(families) if several else _measures(panels)
     styles = _styles(labels, several and _graded(swept, scale.name, len(families)))
-    figure, axes = pictures.panels(len(panels), "")
+    figure, axes = pictures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         for family, rows in families.items():
             for what, column in panel.lines.items():
                 style = styles.get(family if several else what, {"color": pictures.COLORS[0]})
                 _curve(axis, swept.table, scale, rows, column, style)
         _missed(axis, swept, scale)
-        pictures.dressed(axis, shortened(panel.title, pictures.AXIS), _unit(panel))
+        pictures.format_axis(axis, shorten_text(panel.title, pictures.AXIS), _unit(panel))
         axis.margins(x=0.04)
         scale.dress(axis, "x")
     _legend(figure, styles if len(labels) > 1 else {}, bool((swept.table[STATUS] != "ok").any()))
-    pictures.as_written(figure)
+    pictures.disable_math_text(figure)
     return Plot(figure)
 
 
 def _numbers_of(column: pd.Series) -> Array:
     """What of a column an axis has a place for."""
     values = pd.to_numeric(column, "coerce").to_numpy(float)
-    return pictures.drawable({"": values})[""]
+    return pictures.mask_huge_values({"": values})[""]
 
 
 def _with_numbers(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
@@ -102,7 +102,7 @@ def _legend(figure: Figure, styles: dict[str, dict[str, Any]], missed: bool) -> 
     if missed:
         entries["did not reach its end"] = _MISSED
     if entries:
-        pictures.legend(figure, entries)
+        pictures.add_legend(figure, entries)
 
 
 def _unit(panel: Panel) -> str:
@@ -125,15 +125,15 @@ def maps(
         raise BeamdaeError(f"{swept.sweep.name}: x and y must be the two parameters that vary.")
     up = Scale.of(swept, other)
     chosen = _with_numbers(swept.table, [one for panel in panels for one in panel.apart()])
-    figure, axes = pictures.panels(len(chosen), "")
+    figure, axes = pictures.create_panels(len(chosen), "")
     for axis, panel in zip(axes, chosen, strict=False):
         (column,) = panel.lines.values()
-        pictures.dressed(axis, shortened(panel.title, pictures.AXIS), "")
+        pictures.format_axis(axis, shorten_text(panel.title, pictures.AXIS), "")
         _map(axis, across, up, _numbers_of(swept.table[column]))
         axis.figure.axes[-1].set_ylabel(_unit(panel))
         across.dress(axis, "x")
         up.dress(axis, "y")
-    pictures.as_written(figure)
+    pictures.disable_math_text(figure)
     return Plot(figure)
 
 

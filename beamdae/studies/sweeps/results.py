@@ -45,7 +45,7 @@ from beamdae.studies.sweeps.tables import (
 )
 
 if TYPE_CHECKING:
-    from beamdae.report.pictures.curves import Plot
+    from beamdae.results.displays import Plot
 
 TABLE = "sweep.csv"
 

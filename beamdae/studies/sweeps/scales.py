@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.text import shortened
+from beamdae.report.text import shorten_text
 from beamdae.studies.sweeps.sweep import short
 from beamdae.studies.sweeps.tables import parameter_column
 
@@ -64,7 +64,7 @@ class Scale:
     def dress(self, axes: Axes, which: str) -> None:
         """Name, scale and ticks of the "x" or the "y" axis."""
         axis = getattr(axes, f"{which}axis")
-        axis.set_label_text(shortened(self.name, pictures.AXIS))
+        axis.set_label_text(shorten_text(self.name, pictures.AXIS))
         if self.log:
             getattr(axes, f"set_{which}scale")("log")
         spread = np.linspace(0, len(self.places) - 1, _MOST_TICKS).round().astype(int)
@@ -72,7 +72,7 @@ class Scale:
         # What stands beside each other shares the room there is.
         room = _ROOM // len(chosen) - 2 if which == "x" else _NAME
         if self.labels:
-            names = [shortened(self.labels[int(k)], _NAME) for k in chosen]
+            names = [shorten_text(self.labels[int(k)], _NAME) for k in chosen]
             wide = max(map(len, names)) > room
             axis.set_ticks(chosen, names, **({"rotation": 30, "ha": "right"} if wide else {}))
             return

@@ -1,0 +1,109 @@
+"""Figures and animations that notebooks display, and the access to the functions that draw them."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ANIMATION_WIDTH = 640  # largest width of an animation in a notebook [pixels]
+_NOTEBOOK_RESOLUTION = 110  # of a figure in a notebook [dots per inch]
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure that a notebook displays.
+
+    Attributes
+    ----------
+    figure
+        The matplotlib figure, which may be modified.
+    """
+
+    figure: Figure
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        self.figure.savefig(png, dpi=_NOTEBOOK_RESOLUTION, format="png")
+        return png.getvalue()
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure to a file and return its path.
+
+        Parameters
+        ----------
+        path
+            Path of the file; its suffix selects the format, for example .png, .svg or .pdf.
+
+        Raises
+        ------
+        BeamdaeError
+            If the suffix is missing or not supported, or the file cannot be written.
+        """
+        return load_views().save_plot(self, path)
+
+
+@dataclass(frozen=True)
+class Animation:
+    """An animation that a notebook displays.
+
+    Attributes
+    ----------
+    page
+        Self-contained HTML document with the frames and the player.
+    height
+        Approximate height of the document [pixels].
+    """
+
+    page: str
+    height: int
+
+    def _repr_html_(self) -> str:
+        style = (
+            f"width: 100%; max-width: {ANIMATION_WIDTH}px; height: {self.height}px; border: none"
+        )
+        return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}" title="motion"></iframe>'
+
+
+class Views(Protocol):
+    """The functions of `beamdae.views` that methods of results call."""
+
+    def save_plot(self, plot: Plot, path: str | Path) -> Path: ...
+
+    def plot_time_series(self, run: Any, *names: str) -> Plot: ...
+
+    def plot_equilibrium_path(self, equilibrium: Any, names: Sequence[str]) -> Plot: ...
+
+    def plot_frequency_response(self, response: Any, column: str) -> Plot: ...
+
+    def plot_section_forces(self, forces: Any, what: str, t: float | None) -> Plot: ...
+
+    def animate(
+        self,
+        solution: Any,
+        path: str | Path | None,
+        speed: float,
+        frames: int | None,
+        color: str | None,
+        trail: Any,
+    ) -> Animation | Path: ...
+
+    def summarize_as_html(self, solution: Any) -> str: ...
+
+
+def load_views() -> Views:
+    """Import `beamdae.views` on first use and return it.
+
+    Results hold data and depend on no drawing code. Their methods `plot`, `animate`, `diagram` and
+    `_repr_html_` are conveniences for users; they all call through this function, which is the only
+    place where results reach the layer above them. The module is imported by name, in the way in
+    which pandas loads its plotting backend.
+    """
+    return cast("Views", import_module("beamdae.views"))

@@ -1,0 +1,33 @@
+"""Figures, animations and summaries of results, as their methods offer them.
+
+Methods such as `Solution.plot` call these functions through `results.displays.load_views`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from beamdae.report.card import card as summarize_as_html
+from beamdae.report.pictures.curves import picture_path
+from beamdae.report.pictures.curves import plot as plot_time_series
+from beamdae.report.pictures.equilibrium_path import plot_path as plot_equilibrium_path
+from beamdae.report.pictures.figures import save_figure
+from beamdae.report.pictures.motion import animate
+from beamdae.report.pictures.response_curve import plot_response as plot_frequency_response
+from beamdae.report.pictures.section_diagrams import plot_section_diagram as plot_section_forces
+from beamdae.results.displays import Plot
+
+__all__ = [
+    "animate",
+    "plot_equilibrium_path",
+    "plot_frequency_response",
+    "plot_section_forces",
+    "plot_time_series",
+    "save_plot",
+    "summarize_as_html",
+]
+
+
+def save_plot(plot: Plot, path: str | Path) -> Path:
+    """Write a plot to a file, see `Plot.save`."""
+    return save_figure(plot.figure, picture_path("Plot.save", path))
