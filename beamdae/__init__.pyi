@@ -85,13 +85,14 @@ from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
 from .report.page.motion_player import Animation as Animation
-from .report.pictures.curves import Plot as Plot
-from .report.pictures.curves import plot as plot
 from .report.pictures.drawing import draw as draw
 from .report.pictures.mode_shapes import animate_mode as animate_mode
 from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
-from .report.pictures.motion import animate as animate
+from .report.pictures.run_animation import animate as animate
+from .report.pictures.time_plots import Plot as Plot
+from .report.pictures.time_plots import plot as plot
+from .results.diagnostics.strain_validity import BeamRange as BeamRange
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse
@@ -100,8 +101,7 @@ from .results.periodic_motion import PeriodicMotion as PeriodicMotion
 from .results.section_forces.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
 from .results.storage.saved_run import SavedRun as SavedRun
-from .results.strain_validity import BeamRange as BeamRange
-from .saved_runs import load as load
+from .simulation import load as load
 from .simulation import simulate as simulate
 from .studies import Case as Case
 from .studies import Study as Study

@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from beamdae.beams.beam_checks import require_room, require_slender
-from beamdae.beams.curvature import curvature_facts, warn_of_curvature
-from beamdae.beams.floating_frame.formulas import (
-    as_it_is,
-    fiber_strain,
-    fiber_stress,
-    section_forces,
-)
-from beamdae.beams.formulations import made_kinematics
-from beamdae.beams.kinematics import Kinematics, MaterialPoint
+from beamdae.beams.exact.kinematics import GeometricallyExact
+from beamdae.beams.floating_frame.kinematics import FloatingFrame
+from beamdae.beams.kinematics import Kinematics, MaterialPoint, create_custom_kinematics
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.sections import Section
-from beamdae.beams.varying_section import SectionLaw, Taper, VaryingSection, require_section
+from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
+from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_forces
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import (
     BeamdaeError,
+    BeamdaeWarning,
     require_choice,
     require_count,
     require_finite,
     require_point,
 )
+from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part, require_name
-from beamdae.symbolic.formulas import Combined, plain
+from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
@@ -40,6 +37,123 @@ from beamdae.symbolic.statements import (
     Quantity,
     RangeStatement,
 )
+
+FORMULATIONS: dict[str, type[FloatingFrame] | type[GeometricallyExact]] = {
+    "floating frame": FloatingFrame,
+    "exact": GeometricallyExact,
+}
+
+
+def create_kinematics(
+    part: str,
+    formulation: str,
+    make: Callable[[str, Mesh, Any], Kinematics] | None,
+    mesh: Mesh,
+    section: Any,
+    settings: Mapping[str, Any],
+) -> Kinematics:
+    """The kinematics of a formulation with these settings, or what `make` makes without any.
+
+    Raises
+    ------
+    BeamdaeError
+        If a setting belongs to another formulation.
+    """
+    require_choice(part, "formulation", formulation, tuple(FORMULATIONS))
+    if make is not None:
+        given = [*settings, *(["formulation"] if formulation != "floating frame" else [])]
+        if given:
+            raise BeamdaeError(
+                f"{part}: {', '.join(given)} belong to beamdae's formulations, the kinematics "
+                "given has settings of its own."
+            )
+        return create_custom_kinematics(part, make, mesh, section)
+    kind = FORMULATIONS[formulation]
+    foreign = [name for name in settings if name not in {field.name for field in fields(kind)}]
+    if foreign:
+        raise BeamdaeError(
+            f"{part}: {' and '.join(foreign)} belong to formulation='floating frame', leave them "
+            f"out with {formulation!r}."
+        )
+    return kind(part, mesh, section, **settings)
+
+
+# Curvature times element length at which the compliance of an arc is off by 1 %, by nodes and
+# straight ones (measured: 6e-3 at 1.6, of order 4; 9e-5 at 0.4, of order 4; 8e-3 at 0.2, of order
+# 2; see tests/beams/test_castigliano.py).
+_MAX_TURN_PER_CURVED_ELEMENT = {4: 1.6, 3: 1.2, 2: 0.2}
+_MAX_TURN_PER_STRAIGHT_ELEMENT = 0.2
+# Curvature times height at which the bending stiffness of a rectangle (Winkler & Bach's over
+# EI, 1 + 0.15 (h/R)^2) is off by 1 %; the stress at the inner surface is by h / (3 R), 8 %.
+_MAX_CURVATURE_TIMES_HEIGHT = 0.26
+
+
+def measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
+    """Largest curvature times the length of an element, and times the height of the section."""
+    s = mesh.gauss_arc_lengths(mesh.nodes)
+    curvature = np.abs(mesh.curve.curvature(s))
+    length = mesh.curve.length / mesh.elements
+    found = {"largest curvature times element length": float(curvature.max()) * length}
+    heights = (
+        np.full(len(s), section.height, float)
+        if isinstance(section, Section)
+        else np.array([section.at(x).height for x in s.tolist()], float)
+    )
+    if not np.isnan(heights).any():
+        found["largest curvature times section height"] = float(np.max(curvature * heights))
+    return found
+
+
+def warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSection) -> None:
+    """Warn where elements or a section are too large for the curvature of a beam."""
+    by_length, *by_height = measure_curvature(mesh, section).values()
+    straight = mesh.shape == "straight"
+    most = _MAX_TURN_PER_STRAIGHT_ELEMENT if straight else _MAX_TURN_PER_CURVED_ELEMENT[mesh.nodes]
+    if by_length > most:
+        enough = int(np.ceil(mesh.elements * by_length / most))
+        sentence = (
+            f"{part}: its curve turns by {by_length:.2g} rad within an element, more than the "
+            f"{most:g} rad at which deflections are off by 1 %; take elements={enough} or more."
+        )
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
+    if by_height and by_height[0] > _MAX_CURVATURE_TIMES_HEIGHT:
+        sentence = (
+            f"{part}: its section is {by_height[0]:.2g} times as high as the radius of its curve, "
+            f"where the bending stiffness of beams is off by {0.15 * by_height[0] ** 2:.1%} and "
+            f"the stress at the inner surface by {by_height[0] / 3.0:.0%}."
+        )
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
+
+
+# Radius of gyration over length: bending is lost in the rounding of stretching below, and nothing
+# above is a beam.
+_MIN_GYRATION_RATIO, _MAX_GYRATION_RATIO = 1e-12, 1e2
+# What a run takes at least for each element, whatever the integrator, times nodes less one [bytes].
+# Measured: 95 to 150 kB, in long chains of beams and in a single one of 10 000 elements.
+_BYTES_PER_ELEMENT_INTERVAL = 9e4
+
+
+def require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:
+    """Refuse a section that is none beside the length of the beam [m]."""
+    for at in map(section.at, np.linspace(0.0, length, 3)):
+        gyration = float(np.sqrt(at.second_moment / at.area))
+        if not _MIN_GYRATION_RATIO <= gyration / length <= _MAX_GYRATION_RATIO:
+            raise BeamdaeError(
+                f"{part}: second_moment {at.second_moment:g} m^4 and area {at.area:g} m^2 make a "
+                f"radius of gyration of {gyration:.3g} m, it must be {_MIN_GYRATION_RATIO:g} to "
+                f"{_MAX_GYRATION_RATIO:g} times the length of {length:g} m."
+            )
+
+
+def require_mesh_memory(part: str, mesh: Mesh) -> None:
+    """Refuse more elements than there is memory for, before any of it is asked for."""
+    each, there = _BYTES_PER_ELEMENT_INTERVAL * (mesh.nodes - 1), available_memory()
+    if each * mesh.elements <= there:
+        return
+    most = int(there / each)
+    remedy = f"take at most elements={most}"
+    require_memory(part, f"a run of elements={mesh.elements}", each * mesh.elements, remedy)
+
 
 Array = np.ndarray
 
@@ -146,10 +260,10 @@ class Beam(Part):
             require_choice(name, "nodes", require_count(name, "nodes", nodes), (2, 3, 4)),
             require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
         )
-        require_room(name, self.mesh)
-        require_slender(name, self.section, self.length)
-        self.mesh.require_followed(name)
-        warn_of_curvature(name, self.mesh, self.section)
+        require_mesh_memory(name, self.mesh)
+        require_valid_slenderness(name, self.section, self.length)
+        self.mesh.require_resolved_curve(name)
+        warn_about_curvature(name, self.mesh, self.section)
         settings: dict[str, Any] = {
             "strain": strain,
             "continuity": continuity,
@@ -158,7 +272,7 @@ class Beam(Part):
             "free_curve": free_curve,
         }
         given = {setting: value for setting, value in settings.items() if value is not None}
-        self.kinematics: Kinematics = made_kinematics(
+        self.kinematics: Kinematics = create_kinematics(
             name, formulation, kinematics, self.mesh, self.section, given
         )
 
@@ -176,7 +290,7 @@ class Beam(Part):
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
-            **curvature_facts(self.mesh, self.section),
+            **measure_curvature(self.mesh, self.section),
             **getattr(self.curve, "facts", {}),
         }
 
@@ -207,11 +321,11 @@ class Beam(Part):
 
     def ranges(self) -> list[RangeStatement]:
         """How far it bends, where its kinematics has a limit to that."""
-        reach = self.kinematics.reach
-        if reach is None:
+        validity = self.kinematics.strain_validity
+        if validity is None:
             return []
         pieces = (Piece(self, self.kinematics.operator),)
-        return [RangeStatement(self.name, reach.kernel, pieces, *reach[1:])]
+        return [RangeStatement(self.name, validity.kernel, pieces, *validity[1:])]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """Points along the axis."""
@@ -257,7 +371,7 @@ class Beam(Part):
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         at = self.kinematics.deformation(self._inside(s), axes)
         columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
-        values, data = Combined.of(as_it_is, (at.values,))
+        values, data = FormulaExpression.of(identity, (at.values,))
         return Quantity(columns, (Piece(self, at.operator),), values, data)
 
     def strain(self, s: float, offset: float | str) -> Quantity:
@@ -267,13 +381,13 @@ class Beam(Part):
         one on the right, where the section knows its height. Taken from the stiffness quadrature
         points, where the strains of the element are most accurate, and interpolated to `s`.
         """
-        offset = self._section_at(s).fiber(self.name, offset)
+        offset = self._section_at(s).fiber_offset(self.name, offset)
         return self._of_strains(s, (Named("", "-"),), fiber_strain, offset)
 
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Longitudinal stress E eps11 [Pa], with the damping part; arguments as of `strain`."""
         x = self._section_at(s)
-        own = (x.fiber(self.name, offset), x.material.E, x.damping)
+        own = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
         return self._of_strains(s, (Named("", "Pa"),), fiber_stress, *own)
 
     def section_forces(self, s: float) -> Quantity:
@@ -293,5 +407,5 @@ class Beam(Part):
         self, s: float, columns: tuple[Named, ...], kind: Callable[..., SX], *own: float
     ) -> Quantity:
         at = self.kinematics.strains(self._inside(s))
-        values, data = Combined.of(kind, (at.values, plain(*own)))
+        values, data = FormulaExpression.of(kind, (at.values, constant_formula(*own)))
         return Quantity(columns, (Piece(self, at.operator),), values, data)

@@ -61,7 +61,7 @@ class RayleighDamping(Part):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The damping of all elements."""
         kernel = _rayleigh_kernel(self.beam.kinematics.element)
-        return [_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
+        return [_damping_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class AirDrag(Part):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The drag on all elements."""
         kernel = _drag_kernel(self.beam.kinematics.element)
-        return [_statement(self.name, self.beam, kernel, [self.coefficient])]
+        return [_damping_statement(self.name, self.beam, kernel, [self.coefficient])]
 
 
 def _require_beam(part: str, beam: Beam) -> None:
@@ -104,7 +104,7 @@ def _require_beam(part: str, beam: Beam) -> None:
         raise BeamdaeError(f"{part}: beam must be a Beam, got {short_repr(beam)}.")
 
 
-def _statement(
+def _damping_statement(
     part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
 ) -> ForceStatement:
     """One copy an element: the data of the element with the coefficients behind them."""
@@ -120,7 +120,7 @@ def _rayleigh_kernel(element: Element) -> ForceKernel:
     on_mass, on_stiffness = local.data[-2], local.data[-1]
     force, dissipated = SX.zeros(element.size), SX(0)
     for inertia in element.inertia_points(local):
-        rates = ca.vertcat(inertia.velocity, inertia.spin)
+        rates = ca.vertcat(inertia.velocity, inertia.angular_velocity)
         resisted = on_mass * inertia.weight * inertia.density * rates
         force += ca.jtimes(rates, local.v, resisted, True)
         dissipated += ca.dot(resisted, rates)

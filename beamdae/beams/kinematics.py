@@ -32,7 +32,7 @@ class InertiaPoint(NamedTuple):
         (rhoA, rhoA, rhoI), of the rates below.
     velocity
         Of the axis, (2,) [m/s], in some orthogonal axes.
-    spin
+    angular_velocity
         Of the section [rad/s].
     rotation
         Of the section relative to those axes: its normal is (-sin, cos) in them [rad].
@@ -41,7 +41,7 @@ class InertiaPoint(NamedTuple):
     weight: SX
     density: SX
     velocity: SX
-    spin: SX
+    angular_velocity: SX
     rotation: SX
 
 
@@ -125,7 +125,7 @@ class PointValues(NamedTuple):
     values: Callable[[Local], SX]
 
 
-class Reach(NamedTuple):
+class StrainValidity(NamedTuple):
     """How far the strains of a kinematics reach; see `RangeStatement`."""
 
     kernel: RangeKernel
@@ -193,7 +193,7 @@ class Kinematics(ABC):
         return 0.0
 
     @property
-    def reach(self) -> Reach | None:
+    def strain_validity(self) -> StrainValidity | None:
         """How far its strains reach; its kernel takes the coordinates of an element.
 
         None where they hold however far the beam bends, and there is nothing to tell.
@@ -216,7 +216,7 @@ class Kinematics(ABC):
         )
 
 
-def given_kinematics(
+def create_custom_kinematics(
     name: str, make: Callable[[str, Mesh, Any], Kinematics], mesh: Mesh, section: Any
 ) -> Kinematics:
     """What a kinematics of the user's own makes of the beam."""

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.curves.plane_curves import PlaneCurve, turned
+from beamdae.curves.plane_curves import PlaneCurve, rotate_points
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
 # What the polygon through its nodes has to have of the length of an element.
-_LEAST_FOLLOWED = 0.5
+_MIN_POLYGON_LENGTH = 0.5
 
 
 class AxisPoints(NamedTuple):
@@ -54,7 +54,7 @@ class Mesh:
     origin: tuple[float, float] = (0.0, 0.0)
     angle: float = 0.0
 
-    def seen_from(self, origin: tuple[float, float], angle: float) -> Mesh:
+    def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
         """The same mesh, told in other axes."""
         return replace(self, origin=origin, angle=angle)
 
@@ -82,13 +82,13 @@ class Mesh:
     def node_points(self) -> Array:
         """Nodes of each element, shape (elements, nodes, 2)."""
         there = self.curve.point(self.node_arc_lengths) - np.asarray(self.origin, float)
-        points = turned(there, -self.angle)[self.element_nodes]
+        points = rotate_points(there, -self.angle)[self.element_nodes]
         if self.shape == "straight":
             share = np.linspace(0.0, 1.0, self.nodes)[:, None]
             points = points[:, :1] + share * (points[:, -1:] - points[:, :1])
         return points
 
-    def require_followed(self, part: str) -> None:
+    def require_resolved_curve(self, part: str) -> None:
         """Refuse elements whose nodes lie much nearer to each other than along the curve.
 
         Raises
@@ -99,7 +99,7 @@ class Mesh:
         between = np.diff(self.node_points, axis=1)
         along = self.curve.length / self.elements
         shortest = float(np.min(np.hypot(between[..., 0], between[..., 1]).sum(axis=1)))
-        if not shortest >= _LEAST_FOLLOWED * along:
+        if not shortest >= _MIN_POLYGON_LENGTH * along:
             raise BeamdaeError(
                 f"{part}: elements={self.elements} of {self.nodes} nodes are too few for its "
                 f"curve, nodes {shortest:.3g} m apart stand for {along:.3g} m of it; take more "

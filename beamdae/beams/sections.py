@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
     BeamdaeError,
+    format_exception,
     require_choice,
     require_finite,
     require_non_negative,
+    require_pair,
     require_positive,
     set_fields,
+    short_repr,
 )
 
 
@@ -169,7 +174,7 @@ class Section:
             material,
             area,
             second_moment,
-            _shear_of_thin_i(nu, width, height - flange, flange, web),
+            _shear_coefficient_of_thin_i(nu, width, height - flange, flange, web),
             damping,
             height=height,
             shear_peak=area * first_moment / (second_moment * web),
@@ -179,7 +184,7 @@ class Section:
         """Itself: the section at any arc length, as those that vary tell theirs."""
         return self
 
-    def fiber(self, part: str, offset: float | str) -> float:
+    def fiber_offset(self, part: str, offset: float | str) -> float:
         """Distance from the axis [m] of "top" (left of the curve), "bottom", or a number."""
         if isinstance(offset, str):
             require_choice(part, "offset", offset, ("top", "bottom"))
@@ -230,7 +235,9 @@ def _require_less(part: str, name: str, value: float, what: str, bound: float) -
         raise BeamdaeError(f"{part}: {name} must be less than {what}, {bound:g} m, got {value:g}.")
 
 
-def _shear_of_thin_i(nu: float, width: float, height: float, flange: float, web: float) -> float:
+def _shear_coefficient_of_thin_i(
+    nu: float, width: float, height: float, flange: float, web: float
+) -> float:
     """k_G of a thin-walled I (Cowper 1966, table 1); `height` from flange to flange."""
     m, n2 = 2.0 * width * flange / (height * web), (width / height) ** 2
     return (
@@ -247,3 +254,127 @@ def _shear_of_thin_i(nu: float, width: float, height: float, flange: float, web:
             + 5.0 * nu * n2 * (8.0 * m + 9.0 * m**2)
         )
     )
+
+
+SectionLaw = Callable[[float], Section]
+
+_SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingSection:
+    """The section of a beam along which it varies, as its kinematics asks for it.
+
+    Attributes
+    ----------
+    part
+        Name of the beam.
+    law
+        Arc length s [m] -> Section.
+    """
+
+    part: str
+    law: SectionLaw
+
+    def at(self, s: float) -> Section:
+        """The section at arc length s [m]."""
+        wanted = f"{self.part}: section must be a Section, or a function of s that gives one"
+        try:
+            found = self.law(float(s))
+        except BeamdaeError as problem:
+            raise BeamdaeError(f"{self.part}: at s = {s:g} m of it, {problem}") from None
+        except Exception as problem:
+            raise BeamdaeError(
+                f"{wanted}, at s = {s:g} it failed, {format_exception(problem)}."
+            ) from problem
+        if not isinstance(found, Section):
+            raise BeamdaeError(f"{wanted}, at s = {s:g} it gave {short_repr(found)}.")
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _SECTION_ATTRIBUTES:
+            raise BeamdaeError(
+                f"{self.part}: its section varies along the beam, {name} is asked of section.at(s)."
+            )
+        raise AttributeError(name)
+
+    def law_from(self, start: float) -> SectionLaw:
+        """The section of what is left of the beam from arc length `start` [m] on."""
+        return lambda s: self.at(start + s)
+
+
+@dataclass(frozen=True)
+class Taper:
+    """A shape whose dimensions run linearly from one end of a beam to the other: see `taper`."""
+
+    shape: Callable[..., Section]
+    material: Material
+    dimensions: tuple[tuple[str, tuple[float, float]], ...]
+
+    def section_law(self, length: float) -> SectionLaw:
+        """Of a beam of that length [m], by arc length."""
+
+        def section(s: float) -> Section:
+            share = s / length
+            sizes = {name: (1.0 - share) * a + share * b for name, (a, b) in self.dimensions}
+            return self.shape(self.material, **sizes)
+
+        return section
+
+
+def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) -> Taper:
+    """A section whose dimensions run linearly from the start of a beam to its end.
+
+    Parameters
+    ----------
+    shape
+        Such as ``bd.Section.rectangle``: a function of the material and the dimensions.
+    material
+        The material.
+    dimensions
+        Arguments of the shape, each a number or a pair (at the start, at the end).
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> steel = bd.Material.of("steel")
+    >>> blade = bd.taper(bd.Section.rectangle, steel, width=0.03, height=(0.004, 0.002))
+    >>> beam = bd.Beam("blade", bd.Line((0.0, 0.0), (1.0, 0.0)), blade)
+    >>> round(beam.section.at(0.5).height, 6)
+    0.003
+    """
+    if not callable(shape):
+        raise BeamdaeError(
+            f"taper: shape must be a function such as Section.rectangle, got {short_repr(shape)}."
+        )
+    require_material("taper", material)
+    both = tuple((name, _parse_dimension(name, value)) for name, value in dimensions.items())
+    found = Taper(shape, material, both)
+    ends = VaryingSection("taper", found.section_law(1.0))
+    for end in (0.0, 1.0):
+        ends.at(end)
+    return found
+
+
+def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
+    if hasattr(value, "__len__") and not isinstance(value, str):
+        a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
+        return require_finite("taper", f"{name} at the start", a), require_finite(
+            "taper", f"{name} at the end", b
+        )
+    size = require_finite("taper", name, value)
+    return size, size
+
+
+def require_section(part: str, value: Any, length: float) -> Section | VaryingSection:
+    """Return `value` as the section of a beam of that length [m]."""
+    if isinstance(value, Section):
+        return value
+    if isinstance(value, Taper):
+        return VaryingSection(part, value.section_law(length))
+    if not callable(value) or isinstance(value, type):
+        raise BeamdaeError(
+            f"{part}: section must be a Section, or a function of s that gives one, "
+            f"got {short_repr(value)}."
+        )
+    return VaryingSection(part, value)

@@ -13,12 +13,12 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     """Shape functions of `nodes` nodes on [-1, 1], or a derivative, shape (len(xi), nodes)."""
     at = np.asarray(xi, float)[..., None]
     values = np.zeros((*at.shape[:-1], nodes))
-    for coefficients in _polynomials(nodes, derivative):
+    for coefficients in _shape_function_coefficients(nodes, derivative):
         values = values * at + coefficients
     return values
 
 
-def shares(points: Array, xi: float) -> list[float]:
+def lagrange_weights(points: Array, xi: float) -> list[float]:
     """What a value at `xi` has of those at `points`: Lagrange's polynomial through them."""
     return [
         float(np.prod((xi - (x := np.delete(points, k))) / (points[k] - x)))
@@ -36,7 +36,7 @@ def gauss_points(count: int) -> tuple[Array, Array]:
 
 
 @cache
-def _polynomials(nodes: int, derivative: int) -> Array:
+def _shape_function_coefficients(nodes: int, derivative: int) -> Array:
     """Coefficients of all shape functions, a column each, of the highest power first."""
     at = np.linspace(-1.0, 1.0, nodes)
     found = []

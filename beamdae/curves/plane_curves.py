@@ -19,10 +19,10 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
-_MOST_TURNS = 1e6
+_MAX_ANGLE = 1e6
 
 
-def turned(points: Array, angle: Any) -> Array:
+def rotate_points(points: Array, angle: Any) -> Array:
     """Points or vectors (..., 2) turned counter-clockwise by `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = points[..., 0], points[..., 1]
@@ -124,9 +124,9 @@ class Arc:
         )
         if self.radius == 0.0:
             raise BeamdaeError("Arc: radius must not be zero.")
-        if abs(self.angle) > _MOST_TURNS:
+        if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
-                f"Arc: angle must lie within {_MOST_TURNS:g} rad, rounding bends the curve beyond, "
+                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, rounding bends the curve beyond, "
                 f"got {self.angle:g}."
             )
         circle = 2.0 * np.pi * abs(self.radius)

@@ -63,14 +63,14 @@ def free(variant, law=None, curve=ARC):
 
 def axis_points(beam, q):
     """Positions (k, 2) of the points of inertia, angles of their sections, weights [m]."""
-    mesh, n = beam.kinematics.carried, beam.mesh.nodes
+    mesh, n = beam.kinematics.mesh_in_frame, beam.mesh.nodes
     xi, weight = np.polynomial.legendre.leggauss(n)
     at, angle, _, ds = mesh.axis(np.repeat(np.arange(mesh.elements), n), np.tile(xi, mesh.elements))
     row = np.vander(xi, n) @ np.linalg.inv(np.vander(np.linspace(-1.0, 1.0, n), n))
     nodal = (beam.kinematics.operator @ q).reshape(mesh.elements, -1)[:, 3:].reshape(-1, n, 3)
     u, v, phi = np.moveaxis(row @ nodal, -1, 0).reshape(3, -1)
-    carried = at + np.stack(turned(angle, u, v), axis=-1)
-    place = q[:2] + np.stack(turned(q[2], *carried.T), axis=-1)
+    mesh_in_frame = at + np.stack(turned(angle, u, v), axis=-1)
+    place = q[:2] + np.stack(turned(q[2], *mesh_in_frame.T), axis=-1)
     return place, q[2] + angle + phi, np.tile(weight, mesh.elements) * ds
 
 

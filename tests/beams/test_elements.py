@@ -24,13 +24,13 @@ from support import (
 )
 
 import beamdae as bd
-from beamdae.beams.floating_frame.element import ElementType, beam_kernel
+from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import shape_functions
-from beamdae.equations.formulations import FIRST_ORDER, first_order
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.step_equations import Predicted, step_equations
+from beamdae.equations.formulations.first_order import FIRST_ORDER, formulate_first_order
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 every_variant = every(VARIANTS)
 few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
@@ -39,7 +39,7 @@ every_motion = pytest.mark.parametrize("variant", MOTIONS, ids=str)
 # Nodes and Gauss points: of each element the reduced and the full quadrature.
 POINTS = [(2, 1), (2, 2), (3, 2), (3, 3), (4, 3), (4, 4)]
 KINDS = [
-    ElementType(nodes, quadrature, strain, damped)
+    FloatingFrameElement(nodes, quadrature, strain, damped)
     for nodes, quadrature in POINTS
     for strain in ("nonlinear", "green", "linear", "exact")
     for damped in (False, True)
@@ -140,7 +140,7 @@ def test_static_forces_are_the_gradient_of_strain_and_gravity_energy(variant):
 @cache
 def energies_of(kind):
     """(time, q, v, data) of one element -> (kinetic, strain, gravity) energy."""
-    kernel = beam_kernel(kind)
+    kernel = floating_frame_kernel(kind)
     x = kernel.local
     return ca.Function("energies", [x.time, x.q, x.v, x.data], [ca.densify(kernel.energies)])
 
@@ -149,10 +149,10 @@ def energies_of(kind):
 @every_shape
 def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, nodes, quadrature):
     """Polynomials of (u, v) on a curve do not hold a rigid translation, those on a line do."""
-    kind = ElementType(nodes, quadrature, strain="linear")
+    kind = FloatingFrameElement(nodes, quadrature, strain="linear")
     energies = []
     for elements in (1, 2, 4):
-        mesh = Mesh(ARC, elements, nodes, shape).seen_from(ARC.start, ARC.angle)
+        mesh = Mesh(ARC, elements, nodes, shape).in_axes(ARC.start, ARC.angle)
         data = element_data(kind, elements, shape, [60.0, 20.0, 3.0, 1.0, 0.1, 0.0], np.zeros(2))
         total = 0.0
         for e in range(elements):
@@ -245,7 +245,7 @@ def test_total_mass_is_that_of_the_curve(variant):
 @every_shape
 def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
     """F = d/dt dT/dv - dT/dq + dV/dq + 1/2 dP/dv, P the dissipated power, quadratic in v."""
-    kernel = beam_kernel(kind)
+    kernel = floating_frame_kernel(kind)
     x = kernel.local
     kinetic, potential = kernel.energies[0], kernel.energies[1] + kernel.energies[2]
     momentum = ca.gradient(kinetic, x.v)
@@ -377,7 +377,7 @@ def test_inertia_without_rotary_part_is_the_published_one(kind, shape):
     for _ in range(3):
         q, v, a = rng.standard_normal((3, kind.size))
         matrix, quadratic, inertia = published_inertia(place, tangent, weight, rhoA, q, v, a)
-        kernel = beam_kernel(kind)
+        kernel = floating_frame_kernel(kind)
         local = np.concatenate([q, v, a, data])
         got = np.array(kernel.force_kernel.function([0, 0], local)).ravel()
         expected = inertia + quadratic
@@ -432,7 +432,7 @@ def _full(pattern, nonzeros):
 @few_variants
 def test_jacobian_of_first_order_forms(variant, form):
     equations = driven_mechanism(variant)
-    system = first_order(equations, form)
+    system = formulate_first_order(equations, form)
     rng = np.random.default_rng(9)
     y, yp = 0.3 * rng.standard_normal((2, system.size))
     y[: equations.n] += equations.q0
@@ -449,13 +449,13 @@ def test_jacobian_of_first_order_forms(variant, form):
 @few_variants
 def test_jacobian_of_step_equations(variant, stabilized):
     equations = driven_mechanism(variant)
-    step = step_equations(equations, stabilized)
+    step = formulate_step(equations, stabilized)
     rng = np.random.default_rng(10)
     n = equations.n
     x = 0.2 * rng.standard_normal(step.size)
     q_p, q_n = equations.q0 + 0.2 * rng.standard_normal((2, n))
     v_p, a_p = rng.standard_normal((2, n))
-    time, at = np.array([0.3, 0.4]), Predicted(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
+    time, at = np.array([0.3, 0.4]), StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(time, at, x))
     # Corrections of positions, r = -G^T eta, stand in the matrix as unknowns of their own.
     own, r = slice(step.size), slice(step.size, None)
@@ -467,8 +467,8 @@ def test_jacobian_of_step_equations(variant, stabilized):
 def test_packed_states_solve_the_first_order_form(form):
     equations = driven_mechanism(VARIANTS[0])
     time = np.array([0.3, 0.3])
-    state = Starter(equations).state(time, equations.q0, equations.v0)
-    system = first_order(equations, form)
+    state = ConsistencySolver(equations).state(time, equations.q0, equations.v0)
+    system = formulate_first_order(equations, form)
     y, yp = system.pack(state)
     # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
     residual = system.residual(time, y, yp)

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS
 
 import beamdae as bd
-from beamdae.beams.floating_frame.element import FRAME, NODE
+from beamdae.beams.floating_frame.element import FRAME_SIZE, NODE_SIZE
 
 SECTION = VARIANTS[0].section
 CURVES = {
@@ -156,7 +156,7 @@ def test_a_line_has_no_mesh_errors(shape, quadrature):
 @every_curve
 def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
     frame = beam(curve, 3, "curved", frame, nodes=nodes).kinematics
-    found = frame.carried.node_points @ rotation(frame.angle).T + frame.origin
+    found = frame.mesh_in_frame.node_points @ rotation(frame.angle).T + frame.origin
     step = nodes - 1
     on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
@@ -169,7 +169,7 @@ def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
 @every_curve
 def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
     frame = beam(curve, 3, "straight", frame, nodes=nodes).kinematics
-    found = frame.carried.node_points @ rotation(frame.angle).T + frame.origin
+    found = frame.mesh_in_frame.node_points @ rotation(frame.angle).T + frame.origin
     ends = curve.point(np.linspace(0.0, curve.length, 4))
     for e in range(3):
         for i in range(nodes):
@@ -181,7 +181,7 @@ def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame,
 def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
     frame = beam(curve, 40).kinematics
     element, xi = np.arange(40), np.linspace(-1.0, 1.0, 40)
-    at, angle, _, ds = frame.carried.axis(element, xi)
+    at, angle, _, ds = frame.mesh_in_frame.axis(element, xi)
     s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
     on_curve = (curve.point(s) - frame.origin) @ rotation(frame.angle)
     # Cubic interpolation over 1/40 of the length: fourth order in place, third in direction.
@@ -215,15 +215,15 @@ def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame, n
     assert len(body.initial_position) == len(body.coordinates)
     # Three of the nodal ones are fixed: a rigid motion is that of the frame.
     assert len(body.coordinates) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
-    frame_rows = operator.toarray().reshape(3, size, -1)[:, :FRAME]
+    frame_rows = operator.toarray().reshape(3, size, -1)[:, :FRAME_SIZE]
     assert_allclose(frame_rows, np.broadcast_to(np.eye(3, frame_rows.shape[2]), frame_rows.shape))
 
 
 def local_fields(body, q):
     """(u, v, phi) of each element's nodes in the element's own frames, and their angles."""
-    mesh, frame = body.kinematics.carried, body.kinematics
-    local = (frame.operator @ q).reshape(mesh.elements, frame.element.size)[:, FRAME:]
-    nodal = local.reshape(mesh.elements, mesh.nodes, NODE)
+    mesh, frame = body.kinematics.mesh_in_frame, body.kinematics
+    local = (frame.operator @ q).reshape(mesh.elements, frame.element.size)[:, FRAME_SIZE:]
+    nodal = local.reshape(mesh.elements, mesh.nodes, NODE_SIZE)
     xi = np.linspace(-1.0, 1.0, mesh.nodes)
     angles = np.stack(
         [mesh.axis(np.arange(mesh.elements), np.full(mesh.elements, x)).angle for x in xi]
@@ -290,7 +290,7 @@ def test_tangent_frame_rides_on_the_start_section(curve, shape):
 @every_curve
 def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
     body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
-    frame_angle, mesh = body.kinematics.angle, body.kinematics.carried
+    frame_angle, mesh = body.kinematics.angle, body.kinematics.mesh_in_frame
     rng = np.random.default_rng(2)
     q = rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)

@@ -91,7 +91,7 @@ def test_an_i_profile_whose_web_is_all_is_the_thin_rectangle_of_cowper():
 
 def test_surfaces_are_named():
     strip = bd.Section.rectangle(ALLOY, width=0.03, height=0.004)
-    assert (strip.fiber("b", "top"), strip.fiber("b", "bottom")) == (0.002, -0.002)
+    assert (strip.fiber_offset("b", "top"), strip.fiber_offset("b", "bottom")) == (0.002, -0.002)
     assert strip.at(0.3) is strip
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric
 
 import beamdae as bd
-from beamdae.beams.slider_path import nearest_arc_length, track_point
+from beamdae.beams.sliding import interpolate_track, nearest_arc_length
 
 CHORD = VARIANTS[2]
 
@@ -18,7 +18,7 @@ CHORD = VARIANTS[2]
 def track(points):
     """The curve through points, its slope and curvature, as a function of where."""
     along = ca.SX.sym("along")
-    at = track_point(ca.SX(points), along)
+    at = interpolate_track(ca.SX(points), along)
     slope = ca.jacobian(at, along)
     function = ca.Function("track", [along], [at, slope, ca.jacobian(slope, along)])
     return lambda where: [x.full().ravel() for x in function(where)]

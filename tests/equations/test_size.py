@@ -11,7 +11,7 @@ from spin_up import spin_up
 import beamdae as bd
 from beamdae import memory
 from beamdae.beams.mesh import Mesh
-from beamdae.equations.singular_laws import laws_of, require_no_pole
+from beamdae.equations.singular_laws import collect_varying_laws, require_no_pole
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025)
@@ -45,9 +45,9 @@ def test_the_memory_there_is_is_known_or_has_no_bound():
 def test_a_limit_of_memory_is_heeded(monkeypatch):
     resource = pytest.importorskip("resource")
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (10**15, 10**15))
-    assert 1e14 < memory._left_by_limit() < 1e15
+    assert 1e14 < memory._free_address_space() < 1e15
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1, 1))
-    assert memory._left_by_limit() in (0.0, math.inf)
+    assert memory._free_address_space() in (0.0, math.inf)
 
 
 @pytest.mark.parametrize("section", [STRIP, bd.Section.circle(ALLOY, 0.001)], ids=["strip", "wire"])
@@ -71,7 +71,7 @@ def test_a_circle_of_a_few_nodes_is_none_of_these(nodes, elements):
 def test_three_quarters_of_a_circle_in_one_chord_are_refused():
     arc = bd.Arc(radius=0.3, length=1.5 * np.pi * 0.3)
     with pytest.raises(bd.BeamdaeError, match="are too few for its curve"):
-        Mesh(arc, 1, 2, "curved").require_followed("arc")
+        Mesh(arc, 1, 2, "curved").require_resolved_curve("arc")
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_a_negative_mass_is_refused(mass):
 
 
 def poles_of(law, intervals=((0.0, 1.0),)):
-    require_no_pole(laws_of([Pushed(law)]), intervals)
+    require_no_pole(collect_varying_laws([Pushed(law)]), intervals)
 
 
 def test_poles_are_found_wherever_they_are():

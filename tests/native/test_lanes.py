@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from beamdae.beams.floating_frame.element import ElementType, beam_kernel
-from beamdae.native import operations
-from beamdae.native.lane_code import lane_source
-from beamdae.native.lanes import WIDTH, LaneKernel, lane_kernel, padded
+from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
+from beamdae.native import lane_code as operations
+from beamdae.native.lane_code import write_lane_module
+from beamdae.native.lane_kernels import WIDTH, LaneKernel, lane_kernel, pad_copies
 
 SX = ca.SX
 
@@ -109,14 +109,14 @@ def every():
 def test_all_operations_that_can_be_compiled_are_tried(every):
     tried = set(ids(every[0]))
     known = [getattr(ca, name) for name in dir(ca) if name.startswith("OP_")]
-    assert {operation for operation in known if operations.is_known(operation)} <= tried
+    assert {operation for operation in known if operations.is_supported(operation)} <= tried
     assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tried
 
 
 @pytest.mark.slow(reason="all pairs of values in all operations")
 def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every):
     pairs = np.array(list(itertools.product(VALUES, VALUES))).T
-    pairs = np.c_[pairs, np.zeros((2, padded(pairs.shape[1]) - pairs.shape[1]))]
+    pairs = np.c_[pairs, np.zeros((2, pad_copies(pairs.shape[1]) - pairs.shape[1]))]
     for first, second in itertools.product(VALUES, (0.3, -0.0, math.nan)):
         assert_same(*every, [first, second], pairs)
     for second in VALUES:
@@ -168,8 +168,8 @@ def test_operations_on_each_other_have_the_same_bits(function, seed):
 
 @pytest.mark.parametrize("copies", [8, 24, 256])
 def test_the_force_of_an_element_has_the_same_bits(copies):
-    kind = ElementType(strain="green")
-    kernel = beam_kernel(kind)
+    kind = FloatingFrameElement(strain="green")
+    kernel = floating_frame_kernel(kind)
     x = kernel.local
     own = ca.vertcat(x.q, x.v, x.a, x.data)
     function = ca.Function("force_of_test", [x.time, own], [ca.densify(kernel.force)])
@@ -284,7 +284,7 @@ def test_kernels_are_built_in_several_threads_at_once():
     ("copies", "length"), [(0, 0), (1, 8), (8, 8), (9, 16), (127, 136), (128, 136), (129, 136)]
 )
 def test_rows_have_whole_vectors_and_do_not_evict_each_other(copies, length):
-    assert padded(copies) == length
+    assert pad_copies(copies) == length
 
 
 def test_a_kernel_does_not_leave_its_process():
@@ -315,7 +315,7 @@ def test_what_cannot_be_compiled_is_told(operation):
     assert operation in ids(function)
     assert lane_kernel(function) is None
     with pytest.raises(ValueError, match=r"without: it has operations that cannot be compiled\."):
-        lane_source(function)
+        write_lane_module(function)
 
 
 def test_calls_are_not_compiled():
@@ -332,5 +332,5 @@ def test_machine_code_that_is_not_wanted_is_done_without(monkeypatch):
 
 
 def test_the_same_function_has_the_same_source():
-    assert lane_source(small()) == lane_source(small())
-    assert lane_source(small()) != lane_source(small("other"))
+    assert write_lane_module(small()) == write_lane_module(small())
+    assert write_lane_module(small()) != write_lane_module(small("other"))

@@ -8,7 +8,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.results.strain_validity import LEAST_ERROR, BeamRange
+from beamdae.results.diagnostics.strain_validity import LEAST_ERROR, BeamRange
 
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
@@ -64,7 +64,7 @@ def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
     ],
 )
 def test_a_warning_names_settings_that_help(settings, said, not_said):
-    reach = bd.Beam("arc", ARC, STRIP, **settings).kinematics.reach
+    reach = bd.Beam("arc", ARC, STRIP, **settings).kinematics.strain_validity
     beam = BeamRange("arc", 0.2, 0.5, 0.0, 0.04, reach.remedies)
     assert said in beam.warning
     assert not_said not in beam.warning
@@ -81,7 +81,7 @@ def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
 
 def test_kinematics_without_a_limit_are_never_warned_of():
     assert BeamRange("b", 2.0, 6.0, 0.1).warning is None
-    assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.reach.error is None
+    assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.strain_validity.error is None
     assert bd.Beam("arc", ARC, STRIP, formulation="exact").ranges() == []
 
     class Unlimited(FloatingFrame):

@@ -5,7 +5,7 @@ import pytest
 from reach.run import EI, TIMES, curve
 from reach.statics import cantilever, exact_tips, tip_and_rotation
 
-from beamdae.beams.floating_frame.strain_validity import error_by_rotation
+from beamdae.beams.floating_frame.strain_validity import strain_error_coefficients
 
 FORCE, HALF_CIRCLE = ((0.0, 6.0 * EI), 0.0), ((0.0, 0.0), np.pi * EI)
 
@@ -39,7 +39,7 @@ def test_error_of_half_a_roll_up_falls_at_the_stated_order(frame, order, at_eigh
 def test_errors_are_within_what_is_said_of_the_prediction(degrees, frame, strain, load):
     times = np.array([0.003, 0.02, 0.08, 0.12])
     found, rotation = error(degrees, load, times, bodies=1, frame=frame, strain=strain)
-    first, second = error_by_rotation(strain, frame, np.radians(degrees))
+    first, second = strain_error_coefficients(strain, frame, np.radians(degrees))
     predicted = first * rotation + second * rotation**2
     # Below that it is the mesh and the reference.
     seen = (predicted > 3e-3) & (predicted < 0.3)

@@ -24,7 +24,7 @@ from reach.statics import SECTION, cantilever, exact_tips, tip_and_rotation
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.beams.floating_frame.strain_validity import error_by_rotation
+from beamdae.beams.floating_frame.strain_validity import strain_error_coefficients
 
 EI = SECTION.EI
 LOADS = {
@@ -126,7 +126,7 @@ def main() -> None:
     print(moving().to_string(index=False, float_format="{:.2g}".format))
     print("\nrotation [rad] at which 1 % is predicted")
     for strain, frame, turn in product(("nonlinear", "green", "linear"), FRAMES, (0, 60, 180)):
-        linear, square = error_by_rotation(strain, frame, np.radians(turn))
+        linear, square = strain_error_coefficients(strain, frame, np.radians(turn))
         at = 0.02 / (linear + np.sqrt(linear**2 + 0.04 * square))
         print(f"{strain:>9} {frame:>7} {turn:3d} deg: {at:.2g}")
 

@@ -13,16 +13,16 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.elastic_work import elastic_work
-from beamdae.beams.element_data import Data, Layout
+from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.strains import elastic_work
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
-NODE = 3
-MASS_POINT = ("weight",)
+NODE_SIZE = 3
+MASS_POINT_VALUES = ("weight",)
 # Angle of the axis less that of the interpolated nodes, and psi0' of the shape free of strain.
-STIFFNESS_POINT = ("weight", "dxi_ds", "apart", "bending")
+STIFFNESS_POINT_VALUES = ("weight", "dxi_ds", "apart", "bending")
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,14 @@ class ExactElement(Element):
     @property
     def size(self) -> int:
         """Local coordinates: (x, y, psi) of each node."""
-        return NODE * self.nodes
+        return NODE_SIZE * self.nodes
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> ElementDataLayout:
         """Where its numbers stand; inertia is exact for products of two shape functions."""
-        return Layout(self.nodes, self.quadrature, MASS_POINT, STIFFNESS_POINT, self.varying)
+        return ElementDataLayout(
+            self.nodes, self.quadrature, MASS_POINT_VALUES, STIFFNESS_POINT_VALUES, self.varying
+        )
 
     @property
     def n_data(self) -> int:
@@ -70,11 +72,11 @@ class ExactElement(Element):
 
         r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n of the section:
         kappa11 has the sign of the paper's beam. Zero of the elements as drawn, and in any rigid
-        motion of them. `points` has a column of `STIFFNESS_POINT` each and what is behind it.
+        motion of them. `points` has a column of `STIFFNESS_POINT_VALUES` each and what is behind it.
         """
         xi, _ = gauss_points(self.quadrature)
         rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
-        nodal = ca.reshape(q, NODE, self.nodes)
+        nodal = ca.reshape(q, NODE_SIZE, self.nodes)
         found = []
         for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
             weight, dxi_ds, apart, bending = (point[k] for k in range(4))
@@ -88,7 +90,7 @@ class ExactElement(Element):
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """How the inertia points move, in the inertial frame."""
         data = self.layout.split(local.data)
-        motion = (ca.reshape(z, NODE, self.nodes) for z in (local.q, local.v))
+        motion = (ca.reshape(z, NODE_SIZE, self.nodes) for z in (local.q, local.v))
         q, v = motion
         return [
             InertiaPoint(
@@ -121,18 +123,18 @@ def exact_kernel(kind: ExactElement) -> ForceKernel:
     """Virtual work of one element: inertia, elasticity and damping."""
     local = Local(kind.size, kind.n_data)
     data = kind.layout.split(local.data)
-    inertia, kinetic, potential = _inertia(kind, local, data)
+    inertia, kinetic, potential = _inertial_work(kind, local, data)
     strains = kind.strain_points(data.stiffness, local.q)
     elastic, stored, dissipated = elastic_work(strains, data, kind.damped, local.q, local.v)
     energies = ca.vertcat(kinetic, stored, potential)
     return ForceKernel(local, inertia + elastic, energies, ca.vertcat(0, dissipated), reused=True)
 
 
-def _inertia(kind: ExactElement, local: Local, data: Data) -> tuple[SX, SX, SX]:
+def _inertial_work(kind: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:
     """Inertial forces and weight, by a constant mass matrix; kinetic and gravity energy."""
-    q, v, a = (ca.reshape(z, NODE, kind.nodes) for z in (local.q, local.v, local.a))
+    q, v, a = (ca.reshape(z, NODE_SIZE, kind.nodes) for z in (local.q, local.v, local.a))
     fall = ca.vertcat(data.gravity, 0)
-    force, kinetic, potential = SX.zeros(NODE, kind.nodes), SX(0), SX(0)
+    force, kinetic, potential = SX.zeros(NODE_SIZE, kind.nodes), SX(0), SX(0)
     for k, row in enumerate(kind._mass_rows):
         inertia = data.mass[0, k] * data.inertia(k)[[0, 0, 1]]
         force += (inertia * (a @ row - fall)) @ row[None, :]

@@ -10,14 +10,14 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.beams.exact.element import NODE
-from beamdae.beams.floating_frame.formulas import listed
+from beamdae.beams.exact.element import NODE_SIZE
+from beamdae.beams.strains import slice_column
 from beamdae.parts.attachments import rotate
 from beamdae.symbolic.statements import SX, Local
 
 
 @dataclass(frozen=True)
-class ExactSection:
+class ExactSectionMotion:
     """Position and turn of a section between so many nodes.
 
     Numbers: its angle in the drawing, shape functions; and where it lies `apart` from the
@@ -35,11 +35,11 @@ class ExactSection:
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
         """From local coordinates."""
-        at = ca.reshape(q, NODE, self.nodes) @ listed(numbers, 1, self.nodes)
+        at = ca.reshape(q, NODE_SIZE, self.nodes) @ slice_column(numbers, 1, self.nodes)
         turn = at[2] - numbers[0]
         place = at[:2]
         if self.apart:
-            place += rotate(turn, listed(numbers, 1 + self.nodes, 2))
+            place += rotate(turn, slice_column(numbers, 1 + self.nodes, 2))
         return place, turn
 
 
@@ -51,7 +51,7 @@ def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
     """
     turn = q[2] - numbers[0]
     along = rotate(-turn, q[3:5] - q[:2])
-    drawn = listed(numbers, 1, 2)
+    drawn = slice_column(numbers, 1, 2)
     across = drawn[0] * along[1] - drawn[1] * along[0]
     return q[:2], turn + ca.atan2(across, ca.dot(drawn, along))
 
@@ -67,16 +67,16 @@ class ExactDeformation:
     frame: Any
     frame_size: int
     frame_count: int
-    section: ExactSection
+    section: ExactSectionMotion
     axes: str
 
     def __call__(self, local: Local, numbers: Any) -> SX:
         """From local coordinates."""
         own, last = self.frame_count, self.frame_count + self.section.count
-        origin, turn = self.frame(local.q[: self.frame_size], listed(numbers, 0, own))
-        section = listed(numbers, own, self.section.count)
+        origin, turn = self.frame(local.q[: self.frame_size], slice_column(numbers, 0, own))
+        section = slice_column(numbers, own, self.section.count)
         place, turned = self.section(local.q[self.frame_size :], section)
-        displacement = place - origin - rotate(turn, listed(numbers, last, 2))
+        displacement = place - origin - rotate(turn, slice_column(numbers, last, 2))
         back = {
             "inertial": 0.0,
             "frame": -(turn + numbers[last + 2]),

@@ -9,16 +9,20 @@ from typing import Any, cast
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams import element_numbers
-from beamdae.beams.exact.element import NODE, ExactElement
-from beamdae.beams.exact.formulas import ExactDeformation, ExactSection, chord_motion
-from beamdae.beams.floating_frame.formulas import Strains
+from beamdae.beams.element_data import (
+    assemble_element_data,
+    assemble_point_data,
+    is_damped,
+    require_free_curve,
+)
+from beamdae.beams.exact.element import NODE_SIZE, ExactElement
+from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.riding_frames import chord_of, chosen_frame, frame_angle
-from beamdae.beams.sections import Section
-from beamdae.beams.shape_functions import gauss_points, shape_functions, shares
-from beamdae.beams.varying_section import VaryingSection
+from beamdae.beams.reference_frames import chord_vector, compute_frame_angle, resolve_frame
+from beamdae.beams.sections import Section, VaryingSection
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
+from beamdae.beams.strains import InterpolatedStrains
 from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import require_choice, set_fields
 from beamdae.symbolic.formulas import Formula
@@ -27,7 +31,7 @@ from beamdae.symbolic.statements import Named
 Array = np.ndarray
 
 # A section this near to the interpolated axis, over the length of the beam, lies on it.
-_ON_AXIS = 1e-13
+_MAX_AXIS_OFFSET = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +62,18 @@ class GeometricallyExact(Kinematics):
     )
 
     def __post_init__(self) -> None:
-        set_fields(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
+        set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
         require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
         _ = self._frame_angle
         if self.free_curve is not None:
-            element_numbers.require_free_curve(self.name, self.free_curve, self.mesh.curve)
+            require_free_curve(self.name, self.free_curve, self.mesh.curve)
 
     @cached_property
     def element(self) -> ExactElement:
         """The type of all elements."""
         nodes = self.mesh.nodes
         points = nodes if self.quadrature == "full" else nodes - 1
-        damped = element_numbers.is_damped(self.section, self.mesh, points)
+        damped = is_damped(self.section, self.mesh, points)
         return ExactElement(nodes, points, damped, isinstance(self.section, VaryingSection))
 
     @cached_property
@@ -88,16 +92,16 @@ class GeometricallyExact(Kinematics):
     @cached_property
     def initial_position(self) -> Array:
         """Coordinates in the reference drawing."""
-        drawn = np.empty((self.mesh.node_count, NODE))
+        drawn = np.empty((self.mesh.node_count, NODE_SIZE))
         drawn[self.mesh.element_nodes, :2] = self.mesh.node_points
         drawn[:, 2] = self._angles
         return drawn.ravel()
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
         """Rates of a rigid motion."""
-        place = self.initial_position.reshape(-1, NODE)[:, :2]
+        place = self.initial_position.reshape(-1, NODE_SIZE)[:, :2]
         x, y = (place - place[0]).T
-        rates = np.empty((self.mesh.node_count, NODE))
+        rates = np.empty((self.mesh.node_count, NODE_SIZE))
         rates[:, 0] = velocity[0] - angular_velocity * y
         rates[:, 1] = velocity[1] + angular_velocity * x
         rates[:, 2] = angular_velocity
@@ -110,9 +114,9 @@ class GeometricallyExact(Kinematics):
 
     def _picked(self, nodes: Any) -> sp.csr_array:
         """Rows that pick the coordinates of these nodes."""
-        columns = (NODE * np.ravel(nodes)[:, None] + np.arange(NODE)).ravel()
+        columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
         parts = (np.ones(len(columns)), columns, np.arange(len(columns) + 1))
-        return sp.csr_array(parts, shape=(len(columns), NODE * self.mesh.node_count))
+        return sp.csr_array(parts, shape=(len(columns), NODE_SIZE * self.mesh.node_count))
 
     @cached_property
     def _stiffness_points(self) -> tuple[Array, ...]:
@@ -140,13 +144,13 @@ class GeometricallyExact(Kinematics):
     @cached_property
     def _points(self) -> Array:
         weight, _ = self.mesh.gauss(self.mesh.nodes)
-        return element_numbers.of_points(
+        return assemble_point_data(
             self.mesh, self.element.layout, self.section, [weight], self._stiffness_points
         )
 
     def data(self, gravity: Array) -> Array:
         """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        return element_numbers.of_elements(self._points, self.section, gravity)
+        return assemble_element_data(self._points, self.section, gravity)
 
     def material_point(self, s: float) -> MaterialPoint:
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
@@ -164,22 +168,22 @@ class GeometricallyExact(Kinematics):
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
         own = np.abs(row) > 1e-12
         row, nodes = row[own], self.mesh.element_nodes[element][own]
-        axis = row @ self.initial_position.reshape(-1, NODE)[nodes, :2]
+        axis = row @ self.initial_position.reshape(-1, NODE_SIZE)[nodes, :2]
         drawn = axis if on_axis else np.asarray(self.mesh.curve.point(s), float)
         angle, apart = float(row @ self._angles[nodes]), drawn - axis
-        lies_apart = bool(np.hypot(*apart) > _ON_AXIS * self.mesh.curve.length)
+        lies_apart = bool(np.hypot(*apart) > _MAX_AXIS_OFFSET * self.mesh.curve.length)
         numbers = [angle, *row, *(apart if lies_apart else ())]
         return MaterialPoint(
             (float(drawn[0]), float(drawn[1])),
             angle,
             self._picked(nodes),
-            Formula(ExactSection(len(nodes), lies_apart), tuple(map(float, numbers))),
+            Formula(ExactSectionMotion(len(nodes), lies_apart), tuple(map(float, numbers))),
         )
 
     @cached_property
     def _frame_angle(self) -> float:
         """Angle in the drawing of the frame that deformations are seen from [rad]."""
-        return frame_angle(self.name, self.mesh.curve, str(self.frame))
+        return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
 
     @property
     def floating_frame(self) -> MaterialPoint:
@@ -188,7 +192,7 @@ class GeometricallyExact(Kinematics):
         if self.frame == "tangent":
             return start
         ends = self._picked([0, self.mesh.node_count - 1])
-        numbers = (self._angles[0], *chord_of(self.mesh.curve))
+        numbers = (self._angles[0], *chord_vector(self.mesh.curve))
         formula = Formula(chord_motion, tuple(map(float, numbers)))
         return MaterialPoint(start.drawn, self._frame_angle, ends, formula)
 
@@ -201,7 +205,7 @@ class GeometricallyExact(Kinematics):
             seen.kind,
             frame.operator.shape[0],
             len(seen.numbers),
-            cast("ExactSection", section.kind),
+            cast("ExactSectionMotion", section.kind),
             axes,
         )
         angles = (frame.inclination, at.inclination)
@@ -215,8 +219,8 @@ class GeometricallyExact(Kinematics):
         points = self.element.quadrature
         own = slice(element * points, (element + 1) * points)
         of_points = [column[own] for column in self._stiffness_points[1:]]
-        numbers = [*shares(gauss_points(points)[0], xi), *np.ravel(of_points)]
-        values = Formula(Strains(self.element), tuple(map(float, numbers)))
+        numbers = [*lagrange_weights(gauss_points(points)[0], xi), *np.ravel(of_points)]
+        values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
         return PointValues(self._picked(self.mesh.element_nodes[element]), values)
 
     @property

@@ -14,23 +14,23 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.elastic_work import elastic_work
-from beamdae.beams.element_data import Data, Layout
+from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.strains import elastic_work
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
-FRAME = 3
-NODE = 3
+FRAME_SIZE = 3
+NODE_SIZE = 3
 # X and Y are the components of s0 in the local frame of the point.
-MASS_POINT = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
-STIFFNESS_POINT = ("weight", "curvature", "dxi_ds")
+MASS_POINT_VALUES = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
+STIFFNESS_POINT_VALUES = ("weight", "curvature", "dxi_ds")
 # Behind those of a stiffness point: strains of the drawing.
-PRESTRAIN = ("axial", "bending")
+PRESTRAIN_VALUES = ("axial", "bending")
 
 
 @dataclass(frozen=True)
-class ElementType(Element):
+class FloatingFrameElement(Element):
     """What distinguishes one element kernel from another.
 
     Attributes
@@ -66,14 +66,14 @@ class ElementType(Element):
     @property
     def size(self) -> int:
         """Local coordinates: (x0, y0, theta) and (u, v, phi) of each node."""
-        return FRAME + NODE * self.nodes
+        return FRAME_SIZE + NODE_SIZE * self.nodes
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> ElementDataLayout:
         """Where its numbers stand."""
-        stiffness_point = STIFFNESS_POINT + PRESTRAIN * self.prestressed
+        stiffness_point = STIFFNESS_POINT_VALUES + PRESTRAIN_VALUES * self.prestressed
         counts = (self.mass_quadrature, self.quadrature)
-        return Layout(*counts, MASS_POINT, stiffness_point, self.varying)
+        return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point, self.varying)
 
     @property
     def n_data(self) -> int:
@@ -82,11 +82,11 @@ class ElementType(Element):
 
     def kernel(self) -> ForceKernel:
         """Virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
-        return beam_kernel(self)
+        return floating_frame_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
         """Weight and strains of the stiffness points; see `strain_points`."""
-        return strain_points(self, points, q[FRAME:])
+        return strain_points(self, points, q[FRAME_SIZE:])
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """How the inertia points move, in the local frame ec of each."""
@@ -97,7 +97,7 @@ class ElementType(Element):
                 weight,
                 data.inertia(k)[[0, 0, 1]],
                 axis.velocity(row, reference, to_local),
-                axis.spin(row),
+                axis.angular_velocity(row),
                 axis.rotation(row),
             )
             for k, (row, weight, reference, to_local) in enumerate(_mass_points(self, data))
@@ -107,7 +107,7 @@ class ElementType(Element):
         """Linear strain rates at the stiffness points."""
         data = self.layout.split(local.data)
         linear = replace(self, strain="linear", prestressed=False)
-        found = strain_points(linear, data.stiffness, local.v[FRAME:])
+        found = strain_points(linear, data.stiffness, local.v[FRAME_SIZE:])
         return [
             StrainRatePoint(weight, data.elasticity(k), rates)
             for k, (weight, rates) in enumerate(found)
@@ -132,7 +132,7 @@ class AxisMotion:
     @cached_property
     def frame(self) -> SX:
         """Rotation of the floating frame."""
-        return rotation(ca.cos(self.q[2]), ca.sin(self.q[2]))
+        return rotation_matrix(ca.cos(self.q[2]), ca.sin(self.q[2]))
 
     @cached_property
     def _origin_velocity(self) -> SX:
@@ -145,13 +145,13 @@ class AxisMotion:
     @cached_property
     def _swing(self) -> SX:
         """Acceleration of what the frame carries, as a linear map of its place."""
-        return rotation(-(self.v[2] ** 2), self.a[2])
+        return rotation_matrix(-(self.v[2] ** 2), self.a[2])
 
     @cached_property
     def _relative(self) -> SX:
         """By the nodal displacements: one linear map at all points, so it can be interpolated."""
         q, v, a = (_nodal_vectors(z) for z in (self.q, self.v, self.a))
-        return self._swing @ q + 2 * self.v[2] * _turn(v) + a
+        return self._swing @ q + 2 * self.v[2] * _rotate_quarter_turn(v) + a
 
     def place(self, row: np.ndarray, reference: SX) -> SX:
         """Place relative to the origin of the frame, in ec."""
@@ -166,59 +166,63 @@ class AxisMotion:
 
     def rotation(self, row: np.ndarray) -> SX:
         """phi, of the section relative to the undeformed one."""
-        return self.q[FRAME + 2 :: NODE].T @ row
+        return self.q[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
 
     def velocity(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
         """Velocity in ec."""
-        carried = to_local @ self._origin_velocity + self.v[2] * _turn(self.place(row, reference))
+        carried = to_local @ self._origin_velocity + self.v[2] * _rotate_quarter_turn(
+            self.place(row, reference)
+        )
         return carried + _nodal_vectors(self.v) @ row
 
-    def spin(self, row: np.ndarray) -> SX:
+    def angular_velocity(self, row: np.ndarray) -> SX:
         """Theta' + phi' of the section."""
-        return self.v[2] + self.v[FRAME + 2 :: NODE].T @ row
+        return self.v[2] + self.v[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
 
     def acceleration(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
         """Acceleration relative to free fall, in ec."""
         carried = to_local @ self._origin_acceleration + self._swing @ reference
         return carried + self._relative @ row
 
-    def spin_rate(self, row: np.ndarray) -> SX:
+    def angular_acceleration(self, row: np.ndarray) -> SX:
         """Theta'' + phi'' of the section."""
-        return self.a[2] + self.a[FRAME + 2 :: NODE].T @ row
+        return self.a[2] + self.a[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
 
 
-def rotation(cosine: SX, sine: SX) -> SX:
+def rotation_matrix(cosine: SX, sine: SX) -> SX:
     """Matrix of a plane rotation."""
     return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
 
 
-def _turn(vectors: SX) -> SX:
+def _rotate_quarter_turn(vectors: SX) -> SX:
     """The columns turned by 90 degrees."""
     return ca.vertcat(-vectors[1, :], vectors[0, :])
 
 
 def _nodal_vectors(coordinates: SX) -> SX:
     """Displacements (u, v) of the nodes, or their rates, as columns."""
-    nodes = (coordinates.shape[0] - FRAME) // NODE
-    return ca.reshape(coordinates[FRAME:], NODE, nodes)[:2, :]
+    nodes = (coordinates.shape[0] - FRAME_SIZE) // NODE_SIZE
+    return ca.reshape(coordinates[FRAME_SIZE:], NODE_SIZE, nodes)[:2, :]
 
 
-def _mass_points(kind: ElementType, data: Data) -> list[tuple[np.ndarray, SX, SX, SX]]:
+def _mass_points(
+    kind: FloatingFrameElement, data: ElementData
+) -> list[tuple[np.ndarray, SX, SX, SX]]:
     """Shape functions, weight, undeformed place in ec and rotation to ec of each inertia point."""
     xi, _ = gauss_points(kind.mass_quadrature)
     return [
-        (row, at[0], at[1:3], rotation(at[3], at[4]).T)
+        (row, at[0], at[1:3], rotation_matrix(at[3], at[4]).T)
         for row, at in zip(shape_functions(kind.nodes, xi), ca.horzsplit(data.mass), strict=True)
     ]
 
 
-def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
+def strain_points(kind: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
     """Weight, and (axial strain, shear strain 2 eps12, curvature kappa11), of the stiffness points.
 
     Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R the derivative of
     the place is (1 + along, across) in ec, and the exact strains are its components in the axes of
     the section, turned by phi: (1 + along) cos phi + across sin phi - 1 and
-    across cos phi - (1 + along) sin phi. `points` has a column of `STIFFNESS_POINT` each and what
+    across cos phi - (1 + along) sin phi. `points` has a column of `STIFFNESS_POINT_VALUES` each and what
     is behind it, `nodal` are the coordinates (u, v, phi) a node.
     """
     xi, _ = gauss_points(kind.quadrature)
@@ -226,8 +230,8 @@ def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX
     found = []
     for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
         weight, curvature, dxi_ds = point[0], point[1], point[2]
-        u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE))
-        du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE))
+        u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE_SIZE))
+        du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE_SIZE))
         along, across = du - v * curvature, dv + u * curvature
         if kind.strain == "exact":
             # By the half angle, which keeps the digits of small strains beside one.
@@ -250,11 +254,13 @@ def strain_points(kind: ElementType, points: SX, nodal: SX) -> list[tuple[SX, SX
 
 
 def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
-    return sum((float(row[i]) * nodal[NODE * i + component] for i in range(len(row))), start=SX(0))
+    return sum(
+        (float(row[i]) * nodal[NODE_SIZE * i + component] for i in range(len(row))), start=SX(0)
+    )
 
 
 @cache
-def beam_kernel(kind: ElementType) -> ForceKernel:
+def floating_frame_kernel(kind: FloatingFrameElement) -> ForceKernel:
     """Virtual work of one element: inertia (eqs. 10, 11, 15), elasticity and damping (21).
 
     The inertial forces are density times the acceleration of material points, eq. (10). Departure
@@ -263,30 +269,32 @@ def beam_kernel(kind: ElementType) -> ForceKernel:
     """
     local = Local(kind.size, kind.n_data)
     data = kind.layout.split(local.data)
-    inertia, kinetic, potential = _inertia(kind, local, data)
-    nodal, rates = local.q[FRAME:], local.v[FRAME:]
+    inertia, kinetic, potential = _inertial_work(kind, local, data)
+    nodal, rates = local.q[FRAME_SIZE:], local.v[FRAME_SIZE:]
     points = strain_points(kind, data.stiffness, nodal)
     elastic, stored, dissipated = elastic_work(points, data, kind.damped, nodal, rates)
-    force = inertia + ca.vertcat(SX.zeros(FRAME), elastic)
+    force = inertia + ca.vertcat(SX.zeros(FRAME_SIZE), elastic)
     energies = ca.vertcat(kinetic, stored, potential)
     return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
 
 
-def _inertia(kind: ElementType, local: Local, data: Data) -> tuple[SX, SX, SX]:
+def _inertial_work(
+    kind: FloatingFrameElement, local: Local, data: ElementData
+) -> tuple[SX, SX, SX]:
     """Generalized inertial forces and weight, kinetic and gravity energy."""
     axis = AxisMotion(local.q, local.v, local.a, data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
-    on_nodes = SX.zeros(NODE * kind.nodes)
+    on_nodes = SX.zeros(NODE_SIZE * kind.nodes)
     kinetic, potential = SX(0), SX(0)
     for k, (row, weight, reference, to_local) in enumerate(_mass_points(kind, data)):
         rhoA, rhoI = ca.vertsplit(data.inertia(k))
         force = (weight * rhoA) * axis.acceleration(row, reference, to_local)
-        moment = weight * rhoI * axis.spin_rate(row)
+        moment = weight * rhoI * axis.angular_acceleration(row)
         on_origin += to_local.T @ force
-        on_angle += ca.dot(_turn(axis.place(row, reference)), force) + moment
+        on_angle += ca.dot(_rotate_quarter_turn(axis.place(row, reference)), force) + moment
         on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
         position = axis.position(row, to_local.T @ reference, to_local.T)
         potential -= weight * rhoA * ca.dot(data.gravity, position)
         speed2 = ca.sumsqr(axis.velocity(row, reference, to_local))
-        kinetic += 0.5 * weight * (rhoA * speed2 + rhoI * axis.spin(row) ** 2)
+        kinetic += 0.5 * weight * (rhoA * speed2 + rhoI * axis.angular_velocity(row) ** 2)
     return ca.vertcat(axis.frame @ on_origin, on_angle, on_nodes), kinetic, potential

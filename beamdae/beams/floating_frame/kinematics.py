@@ -9,20 +9,30 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams import element_numbers
-from beamdae.beams.floating_frame.element import FRAME, NODE, ElementType
-from beamdae.beams.floating_frame.formulas import Deformation, SectionMotion, Strains, frame_motion
-from beamdae.beams.floating_frame.strain_validity import error_by_rotation, range_kernel
-from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, Reach
+from beamdae.beams.element_data import (
+    assemble_element_data,
+    assemble_point_data,
+    compute_prestrains,
+    is_damped,
+    require_free_curve,
+)
+from beamdae.beams.floating_frame.element import FRAME_SIZE, NODE_SIZE, FloatingFrameElement
+from beamdae.beams.floating_frame.formulas import (
+    FloatingFrameDeformation,
+    SectionMotion,
+    frame_motion,
+)
+from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_error_coefficients
+from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, StrainValidity
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.riding_frames import chosen_frame, frame_angle, has_chord
-from beamdae.beams.sections import Section
-from beamdae.beams.shape_functions import gauss_points, shape_functions, shares
-from beamdae.beams.varying_section import VaryingSection
-from beamdae.curves.plane_curves import PlaneCurve, turned
+from beamdae.beams.reference_frames import compute_frame_angle, has_chord, resolve_frame
+from beamdae.beams.sections import Section, VaryingSection
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
+from beamdae.beams.strains import InterpolatedStrains
+from beamdae.curves.plane_curves import PlaneCurve, rotate_points
 from beamdae.errors import BeamdaeError, require_choice, set_fields
 from beamdae.symbolic.formulas import Formula
-from beamdae.symbolic.sparse_operators import picked
+from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
@@ -50,7 +60,7 @@ class FloatingFrame(Kinematics):
     )
 
     def __post_init__(self) -> None:
-        set_fields(self, frame=chosen_frame(self.name, self.mesh.curve, self.frame))
+        set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
         require_choice(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
         require_choice(self.name, "continuity", self.continuity, ("cartesian", "local"))
         require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
@@ -61,18 +71,18 @@ class FloatingFrame(Kinematics):
             )
         _ = self.angle
         if self.free_curve is not None:
-            element_numbers.require_free_curve(self.name, self.free_curve, self.mesh.curve)
+            require_free_curve(self.name, self.free_curve, self.mesh.curve)
 
     @cached_property
-    def element(self) -> ElementType:
+    def element(self) -> FloatingFrameElement:
         """The type of all elements."""
         nodes = self.mesh.nodes
         points = nodes if self.quadrature == "full" else nodes - 1
-        return ElementType(
+        return FloatingFrameElement(
             nodes,
             points,
             self.strain,
-            element_numbers.is_damped(self.section, self.mesh, points),
+            is_damped(self.section, self.mesh, points),
             isinstance(self.section, VaryingSection),
             self.free_curve is not None,
         )
@@ -86,12 +96,12 @@ class FloatingFrame(Kinematics):
     @cached_property
     def angle(self) -> float:
         """Reference angle of the frame [rad]."""
-        return frame_angle(self.name, self.mesh.curve, str(self.frame))
+        return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
 
     @cached_property
-    def carried(self) -> Mesh:
+    def mesh_in_frame(self) -> Mesh:
         """The mesh as the frame carries it."""
-        return self.mesh.seen_from(self.origin, self.angle)
+        return self.mesh.in_axes(self.origin, self.angle)
 
     @cached_property
     def coordinates(self) -> tuple[Named, ...]:
@@ -103,7 +113,7 @@ class FloatingFrame(Kinematics):
             for name, unit in (("u", "m"), ("v", "m"), ("phi", "rad"))
         ]
         if self.frame == "tangent":
-            return (*frame, *nodal[NODE:])
+            return (*frame, *nodal[NODE_SIZE:])
         return (*frame, *nodal[2:-3], Named("chord", "m"), nodal[-1])
 
     @property
@@ -116,7 +126,7 @@ class FloatingFrame(Kinematics):
         return self._undeformed([*velocity, angular_velocity])
 
     def _undeformed(self, frame: list[float]) -> Array:
-        return np.concatenate([frame, np.zeros(len(self.coordinates) - FRAME)])
+        return np.concatenate([frame, np.zeros(len(self.coordinates) - FRAME_SIZE)])
 
     @cached_property
     def operator(self) -> sp.csr_array:
@@ -128,18 +138,18 @@ class FloatingFrame(Kinematics):
         displacement into its own direction there, with "local" continuity it is taken over as it
         is.
         """
-        mesh, kind = self.carried, self.element
+        mesh, kind = self.mesh_in_frame, self.element
         element = np.repeat(np.arange(mesh.elements), kind.nodes)
         local = np.tile(np.arange(kind.nodes), mesh.elements)
         node = mesh.element_nodes.ravel()
         turn = self._kink(element, node)
-        row = element * kind.size + FRAME + NODE * local
+        row = element * kind.size + FRAME_SIZE + NODE_SIZE * local
         c, s = np.cos(turn), np.sin(turn)
         entries = [(0, 0, c), (0, 1, s), (1, 0, -s), (1, 1, c), (2, 2, np.ones_like(c))]
         into, share = self._free
-        column = [NODE * node + j for _, j, _ in entries]
+        column = [NODE_SIZE * node + j for _, j, _ in entries]
         size = mesh.elements * kind.size
-        in_frame = np.arange(size).reshape(-1, kind.size)[:, :FRAME].ravel()
+        in_frame = np.arange(size).reshape(-1, kind.size)[:, :FRAME_SIZE].ravel()
         rows = np.concatenate([in_frame, *(row + i for i, _, _ in entries)])
         columns = np.concatenate([in_frame % kind.size, *(into[j] for j in column)])
         turns = [value * share[j] for j, (_, _, value) in zip(column, entries, strict=True)]
@@ -153,7 +163,7 @@ class FloatingFrame(Kinematics):
         """Angle from the curve's tangent at a node to the element's own axis there."""
         if self.continuity == "local":
             return np.zeros(len(element))
-        mesh = self.carried
+        mesh = self.mesh_in_frame
         xi = np.tile(np.linspace(-1.0, 1.0, mesh.nodes), mesh.elements)
         return mesh.axis(element, xi).angle - mesh.tangent_angle(mesh.node_arc_lengths[node])
 
@@ -163,36 +173,36 @@ class FloatingFrame(Kinematics):
 
         What the frame holds moves by nothing.
         """
-        size, free = NODE * self.mesh.node_count, len(self.coordinates)
-        held = NODE if self.frame == "tangent" else 2
-        into, share = np.maximum(np.arange(size) - held, 0) + FRAME, np.ones(size)
+        size, free = NODE_SIZE * self.mesh.node_count, len(self.coordinates)
+        held = NODE_SIZE if self.frame == "tangent" else 2
+        into, share = np.maximum(np.arange(size) - held, 0) + FRAME_SIZE, np.ones(size)
         share[:held] = 0.0
         if self.frame == "chord":
-            angle = float(self.carried.tangent_angle(self.mesh.curve.length))
+            angle = float(self.mesh_in_frame.tangent_angle(self.mesh.curve.length))
             share[-3:-1] = np.cos(angle), -np.sin(angle)
             into[-3:-1], into[-1] = free - 2, free - 1
         return into, share
 
     @cached_property
     def _points(self) -> Array:
-        mesh, layout = self.carried, self.element.layout
+        mesh, layout = self.mesh_in_frame, self.element.layout
         weight, at = mesh.gauss(layout.mass_points)
-        mass = [weight, *turned(at.place, -at.angle).T, np.cos(at.angle), np.sin(at.angle)]
+        mass = [weight, *rotate_points(at.place, -at.angle).T, np.cos(at.angle), np.sin(at.angle)]
         weight, at = mesh.gauss(layout.stiffness_points)
         s = mesh.gauss_arc_lengths(layout.stiffness_points)
-        drawn = element_numbers.free_strains(mesh.curve, self.free_curve, s)
+        drawn = compute_prestrains(mesh.curve, self.free_curve, s)
         stiffness = [weight, at.curvature, 1.0 / at.ds, *drawn]
-        return element_numbers.of_points(mesh, layout, self.section, mass, stiffness)
+        return assemble_point_data(mesh, layout, self.section, mass, stiffness)
 
     def data(self, gravity: Array) -> Array:
         """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        return element_numbers.of_elements(self._points, self.section, gravity)
+        return assemble_element_data(self._points, self.section, gravity)
 
     def _located(self, s: float) -> tuple[int, Array, float]:
         """The element at s, its shape functions there, and the angle of its axis in the frame."""
         element, xi = self.mesh.locate(s)
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
-        angle = float(self.carried.axis(np.array([element]), np.array([xi])).angle[0])
+        angle = float(self.mesh_in_frame.axis(np.array([element]), np.array([xi])).angle[0])
         return element, row, angle
 
     def _rows_of(self, element: int, nodes: Array | None = None) -> sp.csr_array:
@@ -200,9 +210,9 @@ class FloatingFrame(Kinematics):
         size = self.element.size
         rows = np.arange(size)
         if nodes is not None:
-            own = FRAME + NODE * nodes[:, None] + np.arange(NODE)
-            rows = np.concatenate([rows[:FRAME], own.ravel()])
-        return picked(self.operator, rows + element * size)
+            own = FRAME_SIZE + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
+            rows = np.concatenate([rows[:FRAME_SIZE], own.ravel()])
+        return select_rows(self.operator, rows + element * size)
 
     def material_point(self, s: float) -> MaterialPoint:
         """The section at arc length s [m], with the coordinates of the nodes it depends on."""
@@ -220,8 +230,8 @@ class FloatingFrame(Kinematics):
     def _section(self, s: float, drawn: Array) -> MaterialPoint:
         element, row, angle = self._located(s)
         nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        carried = turned(drawn - np.asarray(self.origin), -self.angle)
-        numbers = [*carried, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
+        mesh_in_frame = rotate_points(drawn - np.asarray(self.origin), -self.angle)
+        numbers = [*mesh_in_frame, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
         return MaterialPoint(
             (float(drawn[0]), float(drawn[1])),
             angle + self.angle,
@@ -230,7 +240,7 @@ class FloatingFrame(Kinematics):
         )
 
     @property
-    def reach(self) -> Reach:
+    def strain_validity(self) -> StrainValidity:
         """How far it bends, and how far its strains reach."""
         curve = self.mesh.curve
         data = self.data(np.zeros(2))
@@ -243,17 +253,17 @@ class FloatingFrame(Kinematics):
             "strain='nonlinear'": self.strain == "linear",
             "strain='exact'": self.strain != "exact",
         }
-        return Reach(
+        return StrainValidity(
             range_kernel(self.element),
             np.concatenate([data, lengths]),
-            error_by_rotation(self.strain, str(self.frame), turning),
+            strain_error_coefficients(self.strain, str(self.frame), turning),
             tuple(setting for setting, helps in remedies.items() if helps),
         )
 
     @property
     def floating_frame(self) -> MaterialPoint:
         """Origin and angle of the frame."""
-        rows = sp.eye_array(FRAME, len(self.coordinates), format="csr")
+        rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
         return MaterialPoint(self.origin, self.angle, rows, Formula(frame_motion, (self.angle,)))
 
     def strains(self, s: float) -> PointValues:
@@ -265,11 +275,11 @@ class FloatingFrame(Kinematics):
         element, xi = self.mesh.locate(s)
         points = self.element.quadrature
         gauss, _ = gauss_points(points)
-        at = self.carried.axis(np.full(points, element), gauss)
+        at = self.mesh_in_frame.axis(np.full(points, element), gauss)
         s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
-        drawn = element_numbers.free_strains(self.mesh.curve, self.free_curve, s_points)
-        numbers = [*shares(gauss, xi), *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
-        values = Formula(Strains(self.element), tuple(map(float, numbers)))
+        drawn = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
+        numbers = [*lagrange_weights(gauss, xi), *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
+        values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
         return PointValues(self._rows_of(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
@@ -277,10 +287,11 @@ class FloatingFrame(Kinematics):
         element, row, angle = self._located(s)
         numbers = tuple(map(float, (angle, *row)))
         return PointValues(
-            self._rows_of(element), Formula(Deformation(self.mesh.nodes, axes), numbers)
+            self._rows_of(element),
+            Formula(FloatingFrameDeformation(self.mesh.nodes, axes), numbers),
         )
 
     @property
     def curvature_error(self) -> float:
         """Largest error of curvature at the stiffness quadrature points, times the length."""
-        return self.carried.curvature_error(self.element.quadrature)
+        return self.mesh_in_frame.curvature_error(self.element.quadrature)

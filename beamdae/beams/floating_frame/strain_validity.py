@@ -12,7 +12,12 @@ from functools import cache
 
 import casadi as ca
 
-from beamdae.beams.floating_frame.element import FRAME, NODE, ElementType, strain_points
+from beamdae.beams.floating_frame.element import (
+    FRAME_SIZE,
+    NODE_SIZE,
+    FloatingFrameElement,
+    strain_points,
+)
 from beamdae.symbolic.statements import Local, RangeKernel
 
 SX = ca.SX
@@ -22,10 +27,12 @@ SX = ca.SX
 # of them. Fitted to cantilevers with exact answers and to the hub beam and the slider-crank
 # (validation/reach/run.py): the error of a single beam is up to three times as much, and in pure
 # bending down to a thirtieth; that of several welded together is smaller.
-_ERROR = {"tangent": (1.0, 0.05, 1.0), "chord": (0.15, 0.1, 0.3)}
+_ERROR_COEFFICIENTS = {"tangent": (1.0, 0.05, 1.0), "chord": (0.15, 0.1, 0.3)}
 
 
-def error_by_rotation(strain: str, frame: str, turning: float) -> tuple[float, float] | None:
+def strain_error_coefficients(
+    strain: str, frame: str, turning: float
+) -> tuple[float, float] | None:
     """(a, b) of the error a r + b r^2 of a deformation with rotations r [rad]; None of exact ones.
 
     Parameters
@@ -37,13 +44,13 @@ def error_by_rotation(strain: str, frame: str, turning: float) -> tuple[float, f
     """
     if strain == "exact":
         return None
-    square, curved, linear = _ERROR[frame]
+    square, curved, linear = _ERROR_COEFFICIENTS[frame]
     by_rotation = {"nonlinear": curved * turning**2, "green": 0.0, "linear": linear}
     return by_rotation[strain], square
 
 
 @cache
-def range_kernel(kind: ElementType) -> RangeKernel:
+def range_kernel(kind: FloatingFrameElement) -> RangeKernel:
     """Largest deflection over length, rotation and strain of an element.
 
     Its data are those of the element and the length of the beam. The strain is that of the outer
@@ -52,10 +59,10 @@ def range_kernel(kind: ElementType) -> RangeKernel:
     """
     local = Local(kind.size, kind.n_data + 1)
     data = kind.layout.split(local.data)
-    nodal = ca.reshape(local.q[FRAME:], NODE, kind.nodes)
+    nodal = ca.reshape(local.q[FRAME_SIZE:], NODE_SIZE, kind.nodes)
     strains = [
         ca.fabs(strain[0]) + _half_height(data.elasticity(k)) * ca.fabs(strain[2])
-        for k, (_, strain) in enumerate(strain_points(kind, data.stiffness, local.q[FRAME:]))
+        for k, (_, strain) in enumerate(strain_points(kind, data.stiffness, local.q[FRAME_SIZE:]))
     ]
     deflections = ca.sqrt(nodal[0, :] ** 2 + nodal[1, :] ** 2)
     values = ca.vertcat(

@@ -19,12 +19,12 @@ from beamdae.parts.joints.joint import Joint, Revolute, Weld
 from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine
 from beamdae.parts.joints.skate import Skate
 from beamdae.parts.part import Part
-from beamdae.report.scene.builder import (
+from beamdae.report.scene.scene_builder import (
     SceneBuilder,
     box,
-    broken,
     circle,
     hatched_line,
+    join_lines,
     rotate_points,
     unit_vector,
     wheel,
@@ -129,7 +129,7 @@ def _slot(part: Any, sketch: SceneBuilder, offset: float) -> None:
         walls.append(np.add(hatched_line(low, high, sketch.size), (0.0, offset - half)))
     else:
         walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
-    sketch.carried("guide", sketch.at(part.a), rotate_points(broken(*walls), part.direction))
+    sketch.carried("guide", sketch.at(part.a), rotate_points(join_lines(*walls), part.direction))
 
 
 def travel(

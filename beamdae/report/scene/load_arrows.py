@@ -11,8 +11,8 @@ from beamdae.beams.beam_loads import DistributedForce, MovingForce
 from beamdae.parts.forces.force_law import ForceLaw
 from beamdae.parts.forces.loads import Force, Moment
 from beamdae.parts.laws import Law
-from beamdae.report.scene.builder import SceneBuilder
 from beamdae.report.scene.joint_symbols import symbol, tip
+from beamdae.report.scene.scene_builder import SceneBuilder
 
 Array = np.ndarray
 

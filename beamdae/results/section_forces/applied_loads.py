@@ -22,8 +22,8 @@ from beamdae.equations.formulations.first_order import State
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.results.section_forces.section_motions import (
-    At,
-    evaluated,
+    SectionFunction,
+    evaluate_sections,
     section_jacobian,
     section_motion,
 )
@@ -33,11 +33,11 @@ from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Loc
 Array = np.ndarray
 
 GRAVITY = "gravity"
-ALL: Mapping[str, float] = MappingProxyType({})
+ALL_LOADS: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Acting:
+class AppliedLoads:
     """What acts on a beam at rows of states.
 
     Attributes
@@ -62,13 +62,13 @@ class _Said(NamedTuple):
     lam: slice
 
 
-def acting_on(
+def collect_applied_loads(
     beam: Beam,
     equations: EquationsOfMotion,
     times: Array,
     state: State,
-    factors: Mapping[str, float] = ALL,
-) -> Acting:
+    factors: Mapping[str, float] = ALL_LOADS,
+) -> AppliedLoads:
     """What acts on a beam of the mechanism that the equations are of.
 
     Parameters
@@ -147,21 +147,21 @@ class _OnBeam:
         self._functions: dict[int, RowFunction] = {}
         self._start = self._motions(self._sections(np.zeros(1)))[:, 0, :2]
 
-    def _sections(self, places: Array) -> list[At]:
+    def _sections(self, places: Array) -> list[SectionFunction]:
         points = (self._beam.kinematics.material_point(s) for s in places.tolist())
-        return [At(point.operator, point.motion) for point in points]
+        return [SectionFunction(point.operator, point.motion) for point in points]
 
     @cached_property
-    def _axis(self) -> list[At]:
+    def _axis(self) -> list[SectionFunction]:
         """Sections at which inertia is integrated."""
         mesh = self._beam.mesh
         places = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         points = (self._beam.kinematics.axis_point(s) for s in places)
-        return [At(point.operator, point.motion) for point in points]
+        return [SectionFunction(point.operator, point.motion) for point in points]
 
-    def _motions(self, at: list[At]) -> Array:
+    def _motions(self, at: list[SectionFunction]) -> Array:
         """Rows of (x, y, turn) and accelerations of sections."""
-        return evaluated(section_motion, at, *self._own)
+        return evaluate_sections(section_motion, at, *self._own)
 
     def inertia(self, gravity: Array) -> None:
         """Add weight, and inertia with the other sign."""
@@ -233,11 +233,11 @@ class _OnBeam:
         else:
             self._spread.setdefault(part, []).append((s, wrench))
 
-    def _wrenches_at(self, at: list[At], force: Array) -> Array:
+    def _wrenches_at(self, at: list[SectionFunction], force: Array) -> Array:
         """Wrenches at so many sections that together are a force on local coordinates."""
         motion = self._motions(at)
         size, count = at[0].operator.shape[0], len(at)
-        jacobians = evaluated(section_jacobian, at, *self._own)
+        jacobians = evaluate_sections(section_jacobian, at, *self._own)
         rows = np.swapaxes(jacobians.reshape(self._rows, count, size, 3), 2, 3)
         stacked = rows.reshape(self._rows, 3 * count, size)
         work = stacked @ force[..., None]
@@ -253,7 +253,7 @@ class _OnBeam:
             wrench = self._wrenches_at(at, forces[:, element]).sum(axis=1)
             self._lines[:, element] += 0.5 * wrench[:, None]
 
-    def found(self) -> Acting:
+    def found(self) -> AppliedLoads:
         """All of it."""
         mesh = self._beam.mesh
         weights = gauss_points(mesh.nodes)[1]
@@ -265,7 +265,7 @@ class _OnBeam:
                 self._places.append(_center(np.array([s for s, _ in stated]), wrenches))
                 self._wrenches.append(wrenches.sum(axis=1))
         none = np.zeros((self._rows, 0))
-        return Acting(
+        return AppliedLoads(
             self._lines,
             np.stack(self._places, axis=1) if self._places else none,
             np.stack(self._wrenches, axis=1) if self._places else np.zeros((self._rows, 0, 3)),

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,13 +27,16 @@ from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.first_order import State
-from beamdae.results.section_forces.applied_loads import ALL, Acting, acting_on
+from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
+from beamdae.results.section_forces.applied_loads import ALL_LOADS, AppliedLoads, collect_applied_loads
+from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.section_forces.section_motions import (
-    At,
-    evaluated,
-    place_and_turn,
+    SectionFunction,
+    evaluate_sections,
+    position_and_angle,
     strains_and_rates,
 )
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -39,14 +44,14 @@ Array = np.ndarray
 SAME_PLACE = 1e-9
 
 
-def balanced_and_strained(
+def balanced_and_elastic_forces(
     beam: Beam,
     equations: EquationsOfMotion,
     times: Array,
     state: State,
     s: Array,
     before: Array,
-    factors: Mapping[str, float] = ALL,
+    factors: Mapping[str, float] = ALL_LOADS,
 ) -> tuple[Array, Array]:
     """Section forces (N, Q [N], M [N m]) at rows of states, (3, rows, places) each.
 
@@ -58,7 +63,7 @@ def balanced_and_strained(
         Arc lengths [m], (places,). Where a force acts, section forces are those on its far side, or
         on its near side where `before` is true.
     factors
-        How much of what parts do acts, see `acting_on`.
+        How much of what parts do acts, see `collect_applied_loads`.
 
     Returns
     -------
@@ -66,11 +71,11 @@ def balanced_and_strained(
         From what acts on the beam, and from its strains.
     """
     along = _Along(beam, equations, state)
-    acting = acting_on(beam, equations, times, state, factors)
+    acting = collect_applied_loads(beam, equations, times, state, factors)
     return along.section_forces(s, _carried(beam, acting, s, before)), along.of_strains(s)
 
 
-def _carried(beam: Beam, acting: Acting, s: Array, before: Array) -> Array:
+def _carried(beam: Beam, acting: AppliedLoads, s: Array, before: Array) -> Array:
     """What acts on the beam up to each section, (rows, places, 3)."""
     mesh, length = beam.mesh, beam.length
     weights = gauss_points(mesh.nodes)[1]
@@ -110,7 +115,7 @@ class _Along:
     def _located(self, s: Array) -> tuple[Array, Array]:
         """Places (rows, places, 2) and angles (rows, places) of sections."""
         points = (self._beam.kinematics.material_point(x) for x in s.tolist())
-        found = evaluated(place_and_turn, [At(p.operator, p.motion) for p in points], *self._own)
+        found = evaluate_sections(position_and_angle, [SectionFunction(p.operator, p.motion) for p in points], *self._own)
         # Elements meet at small angles, sections stand across the curve.
         return found[..., :2], found[..., 2] + self._beam.curve.tangent_angle(s)
 
@@ -126,9 +131,152 @@ class _Along:
     def of_strains(self, s: Array) -> Array:
         """(N, Q, M) of the strains, with their damping part, (3, rows, places)."""
         values = [self._beam.kinematics.strains(x) for x in s.tolist()]
-        at = [At(value.operator, value.values) for value in values]
-        found = evaluated(strains_and_rates, at, *self._own)
+        at = [SectionFunction(value.operator, value.values) for value in values]
+        found = evaluate_sections(strains_and_rates, at, *self._own)
         sections = [self._beam.section.at(x) for x in s.tolist()]
         stiffness = np.array([(x.EA, x.GA, x.EI) for x in sections])
         damping = np.array([x.damping for x in sections])[:, None]
         return np.moveaxis(stiffness * (found[..., :3] + damping * found[..., 3:]), -1, 0)
+
+
+if TYPE_CHECKING:
+    from beamdae.equations.equations_of_motion import EquationsOfMotion
+    from beamdae.results.solution import Solution
+
+# Rows, and how much of what parts do acts then.
+Group = tuple[Array, Mapping[str, float]]
+
+# Sections a stretch between two element boundaries or forces is looked at in, its ends included.
+_PER_STRETCH = 5
+# Numbers of sections times rows that are evaluated at once.
+_AT_ONCE = 100_000
+
+
+def recover_section_forces(
+    solution: Solution, beam: Beam | str, t: Any = None, s: Any = None
+) -> SectionForces:
+    """Section forces of a beam of a run, see `SectionForces`.
+
+    Parameters
+    ----------
+    solution
+        The run.
+    beam
+        The beam, or its name.
+    t
+        Times [s], one or several ascending; default the output times.
+    s
+        Arc lengths [m], one or several; default the boundaries of elements and places where forces
+        act and stay, these from both sides, with three sections between any two of them.
+    """
+    e = solution.equations
+    beam = _beam_of(e, beam)
+    times = solution.t if t is None else _given(beam.name, "t", t)
+    first, last = solution.trajectory.intervals[0].t[0], solution.trajectory.end
+    if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
+        raise BeamdaeError(
+            f"{beam.name}: t must be times of the run, ascending, {first:g} to {last:g} s, "
+            f"got {short_repr(t)}."
+        )
+    branched, state = solution.trajectory.at(times)
+    groups = _by_configuration(solution.trajectory, times)
+    places, before = _default(beam, e, branched, state, groups) if s is None else _asked(beam, s)
+    found = []
+    most = max(_AT_ONCE // max(len(places), beam.mesh.elements * beam.mesh.nodes), 1)
+    for rows, factors in groups:
+        for k in range(0, len(rows), most):
+            some = rows[k : k + most]
+            part = State(*(x[some] for x in state))
+            given = (branched[some], part, places, before, factors)
+            found.append(balanced_and_elastic_forces(beam, e, *given))
+    (N, Q, M), strained = (np.concatenate(x, axis=1) for x in zip(*found, strict=True))
+    return SectionForces(beam, times, places, N, Q, M, strained)
+
+
+def recover_section_forces_at_state(
+    equations: EquationsOfMotion,
+    beam: Beam | str,
+    t: float,
+    state: State,
+    factors: Mapping[str, float],
+    s: Any = None,
+) -> SectionForces:
+    """Section forces at one state, a row of each, of which so much of parts and gravity acts."""
+    beam = _beam_of(equations, beam)
+    time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
+    given = _default(beam, equations, time, state, groups) if s is None else _asked(beam, s)
+    (N, Q, M), strained = balanced_and_elastic_forces(beam, equations, time, state, *given, factors)
+    return SectionForces(beam, time[:, 0], given[0], N, Q, M, strained)
+
+
+def _beam_of(equations: EquationsOfMotion, beam: Any) -> Beam:
+    """The beam, if it is one of the mechanism that the equations are of."""
+    mechanism = equations.mechanism
+    parts = {} if mechanism is None else mechanism.parts
+    found = parts.get(beam) if isinstance(beam, str) else beam
+    if not isinstance(found, Beam) or parts.get(found.name) is not found:
+        beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
+        raise BeamdaeError(
+            "section_forces: beam must be one of the mechanism that was run, "
+            f"{beams or 'which has none'}, got {short_repr(beam)}."
+        )
+    return found
+
+
+def _given(part: str, name: str, value: Any) -> Array:
+    what = "a number or a list of numbers"
+    several = [value] if as_real(value) is not None else require_iterable(part, name, value, what)
+    if not several:
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+    return np.array([require_finite(part, name, x) for x in several])
+
+
+def _asked(beam: Beam, s: Any) -> tuple[Array, Array]:
+    """Arc lengths, and that sections at the end are looked at before what acts there."""
+    places = _given(beam.name, "s", s)
+    near = SAME_PLACE * beam.length
+    if np.any(places < -near) or np.any(places > beam.length + near):
+        raise BeamdaeError(
+            f"{beam.name}: arc length s must lie in [0, {beam.length:.6g}] m, got {short_repr(s)}."
+        )
+    places = np.clip(places, 0.0, beam.length)
+    return places, places > beam.length - near
+
+
+def _by_configuration(trajectory: Trajectory, times: Array) -> list[Group]:
+    """Rows between switches, and that inactive parts did nothing then."""
+    which = trajectory.which(times)
+    groups: list[Group] = []
+    for k, interval in enumerate(trajectory.intervals):
+        active = interval.configuration
+        factors = {} if active is None else dict.fromkeys(active.inactive, 0.0)
+        rows = np.flatnonzero(which == k)
+        if groups and groups[-1][1] == factors:
+            rows = np.concatenate([groups.pop()[0], rows])
+        groups.append((rows, factors))
+    return [(rows, factors) for rows, factors in groups if len(rows)]
+
+
+def _default(
+    beam: Beam,
+    e: EquationsOfMotion,
+    times: Array,
+    state: State,
+    groups: list[Group],
+) -> tuple[Array, Array]:
+    """Sections between boundaries of elements and places where forces act, and stay."""
+    length = beam.length
+    near, jumps = SAME_PLACE * length, [0.0, length]
+    for rows, factors in groups:
+        some = np.unique(rows[[0, -1]])
+        there = collect_applied_loads(beam, e, times[some], State(*(x[some] for x in state)), factors).places
+        jumps += there[0, np.abs(there[-1] - there[0]) <= near].tolist()
+    inner = np.clip(jumps, 0.0, length)
+    ends = np.sort(np.concatenate([np.linspace(0.0, length, beam.mesh.elements + 1), inner]))
+    ends = ends[np.append(True, np.diff(ends) > 2.0 * near)]
+    places, before = [], []
+    for start, end in pairwise(ends.tolist()):
+        both = bool(np.any(np.abs(inner - end) <= 2.0 * near))
+        places.append(np.linspace(start, end, _PER_STRETCH)[: _PER_STRETCH - 1 + both])
+        before.append(np.arange(len(places[-1])) == _PER_STRETCH - 1)
+    return np.concatenate(places), np.concatenate(before)

@@ -136,7 +136,7 @@ class SectionForces:
 
     def _sigma(self, offset: float | str) -> tuple[Array, Array]:
         name = self.beam.name
-        eta = np.array([section.fiber(name, offset) for section in self._sections])
+        eta = np.array([section.fiber_offset(name, offset) for section in self._sections])
         area, bending = self._of_sections("area"), eta / self._of_sections("second_moment")
         error = self.error[0] / area + self.error[2] * np.abs(bending)
         return self.N / area + self.M * bending, error

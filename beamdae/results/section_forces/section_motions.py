@@ -19,7 +19,7 @@ Array = np.ndarray
 Build = Callable[[Local, Callable[..., Any]], SX]
 
 
-class At(NamedTuple):
+class SectionFunction(NamedTuple):
     """Rows that pick local coordinates from those of a beam, and a function of these."""
 
     operator: sp.csr_array
@@ -33,14 +33,14 @@ def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
     return ca.vertcat(moved, local.ddot(moved))
 
 
-def place_and_turn(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
+def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
     """(x, y, turn) of a section."""
     return ca.vertcat(*motion(local.q))
 
 
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
     """Derivatives of (x, y, turn) by the local coordinates, column after column."""
-    return ca.vec(ca.densify(ca.jacobian(place_and_turn(local, motion), local.q)))
+    return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
 
 
 def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
@@ -49,7 +49,7 @@ def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
     return ca.vertcat(strains, local.dot(strains))
 
 
-def evaluated(build: Build, at: Sequence[At], q: Array, v: Array, a: Array) -> Array:
+def evaluate_sections(build: Build, at: Sequence[SectionFunction], q: Array, v: Array, a: Array) -> Array:
     """What is built of each function, at rows (rows, n) of a beam's coordinates.
 
     Returns

@@ -8,12 +8,12 @@ from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import BeamdaeError, require_choice
 
 # Distance of the ends of a curve, over its length, from which on the line between them is a frame.
-_LEAST_CHORD = 0.1
+_MIN_DEFAULT_CHORD = 0.1
 # Below it the line between them has no direction.
-_NO_CHORD = 1e-6
+_MIN_CHORD = 1e-6
 
 
-def chord_of(curve: PlaneCurve) -> np.ndarray:
+def chord_vector(curve: PlaneCurve) -> np.ndarray:
     """From start to end of a curve [m], shape (2,)."""
     ends = np.asarray(curve.point(np.array([0.0, curve.length])), float)
     return ends[1] - ends[0]
@@ -21,22 +21,22 @@ def chord_of(curve: PlaneCurve) -> np.ndarray:
 
 def has_chord(curve: PlaneCurve) -> bool:
     """Whether the ends lie far enough apart for a frame from one to the other."""
-    return bool(np.hypot(*chord_of(curve)) >= _LEAST_CHORD * curve.length)
+    return bool(np.hypot(*chord_vector(curve)) >= _MIN_DEFAULT_CHORD * curve.length)
 
 
-def chosen_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
+def resolve_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
     """The frame asked for, or the one a beam on that curve has by default."""
     if frame is None:
         return "chord" if has_chord(curve) else "tangent"
     return str(require_choice(part, "frame", frame, ("tangent", "chord")))
 
 
-def frame_angle(part: str, curve: PlaneCurve, frame: str) -> float:
+def compute_frame_angle(part: str, curve: PlaneCurve, frame: str) -> float:
     """Angle of the frame in the drawing [rad]."""
     if frame == "tangent":
         return float(curve.tangent_angle(0.0))
-    chord = chord_of(curve)
-    if np.hypot(*chord) < _NO_CHORD * curve.length:
+    chord = chord_vector(curve)
+    if np.hypot(*chord) < _MIN_CHORD * curve.length:
         raise BeamdaeError(
             f"{part}: frame 'chord' needs a curve whose ends lie apart, use frame='tangent' for a "
             "ring."

@@ -159,8 +159,8 @@ def test_deformations_are_those_seen_from_the_frame(frame):
     assert_allclose(inertial[:2], place - rigid, atol=1e-13)
     at_rest = numeric.observed("at")[2]
     assert_allclose(inertial[2], section - at_rest - turn, atol=1e-13)
-    for axes, seen_from in (("frame", angle), ("local", turn + at_rest)):
-        c, s = np.cos(seen_from), np.sin(seen_from)
+    for axes, in_axes in (("frame", angle), ("local", turn + at_rest)):
+        c, s = np.cos(in_axes), np.sin(in_axes)
         back = np.array([[c, s], [-s, c]]) @ inertial[:2]
         assert_allclose(numeric.observed(axes, q=q)[:2], back, atol=1e-13)
     if frame == "tangent":

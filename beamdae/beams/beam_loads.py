@@ -22,19 +22,28 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.attachments import rotate
-from beamdae.parts.forces.formula_checks import as_column, evaluated, require_formula_of
-from beamdae.parts.forces.loads import dead_load, kernel_of, load_statement
+from beamdae.parts.forces.formula_checks import (
+    evaluate_formula,
+    require_column,
+    require_continuous_formula,
+)
+from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
+from beamdae.symbolic.formulas import (
+    Formula,
+    FormulaExpression,
+    build_formula_kernel,
+    constant_formula,
+)
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 # No force moves as slowly: times beyond this one [s] are no numbers of laws.
-_LONGEST = 1e30
+_MAX_TIME = 1e30
 
 
 @dataclass(frozen=True)
-class _PerLength:
+class _LineLoad:
     """A load per length in some axes on a section; own numbers: weight, inclination, arc length."""
 
     axes: str
@@ -47,11 +56,11 @@ class _PerLength:
     def __call__(self, local: Local, on: Any, own: Callable[[], Any], *laws: Any) -> ForceKernel:
         place, turn = on(local.q)
         components = ca.vertcat(*(law(local.time) for law in laws))
-        return kernel_of(local, place, self.load(local, turn, own(), components))
+        return load_kernel(local, place, self.load(local, turn, own(), components))
 
 
 @dataclass(frozen=True)
-class _ByPlace(_PerLength):
+class _FormulaLineLoad(_LineLoad):
     """The same by a user's function of (s, x, y, t)."""
 
     part: str
@@ -59,12 +68,14 @@ class _ByPlace(_PerLength):
 
     def __call__(self, local: Local, on: Any, own: Callable[[], Any], *laws: Any) -> ForceKernel:
         place, turn = on(local.q)
-        components = _asked(self.part, self.law, own()[2], place[0], place[1], local.time[0])
-        return kernel_of(local, place, self.load(local, turn, own(), components))
+        components = _evaluate_formula(
+            self.part, self.law, own()[2], place[0], place[1], local.time[0]
+        )
+        return load_kernel(local, place, self.load(local, turn, own(), components))
 
 
-def _asked(part: str, law: Callable[..., Any], *given: SX) -> SX:
-    return as_column(part, "law", evaluated(part, "law", law, *given), 2)
+def _evaluate_formula(part: str, law: Callable[..., Any], *given: SX) -> SX:
+    return require_column(part, "law", evaluate_formula(part, "law", law, *given), 2)
 
 
 def _require_beam(part: str, beam: Any) -> None:
@@ -113,7 +124,9 @@ class DistributedForce(Part):
         set_fields(self, axes=require_choice(self.name, "axes", self.axes, ("inertial", "section")))
         if callable(self.law) and not isinstance(self.law, Law):
             given = [SX.sym(x) for x in ("s", "x", "y", "t")]
-            require_formula_of(self.name, "law", _asked(self.name, self.law, *given), given)
+            require_continuous_formula(
+                self.name, "law", _evaluate_formula(self.name, self.law, *given), given
+            )
         else:
             what = "a pair of laws (fx, fy) or a function of (s, x, y, t)"
             set_fields(self, law=require_pair(self.name, "law", self.law, what))
@@ -135,31 +148,31 @@ class DistributedForce(Part):
         """The load at the points at which inertia is integrated."""
         mesh = self.beam.mesh
         kind = (
-            _ByPlace(self.axes, self.name, self.law)
+            _FormulaLineLoad(self.axes, self.name, self.law)
             if callable(self.law)
-            else _PerLength(self.axes)
+            else _LineLoad(self.axes)
         )
         laws = [law.formula for law in self.laws]
         xi, _ = gauss_points(mesh.nodes)
         weights, _ = mesh.gauss(mesh.nodes)
         element = np.repeat(np.arange(mesh.elements), mesh.nodes)
         places = (element + 0.5 * (np.tile(xi, mesh.elements) + 1.0)) / mesh.elements
-        shared: dict[Combined, ForceKernel] = {}
+        shared: dict[FormulaExpression, ForceKernel] = {}
         said = []
         for s, weight in zip((places * self.beam.length).tolist(), weights.tolist(), strict=True):
             on = self.beam.at(s)
-            functions = (on.moved, plain(weight, on.inclination, s), *laws)
+            functions = (on.moved, constant_formula(weight, on.inclination, s), *laws)
             kernel, data = self._kernel(kind, functions, on.size, shared)
             said.append(ForceStatement(self.name, kernel, (on.piece,), data))
         return said
 
     def _kernel(
-        self, kind: Any, functions: Any, size: int, shared: dict[Combined, ForceKernel]
+        self, kind: Any, functions: Any, size: int, shared: dict[FormulaExpression, ForceKernel]
     ) -> tuple[ForceKernel, np.ndarray]:
         """The kernel of one point: with a function of the user's own the points alone share it."""
-        combined, numbers = Combined.of(kind, functions)
-        if combined.is_kind and not callable(self.law):
-            return combined_kernel(kind, functions, size)
+        combined, numbers = FormulaExpression.of(kind, functions)
+        if combined.is_shareable and not callable(self.law):
+            return build_formula_kernel(kind, functions, size)
         if combined not in shared:
             # Points of a kinematics without formulas have kernels of their own, which are compared.
             alike = isinstance(functions[0], Formula)
@@ -168,7 +181,7 @@ class DistributedForce(Part):
 
 
 @dataclass(frozen=True)
-class _Share:
+class _NodalForce:
     """What a node of an element has of a force at a + b t, Lagrange's polynomial of so many nodes.
 
     Numbers: the force over the product of distances, a, b, and the other nodes.
@@ -183,7 +196,7 @@ class _Share:
         return value
 
 
-def _none(t: Any, numbers: Any) -> Any:
+def _zero_force(t: Any, numbers: Any) -> Any:
     return 0.0 * t
 
 
@@ -227,9 +240,9 @@ class MovingForce(Part):
         )
         if self.speed == 0.0:
             raise BeamdaeError(f"{self.name}: speed must not be zero, take a Force on beam.at(s).")
-        if (abs(self.start) + self.beam.length) / abs(self.speed) > _LONGEST:
+        if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_TIME:
             raise BeamdaeError(
-                f"{self.name}: speed must pass the beam within {_LONGEST:g} s, got {self.speed:g}."
+                f"{self.name}: speed must pass the beam within {_MAX_TIME:g} s, got {self.speed:g}."
             )
 
     @cached_property
@@ -255,10 +268,10 @@ class MovingForce(Part):
             others = np.delete(xi, own)
             first = 2.0 * (self.start / length - element) - 1.0
             numbers = (force / np.prod(xi[own] - others), first, 2.0 * self.speed / length, *others)
-            pieces.append(Formula(_Share(mesh.nodes), tuple(map(float, numbers))))
+            pieces.append(Formula(_NodalForce(mesh.nodes), tuple(map(float, numbers))))
         bounds = np.unique([[x, x + 1] for x in elements]) * length
         times = np.sort((bounds - self.start) / self.speed)
-        nothing = Formula(_none)
+        nothing = Formula(_zero_force)
         lasting = length / abs(self.speed)
         return Law((nothing, *pieces, nothing), tuple(map(float, times)), lasting)
 
@@ -269,7 +282,7 @@ class MovingForce(Part):
         bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
         times = np.sort((bounds - self.start) / self.speed)
         lasting = self.beam.length / mesh.elements / abs(self.speed)
-        pieces = (Formula(_none),) * (len(times) + 1)
+        pieces = (Formula(_zero_force),) * (len(times) + 1)
         return (Law(pieces, tuple(map(float, times)), lasting),)
 
     @property
