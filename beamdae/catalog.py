@@ -212,9 +212,9 @@ GROUPS = (
         (
             Public("Solution", "beamdae.results.solution"),
             Public("SavedRun", "beamdae.results.storage.saved_run"),
-            Public("load", "beamdae.saved_runs"),
+            Public("load", "beamdae.simulation"),
             Public("SectionForces", "beamdae.results.section_forces.section_forces"),
-            Public("BeamRange", "beamdae.results.strain_validity"),
+            Public("BeamRange", "beamdae.results.diagnostics.strain_validity"),
         ),
     ),
     Group(
@@ -222,9 +222,9 @@ GROUPS = (
         "Pictures",
         (
             Public("draw", "beamdae.report.pictures.drawing"),
-            Public("plot", "beamdae.report.pictures.curves"),
-            Public("Plot", "beamdae.report.pictures.curves"),
-            Public("animate", "beamdae.report.pictures.motion"),
+            Public("plot", "beamdae.report.pictures.time_plots"),
+            Public("Plot", "beamdae.report.pictures.time_plots"),
+            Public("animate", "beamdae.report.pictures.run_animation"),
             Public("Animation", "beamdae.report.page.motion_player"),
         ),
     ),

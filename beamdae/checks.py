@@ -15,20 +15,24 @@ from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.mobility import free_motions, loose_groups, rigid_mobility
-from beamdae.equations.starts.reduced_equations import without_dependent
+from beamdae.equations.starts.mobility import (
+    count_rigid_mobility,
+    describe_free_motions,
+    find_loose_groups,
+)
+from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.equations.starts.redundant_constraints import (
     DependentSet,
-    dependent_sets,
-    scaled_joints,
+    analyze_constraint_rank,
+    find_dependent_sets,
 )
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.run_plan import branch_time, plan_run
-from beamdae.model_functions import Built, Model
+from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.terminal.check_report import facts_of
-from beamdae.results.start_changes import StartFacts, start_facts
+from beamdae.report.terminal.check_report import describe_check
+from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
@@ -145,7 +149,7 @@ class Check:
     free_motions: tuple[str, ...]
     loose: tuple[tuple[str, ...], ...]
     residuals: tuple[ConstraintResidual, ...]
-    start: StartFacts | None
+    start: StartSummary | None
     spectrum: FrequencyRange | None
     meshes: tuple[MeshAssessment, ...]
     prediction: RunPrediction | None
@@ -158,11 +162,11 @@ class Check:
     def _repr_html_(self) -> str:
         from beamdae.report.card import table
 
-        return table(facts_of(self))
+        return table(describe_check(self))
 
     def __str__(self) -> str:
         """All of it as text."""
-        told = facts_of(self)
+        told = describe_check(self)
         width = max(map(len, told))
         return "\n".join([self.name, *(f"{topic:<{width}}  {x}" for topic, x in told.items())])
 
@@ -195,7 +199,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
     """
     name, predict = "mechanism", require_choice("check", "predict", predict, (True, False))
-    if isinstance(model, (Model, Built)) and model.origin is not None:
+    if isinstance(model, (Model, HasOrigin)) and model.origin is not None:
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
@@ -212,22 +216,22 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         dependent=(),
         free_motions=(),
         # Coordinates of other systems may be anything.
-        loose=loose_groups(equations) if equations.mechanism else (),
+        loose=find_loose_groups(equations) if equations.mechanism else (),
         residuals=_constraint_residuals(own, time, state),
-        start=None if state is None else start_facts(equations, state),
+        start=None if state is None else compare_start(equations, state),
         spectrum=None,
         meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
     )
     if equations.m <= _MOST_CONSTRAINTS:
-        joints = scaled_joints(own, time, q)
+        joints = analyze_constraint_rank(own, time, q)
         found = replace(
             found,
             rank=joints.rank,
-            rigid_mobility=rigid_mobility(equations, q, joints),
-            dependent=dependent_sets(own, time, q, v, joints),
-            free_motions=free_motions(equations, q, joints),
+            rigid_mobility=count_rigid_mobility(equations, q, joints),
+            dependent=find_dependent_sets(own, time, q, v, joints),
+            free_motions=describe_free_motions(equations, q, joints),
         )
         if state is not None and equations.n <= _MOST:
             found = replace(found, spectrum=compute_frequency_range(starter.equations, time, state))
@@ -248,7 +252,7 @@ def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySo
     """
     time, own, problem = _first_branch(equations, end), equations, ""
     few = equations.m <= _MOST_CONSTRAINTS
-    if few and (by := without_dependent(equations, time)) is not None:
+    if few and (by := drop_dependent_constraints(equations, time)) is not None:
         own = by.equations
         try:
             if equations.redundant:

@@ -8,13 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from beamdae.report.card import card as summarize_as_html
-from beamdae.report.pictures.curves import picture_path
-from beamdae.report.pictures.curves import plot as plot_time_series
-from beamdae.report.pictures.equilibrium_path import plot_path as plot_equilibrium_path
 from beamdae.report.pictures.figures import save_figure
-from beamdae.report.pictures.motion import animate
-from beamdae.report.pictures.response_curve import plot_response as plot_frequency_response
+from beamdae.report.pictures.path_plots import plot_path as plot_equilibrium_path
+from beamdae.report.pictures.path_plots import plot_response as plot_frequency_response
+from beamdae.report.pictures.run_animation import animate
 from beamdae.report.pictures.section_diagrams import plot_section_diagram as plot_section_forces
+from beamdae.report.pictures.time_plots import picture_path
+from beamdae.report.pictures.time_plots import plot as plot_time_series
 from beamdae.results.displays import Plot
 
 __all__ = [

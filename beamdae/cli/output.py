@@ -20,7 +20,7 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from beamdae.report.text import plain
+from beamdae.report.text import make_printable
 
 # Where no terminal has a say, lines are as long as they are; no table is read in less than 20.
 _WIDE, _NARROW = 10_000, 20
@@ -106,7 +106,7 @@ def progress_console() -> Console | None:
 
 def complain(sentence: str) -> None:
     """One line on standard error."""
-    line = plain(" ".join(sentence.split()))
+    line = make_printable(" ".join(sentence.split()))
     _now().errors.append(line)
     typer.echo(line, err=True)
 
@@ -119,7 +119,7 @@ def say_warnings(screen: Console, sentences: Iterable[str]) -> None:
 
 def warned(sentence: str) -> str:
     """The sentence of a warning as it is told, here and in the document."""
-    told = plain(sentence)
+    told = make_printable(sentence)
     _now().warnings.append(told)
     return told
 
@@ -127,8 +127,8 @@ def warned(sentence: str) -> str:
 def say_written(screen: Console, paths: Iterable[Path]) -> None:
     """Tell which files there are now."""
     for path in paths:
-        _now().files.append(plain(str(path)))
-        screen.print(f"written: {plain(str(path))}", style="dim", soft_wrap=True)
+        _now().files.append(make_printable(str(path)))
+        screen.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
 
 
 def _strict(value: Any) -> Any:

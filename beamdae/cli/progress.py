@@ -53,12 +53,12 @@ class Reached:
         from rich.table import Table
         from rich.text import Text
 
-        from beamdae.report.terminal.responsive_table import cut
+        from beamdae.report.terminal.responsive_table import shorten_to_cells
 
         width = options.max_width
         told = f"{self.done} {clock(self.left)}"
         longer = f"{told} left"
-        told = longer if len(longer) + 1 + _NARROWEST <= width else cut(told, width)
+        told = longer if len(longer) + 1 + _NARROWEST <= width else shorten_to_cells(told, width)
         bar = max(min(_WIDEST, width - len(told) - 1), 0)
         room = width - bar - len(told) - 2
         line = Table.grid(padding=(0, 1, 0, 0))
@@ -66,7 +66,7 @@ class Reached:
         if bar >= _NARROWEST:
             cells.insert(0, ProgressBar(1.0, min(max(self.share, 0.0), 1.0), width=bar))
         if room >= _LEAST_LABEL:
-            cells.append(Text(cut(self.label, room), no_wrap=True))
+            cells.append(Text(shorten_to_cells(self.label, room), no_wrap=True))
         line.add_row(*cells)
         yield line
 

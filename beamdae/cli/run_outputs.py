@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
-    from beamdae.results.storage.continued_runs import Parts
+    from beamdae.results.storage.continued_runs import RunParts
 
 
 @dataclass
@@ -80,9 +80,9 @@ class Run:
 
 def can_go_on(status: Status) -> bool:
     """Whether there is more of the run to come; where it had not begun yet, it begins again."""
-    from beamdae.results.outcome import OF_SCOUT
+    from beamdae.results.outcome import PILOT_RUN_SUFFIX
 
-    return not status.success and OF_SCOUT not in status.sentence
+    return not status.success and PILOT_RUN_SUFFIX not in status.sentence
 
 
 def integrate(run: Run, t_end: float | None, output_step: float | None, *start: Any) -> Solution:
@@ -106,7 +106,7 @@ def integrate(run: Run, t_end: float | None, output_step: float | None, *start: 
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 
 
-def write(run: Run, parts: Parts, solution: Solution, checkpoint: Path | None) -> None:
+def write(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
     """Write the table, and where the run ended if that is asked for or it can go on."""
     with interrupts.held():
         run.columns, files = parts.write(solution)
@@ -121,7 +121,7 @@ def write(run: Run, parts: Parts, solution: Solution, checkpoint: Path | None) -
 def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     """Find how far the observed columns are off, and write that beside the table."""
     from beamdae import verification
-    from beamdae.results.storage.files import write_beside
+    from beamdae.results.storage.files import write_metadata
 
     if not solution.columns:
         return
@@ -129,15 +129,15 @@ def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     with run_progress(float(solution.t[-1]), what) as progress:
         told = partial(progress, run.method.label)
         if verify:
-            errors = verification.verified(solution, progress=told)
+            errors = verification.compare_methods(solution, progress=told)
         else:
-            errors = verification.estimated(solution, told)
+            errors = verification.estimate_errors(solution, told)
     # The second run takes an interrupt for its own.
     if interrupts.heard():
         return
-    run.errors, run.beyond = errors, verification.exceeded(solution, errors)
+    run.errors, run.beyond = errors, verification.accuracy_warning(solution, errors)
     with interrupts.held():
-        write_beside(table, solution.beside(errors=_by_column(run, solution)))
+        write_metadata(table, solution.beside(errors=_by_column(run, solution)))
 
 
 def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
@@ -153,11 +153,11 @@ def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
 
 def draw(run: Run, solution: Solution) -> None:
     """Draw the run; the title says if it ended early."""
-    from beamdae.report.pictures.figures import picture_of_run
+    from beamdae.report.pictures.figures import plot_run
 
     status = solution.status
     title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
-    run.written.draw(run.picture.name, lambda: [picture_of_run(run.picture, run.columns, title)])
+    run.written.draw(run.picture.name, lambda: [plot_run(run.picture, run.columns, title)])
 
 
 def write_page(run: Run, solution: Solution) -> None:
@@ -175,19 +175,19 @@ def write_page(run: Run, solution: Solution) -> None:
 
 def say(run: Run, solution: Solution) -> None:
     """Tables and sentences of a run on the screen."""
-    from beamdae.report.terminal import tables as terminal
-    from beamdae.results.event_records import happened
+    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.results.event_records import format_event_times
 
     record(lambda: _found(run, solution))
     screen = console()
     rows = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
-        rows["events"] = happened(solution.occurred)
-    screen.print(terminal.facts(run.model.name, rows))
+        rows["events"] = format_event_times(solution.event_records)
+    screen.print(terminal.fact_list(run.model.name, rows))
     if solution.columns:
-        screen.print(terminal.ranges(solution.columns, run.errors))
+        screen.print(terminal.range_table(solution.columns, run.errors))
     if solution.validity:
-        screen.print(terminal.validity(solution.validity))
+        screen.print(terminal.validity_table(solution.validity))
     say_warnings(screen, [*filter(None, [run.beyond]), *solution.warnings])
     # Whoever reads a pipe has it now as well.
     sys.stdout.flush()
@@ -195,10 +195,10 @@ def say(run: Run, solution: Solution) -> None:
 
 def _found(run: Run, solution: Solution) -> dict[str, Any]:
     """What --json tells of a run: what is beside its table, and its observed columns."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     told = solution.beside()
     del told["equations"], told["warnings"]
     errors = {} if run.errors is None else _by_column(run, solution)
-    observed = terminal.extremes(solution.columns).items()
+    observed = terminal.column_extremes(solution.columns).items()
     return told | {"observed": {name: x | errors.get(name, {}) for name, x in observed}}

@@ -132,9 +132,9 @@ def _do(work: Work, executor: Callable[[], Executor]) -> None:
 
 def say_failures(results: Results) -> None:
     """A sentence for each case that did not reach its end, if it was begun."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
-    reasons = terminal.failures(results.table[results.table["status"] != "interrupted"])
+    reasons = terminal.failure_sentences(results.table[results.table["status"] != "interrupted"])
     for reason in reasons[:MOST_ROWS]:
         complain(f"failed: {reason}")
     if len(reasons) > MOST_ROWS:

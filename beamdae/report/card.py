@@ -6,9 +6,9 @@ import html
 from collections.abc import Mapping
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.motion import draw_thumbnail
-from beamdae.report.terminal.tables import format_number
-from beamdae.results.event_records import happened
+from beamdae.report.pictures.run_animation import draw_thumbnail
+from beamdae.report.terminal.text_tables import format_number
+from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 
 _CELL = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
@@ -42,7 +42,7 @@ def _facts(solution: Solution) -> dict[str, str]:
         "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
     }
     if solution.equations.events:
-        facts["events"] = happened(solution.occurred)
+        facts["events"] = format_event_times(solution.event_records)
     for k, sentence in enumerate(solution.warnings):
         facts[f"warning {k + 1}"] = sentence
     return facts

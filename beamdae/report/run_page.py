@@ -8,11 +8,11 @@ from typing import Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.curves_data import curves_of, rows_a_curve
-from beamdae.report.scene.scene_frames import export_run_frames
-from beamdae.report.terminal import tables as terminal
+from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.terminal import text_tables as terminal
 from beamdae.report.terminal.responsive_table import ResponsiveTable
-from beamdae.results.event_records import happened
-from beamdae.results.headers import observed_columns
+from beamdae.results.columns import observed_columns
+from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 
@@ -74,12 +74,12 @@ def _tables(
 ) -> list[dict[str, Any]]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
-        facts["events"] = happened(solution.occurred)
+        facts["events"] = format_event_times(solution.event_records)
     observed = {name: columns[name] for name in observed_columns(columns)}
     return [
         {"title": "Run", "rows": list(facts.items())},
-        _told("Observed", terminal.ranges(observed, errors)),
-        _told("Validity of the beams", terminal.validity(solution.validity)),
+        _told("Observed", terminal.range_table(observed, errors)),
+        _told("Validity of the beams", terminal.validity_table(solution.validity)),
         {"title": "Where it comes from", "rows": _provenance(solution)},
     ]
 

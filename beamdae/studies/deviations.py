@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
-from beamdae.results.column_selection import selected
-from beamdae.results.headers import Header, observed_columns
+from beamdae.results.columns import Header, observed_columns, select_columns
 
 # Columns that move less than this share of the largest motion in their unit are held by a joint.
 _AT_REST = 1e-6
@@ -28,11 +27,11 @@ def column_names(part: str, value: Any) -> tuple[str, ...]:
 
 
 def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """The observed columns of such names, see `selected`; refuses what is not observed."""
+    """The observed columns of such names, see `select_columns`; refuses what is not observed."""
     found: dict[str, None] = {}
     for name in names:
         try:
-            found |= dict.fromkeys(selected(present, name))
+            found |= dict.fromkeys(select_columns(present, name))
         except BeamdaeError:
             known = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.results.event_records import counted
+from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
 
 EVENTS = "events"
@@ -20,7 +20,7 @@ def event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     for term in solution.equations.events:
-        times = [one.t for one in solution.occurred if one.name == term.name and one.t <= until]
+        times = [one.t for one in solution.event_records if one.name == term.name and one.t <= until]
         found[_count(term.name)] = len(times)
         if times:
             found[_first(term.name)] = times[0]
@@ -75,7 +75,7 @@ def _of_events(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _phrase(found: Mapping[str, Any]) -> str:
     """Which happened, and how often."""
-    return counted(
+    return format_event_counts(
         column.removeprefix("event ").removesuffix(", times")
         for column, value in found.items()
         if isinstance(value, int)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.curves_data import curves_of, rows_a_curve
-from beamdae.results.headers import Header
+from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.report.pictures import figures as pictures
-from beamdae.results.headers import observed_columns
+from beamdae.results.columns import observed_columns
 from beamdae.studies.deviations import deviations
 from beamdae.studies.execution.engine import Results
 from beamdae.studies.run_values import SPREAD

@@ -463,7 +463,7 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     def second(_):
         raise AssertionError("went again")
 
-    monkeypatch.setattr("beamdae.integrators.ida.ida.Bdf.advance", interrupted)
+    monkeypatch.setattr("beamdae.integrators.ida.ida.IdaStepper.advance", interrupted)
     monkeypatch.setattr("beamdae.verification.error_estimate", second)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)

@@ -311,7 +311,7 @@ def test_a_model_that_ends_the_process_is_a_mistake(here, command, place, line, 
 def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
     titles = []
     monkeypatch.setattr(
-        "beamdae.report.pictures.figures.picture_of_run",
+        "beamdae.report.pictures.figures.plot_run",
         lambda path, table, title: titles.append(title) or path,
     )
     result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])

@@ -70,7 +70,7 @@ def test_three_parts_make_the_table_of_one_run(go):
         assert_allclose(table[column][on_grid], whole.all_columns()[column], atol=1e-3)
     assert_allclose(table["energy.dissipated [J]"].iloc[-1], whole.ledger.iloc[-1, 5], rtol=1e-4)
     assert np.abs(table["energy.imbalance [J]"]).max() < 1e-4
-    assert len(told["events"]) == len(whole.occurred)
+    assert len(told["events"]) == len(whole.event_records)
     assert [part["file"] for part in told["parts"]] == [f"ball_part{k}.csv" for k in (1, 2, 3)]
     steps = sum(read(f"ball_part{k}")[1]["result"]["steps"] for k in (1, 2, 3))
     assert told["result"]["steps"] == steps

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from beamdae.native.object_code import is_on
+from beamdae.native.object_code import is_native_enabled
 
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
@@ -29,7 +29,9 @@ NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special
 
 @pytest.mark.slow(reason="a process of its own")
 @pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
-@pytest.mark.skipif(not is_on(), reason="without machine code scikit-sundae is imported")
+@pytest.mark.skipif(
+    not is_native_enabled(), reason="without machine code scikit-sundae is imported"
+)
 def test_a_run_imports_what_it_needs(tmp_path):
     imported = {"numba"}
     for _ in range(2):

@@ -13,7 +13,7 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.report.scene import poses
-from beamdae.report.scene.body_scene import scene_of
+from beamdae.report.scene.mechanism_scene import build_scene
 
 SLOW = pytest.mark.slow(reason="half a second and more")
 EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
@@ -33,7 +33,7 @@ def names(mech):
 
 def arrows(mech):
     """From where to where each arrow goes."""
-    scene = scene_of(mech, poses.drawn, np.zeros(1))
+    scene = build_scene(mech, poses.reference_poses, np.zeros(1))
     return [line[0] for glyph, line in scene.lines() if glyph.kind == "load"]
 
 

@@ -8,9 +8,9 @@ from pendulum import pendulum
 
 import beamdae as bd
 from beamdae.parts.part import Drawing
-from beamdae.report.scene.run_scene import scene_of_run
-from beamdae.report.scene.scene_frames import frames_of
-from beamdae.results.outlines import frame_times
+from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.scene.outlines import frame_times
+from beamdae.report.scene.run_scene import build_run_scene
 
 FRAMES = 11
 
@@ -21,7 +21,7 @@ def run(mechanism):
 
 def seen(solution, **settings):
     """By part and kind: where the points of its glyphs are, (frames, k, 2)."""
-    scene = scene_of_run("test", solution, frame_times(solution, FRAMES), **settings)
+    scene = build_run_scene("test", solution, frame_times(solution, FRAMES), **settings)
     return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
 
 
@@ -39,7 +39,7 @@ def test_parts_are_seen_while_they_are_active():
     assert np.array_equal(gone, frame_times(solution, FRAMES) > let_go)
     assert 0 < gone.sum() < FRAMES
     assert np.isfinite(support[:, 0]).all()
-    (symbol,) = [x for x in frames_of(solution)["symbols"] if x["name"] == "hinge"]
+    (symbol,) = [x for x in export_run_frames(solution)["symbols"] if x["name"] == "hinge"]
     assert symbol["absent"] == list(range(symbol["absent"][0], 120))
     solution.animate(frames=3)
 

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from pages import study
 
 import beamdae as bd
-from beamdae.report.scene.run_scene import scene_of_run
-from beamdae.report.scene.scene_frames import frames_of
-from beamdae.results.outlines import frame_times
+from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.scene.outlines import frame_times
+from beamdae.report.scene.run_scene import build_run_scene
 
 
 def ends(tab, k):
@@ -71,7 +71,7 @@ def swing():
     mech.add(bd.SpringDamper("leg", mech.ground.at(0.8, -1.0), beam.end, 50.0, 1.0))
     mech.add(bd.Moment("twist", wheel.at(-1.0, 0.2), lambda t: 0.01 * (0.2 - t)))
     solution = bd.simulate(mech, bd.Radau(1e-4), t_end=0.4)
-    return solution, frames_of(solution)
+    return solution, export_run_frames(solution)
 
 
 def paths(tab, kind):
@@ -86,7 +86,7 @@ def test_symbols_are_where_they_are_in_python(show, swing):
     solution, frames = swing
     tab = show({"groups": [{"id": "a", "frames": frames}], "cases": [{"id": "0", "group": "a"}]})
     tab.locator("#frame").fill("90")
-    scene = scene_of_run("test", solution, frame_times(solution))
+    scene = build_run_scene("test", solution, frame_times(solution))
     places, pixels = [], []
     for kind in ("beam", "spring", "damper", "wheel", "surface", "joint", "load"):
         lines = [line[90] for glyph, line in scene.lines() if glyph.kind.split()[0] == kind]

@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.report.scene.beam_colors import painted
-from beamdae.report.scene.body_scene import SECTIONS
-from beamdae.results.outlines import frame_times
+from beamdae.report.scene.beam_colors import compute_beam_colors
+from beamdae.report.scene.mechanism_scene import SECTIONS
+from beamdae.report.scene.outlines import frame_times
 
 FRAMES = 11
 
@@ -27,7 +27,7 @@ def test_colors_are_the_observed_values_along_the_beam(what):
     mechanism.observe("bottom", getattr(beam, what)(s, "bottom") if len(what) > 1 else beam.end)
     mechanism.observe("forces", beam.section_forces(s))
     solution = run(mechanism)
-    found = painted("test", solution, what, frame_times(solution, FRAMES))
+    found = compute_beam_colors("test", solution, what, frame_times(solution, FRAMES))
     here = found.values["beam"][:, (SECTIONS - 1) // 4]
     table = solution.observed
     if len(what) > 1:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.text import plain, shortened
+from beamdae.report.text import make_printable, shorten_text
 from beamdae.studies import study_pictures as plots
 from beamdae.studies.references import Reference
 
@@ -47,7 +47,7 @@ TABLES = {
 @pytest.mark.slow(reason="ten pictures")
 @pytest.mark.parametrize(("data", "seen"), TABLES.values(), ids=TABLES)
 def test_picture_of_run_of_odd_data(tmp_path, data, seen):
-    path = pictures.picture_of_run(tmp_path / "run.png", data, f"{ODD}{LONG}")
+    path = pictures.plot_run(tmp_path / "run.png", data, f"{ODD}{LONG}")
     assert (ink(path) > 1e-4) == seen
 
 
@@ -57,7 +57,7 @@ def test_picture_of_comparison_of_odd_data(tmp_path, data, seen):
     for error in (0.0, np.nan, np.inf, 1e-3):
         deviant = pd.DataFrame({"x": np.full(len(T), error)}, index=T)
         runs = {ODD: (data, deviant), LONG: (data, None)}
-        path = pictures.picture_of_comparison(tmp_path / "c.png", data, runs, 1e-4, ODD)
+        path = pictures.plot_comparison(tmp_path / "c.png", data, runs, 1e-4, ODD)
         assert ink(path) > 0.0, "not even the legend"
 
 
@@ -72,7 +72,7 @@ def test_a_stress_in_pascal_does_not_make_ways_in_meters_still():
 def test_of_forty_observables_twelve_are_drawn_and_the_picture_says_so(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr(pictures, "saved", lambda figure, path: figures.append(figure))
-    pictures.picture_of_run(tmp_path / "r.png", table(**{f"o{k}.x [m]": T for k in range(40)}), "r")
+    pictures.plot_run(tmp_path / "r.png", table(**{f"o{k}.x [m]": T for k in range(40)}), "r")
     assert len(figures[0].axes) == 12
     assert figures[0].get_suptitle() == "r\n12 of 40 observables"
 
@@ -82,7 +82,7 @@ def test_styles_of_legend_and_curves_agree(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "saved", lambda figure, path: figures.append(figure))
     data = table(**{"a.u [m]": T})
     runs = {n: (data, pd.DataFrame({"a.u [m]": 1e-3 + T}, index=T)) for n in "ABCDEFGH"}
-    pictures.picture_of_comparison(tmp_path / "c.png", data, runs, 1e-9, "c")
+    pictures.plot_comparison(tmp_path / "c.png", data, runs, 1e-9, "c")
     (figure,) = figures
     (legend,) = figure.legends
     shown = [(h.get_color(), h.get_linestyle()) for h in legend.get_lines()][1:]
@@ -230,7 +230,7 @@ def test_many_groups_with_long_names_are_drawn_as_far_as_anybody_looks(tmp_path,
 
 
 def test_letters_of_users_are_shown_by_their_codes():
-    assert plain("a\x07b\x1b[1m\ud800\n梁") == r"a\x07b\x1b[1m\ud800 梁"
-    assert shortened("abcdefghij", 5) == "ab…ij"
-    assert len(shortened(LONG, 60)) == 60
-    assert re.fullmatch("L+…L+", shortened(LONG, 7))
+    assert make_printable("a\x07b\x1b[1m\ud800\n梁") == r"a\x07b\x1b[1m\ud800 梁"
+    assert shorten_text("abcdefghij", 5) == "ab…ij"
+    assert len(shorten_text(LONG, 60)) == 60
+    assert re.fullmatch("L+…L+", shorten_text(LONG, 7))

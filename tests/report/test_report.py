@@ -11,7 +11,7 @@ from rich.console import Console
 
 import beamdae as bd
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.terminal import tables as terminal
+from beamdae.report.terminal import text_tables as terminal
 
 T = np.linspace(0.0, 1.0, 11)
 FRAME = pd.DataFrame(
@@ -52,11 +52,11 @@ def text(renderable):
     ],
 )
 def test_number_in_few_characters(value, shown):
-    assert terminal.number(value) == shown
+    assert terminal.format_number(value) == shown
 
 
 def test_ranges_show_units_and_no_rounding():
-    lines = text(terminal.ranges(FRAME.drop(columns="t [s]"))).splitlines()
+    lines = text(terminal.range_table(FRAME.drop(columns="t [s]"))).splitlines()
     rows = {line[: line.index("]") + 1].strip(): line.split()[-3:] for line in lines if "]" in line}
     assert rows["tip.x [m]"] == ["0.5403", "1", "0.5403"]
     assert rows["tip.y [m]"] == ["0", "0", "0"]
@@ -81,7 +81,7 @@ def test_comparison_marks_what_the_reference_cannot_tell():
     assert rows["A(step=1)"].split()[1:] == ["ok", "10", "0.01"]
     assert rows["B(step=2)"].split()[1:] == ["ok", "20", "<", "0.0001"]
     assert rows["C(step=3)"].split()[1:] == ["failed", "-", "-"]
-    assert terminal.failures(table) == ["arm, C(step=3): stopped at t = 1 s"]
+    assert terminal.failure_sentences(table) == ["arm, C(step=3): stopped at t = 1 s"]
 
 
 def test_deformation_characterizes_a_comparison():
@@ -108,20 +108,20 @@ def drawn(path):
 
 
 def test_picture_of_run_has_curves(tmp_path):
-    path = pictures.picture_of_run(tmp_path / "new" / "run.png", FRAME, "title")
+    path = pictures.plot_run(tmp_path / "new" / "run.png", FRAME, "title")
     assert drawn(path) > 1e-3
 
 
 def test_picture_of_a_run_without_observables_shows_energies(tmp_path):
     frame = FRAME[["t [s]", "energy.kinetic [J]"]]
-    assert drawn(pictures.picture_of_run(tmp_path / "run.png", frame, "title")) > 1e-3
+    assert drawn(pictures.plot_run(tmp_path / "run.png", frame, "title")) > 1e-3
 
 
 @pytest.mark.slow(reason="half a second and more")
 def test_picture_of_comparison_has_a_curve_in_each_color(tmp_path):
     errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
     runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, None)}
-    path = pictures.picture_of_comparison(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
+    path = pictures.plot_comparison(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
     image = matplotlib.image.imread(path)[..., :3]
     for color in pictures.COLORS[:3]:
         distance = np.abs(image - np.array(matplotlib.colors.to_rgb(color))).max(axis=-1)
@@ -132,14 +132,14 @@ def test_pictures_leave_the_global_state_alone(tmp_path):
     with matplotlib.rc_context({"lines.linewidth": 1.23, "axes.grid": True}):
         before = dict(matplotlib.rcParams)
         frame = FRAME[["t [s]", "tip.x [m]"]]
-        pictures.picture_of_run(tmp_path / "run.png", frame, "title")
+        pictures.plot_run(tmp_path / "run.png", frame, "title")
         assert dict(matplotlib.rcParams) == before
 
 
 def test_picture_that_cannot_be_written(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(bd.BeamdaeError, match=r"run\.png: it cannot be written"):
-        pictures.picture_of_run(tmp_path / "file" / "run.png", FRAME, "title")
+        pictures.plot_run(tmp_path / "file" / "run.png", FRAME, "title")
 
 
 def test_names_are_drawn_as_written(tmp_path):
@@ -151,10 +151,10 @@ def test_names_are_drawn_as_written(tmp_path):
             "梁.x [m]": [0.0, 1.0],
         }
     )
-    assert pictures.picture_of_run(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
+    assert pictures.plot_run(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
 
 
 def test_regression_values_without_a_unit_are_not_rounding_beside_larger_ones():
-    table = terminal.ranges(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
+    table = terminal.range_table(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
     (line,) = [line for line in text(table).splitlines() if "a [-]" in line]
     assert line.split()[2:] == ["1", "2", "2"]

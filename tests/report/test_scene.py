@@ -14,10 +14,10 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.report.scene import poses
-from beamdae.report.scene.body_scene import SECTIONS, scene_of
-from beamdae.report.scene.run_scene import scene_of_run
-from beamdae.report.scene.scene_frames import frames_of
-from beamdae.results.outlines import frame_times
+from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.scene.mechanism_scene import SECTIONS, build_scene
+from beamdae.report.scene.outlines import frame_times
+from beamdae.report.scene.run_scene import build_run_scene
 
 FRAMES = 11
 T_END = 0.2
@@ -31,7 +31,7 @@ def run(mechanism, t_end=T_END):
 
 def seen(solution, kind=None, **settings):
     """By part and kind: where the points of its glyphs are, (frames, k, 2)."""
-    scene = scene_of_run("test", solution, frame_times(solution, FRAMES), **settings)
+    scene = build_run_scene("test", solution, frame_times(solution, FRAMES), **settings)
     found = {}
     for glyph, line in scene.lines():
         found.setdefault((glyph.part, glyph.kind), []).append(line)
@@ -164,8 +164,8 @@ def test_a_drawing_is_the_first_frame_of_a_motion(make):
     mech, disk, beam = both()
     mech.add(make(mech, disk, beam))
     q = np.concatenate([part.initial_position for part in mech.parts.values()])
-    drawn = scene_of(mech, poses.drawn, np.zeros(1))
-    moved = scene_of(mech, poses.Moved(mech, q[None]), np.zeros(1))
+    drawn = build_scene(mech, poses.reference_poses, np.zeros(1))
+    moved = build_scene(mech, poses.CoordinatePoses(mech, q[None]), np.zeros(1))
     assert [g.part for g in drawn.glyphs] == [g.part for g in moved.glyphs]
     for (glyph, line), (_, other) in zip(drawn.lines(), moved.lines(), strict=True):
         # Rounding, of the angles of the axis and of derivatives of shape functions.
@@ -194,7 +194,7 @@ def test_symbols_move_with_a_mechanism_that_moves_as_a_whole(make):
         at = sum(len(x.coordinates) for x in list(mech.parts.values())[:first])
         moved[at : at + 2] = turned(q[at : at + 2], angle, way)
         moved[at + 2] += angle
-    scene = scene_of(mech, poses.Moved(mech, np.array([q, moved])), np.zeros(2))
+    scene = build_scene(mech, poses.CoordinatePoses(mech, np.array([q, moved])), np.zeros(2))
     grounded = {
         part.name
         for part in mech.parts.values()
@@ -212,7 +212,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
     mech.add(bd.Spring("spring", ends[0].point, ends[1].point, 1.0))
     mech.add(bd.Damper("damper", ends[0].point, ends[1].point, 1.0))
     q = np.array([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5)])
-    scene = scene_of(mech, poses.Moved(mech, q), np.zeros(2))
+    scene = build_scene(mech, poses.CoordinatePoses(mech, q), np.zeros(2))
     lines = {glyph.kind: line for glyph, line in scene.lines()}
     for kind in ("spring", "damper"):
         finite = lines[kind][:, np.isfinite(lines[kind][0, :, 0])]
@@ -262,7 +262,7 @@ def test_arrows_are_as_long_as_their_load_is_of_its_largest():
     assert np.isnan(length[0])
     assert_allclose(length[1:] / length[-1], np.linspace(0.0, 1.0, FRAMES)[1:], rtol=1e-12)
     # Nothing but standard JSON.
-    assert json.loads(json.dumps(frames_of(run(mech)), allow_nan=False))
+    assert json.loads(json.dumps(export_run_frames(run(mech)), allow_nan=False))
 
 
 @pytest.mark.slow(reason="a quarter of a second")

@@ -10,8 +10,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 import beamdae as bd
-from beamdae.report.terminal import tables as terminal
-from beamdae.report.terminal.responsive_table import Column, FittedTable, cut
+from beamdae.report.terminal import text_tables as terminal
+from beamdae.report.terminal.responsive_table import Column, ResponsiveTable, shorten_to_cells
 
 WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")
@@ -46,7 +46,7 @@ def ranges():
     columns = ["half the range", "error over half the range", "allowed", "verdict"]
     values = [1.0, 1.2e-06, 1e-3, "agrees"]
     errors = pd.DataFrame([values] * 3, columns=columns, index=list(observed))
-    return terminal.ranges(observed, errors)
+    return terminal.range_table(observed, errors)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -84,21 +84,21 @@ def test_what_is_left_out_is_said_with_where_it_is():
 def test_a_first_column_of_three_hundred_letters_loses_its_middle_beside_whole_numbers(width):
     columns = [Column("least", 2), Column("more", 1), Column("most")]
     name = f"begin{'L' * 300}end"
-    text = printed(FittedTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
+    text = printed(ResponsiveTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
     (row,) = [line for line in text.splitlines() if "3.3" in line]
     assert re.match(r" beginL+…L+end +\d", row)
     assert len(row.rstrip()) >= width - 2
-    text = printed(terminal.facts("", {name: 1.5}), width)
+    text = printed(terminal.fact_list("", {name: 1.5}), width)
     assert re.match(r"beginL+…L+end  ?1.5", text)
 
 
 def test_wide_letters_are_cut_by_the_cells_they_take():
     for most in range(1, 50):
-        short = cut("梁" * 20 + "beam", most)
+        short = shorten_to_cells("梁" * 20 + "beam", most)
         assert cell_len(short) <= most
         assert cell_len(short) >= min(most - 2, 44)
-    assert cut("梁" * 20 + "beam", 11) == "梁梁梁…beam"
-    assert cut("abcdefgh", 4) == "ab…h"
+    assert shorten_to_cells("梁" * 20 + "beam", 11) == "梁梁梁…beam"
+    assert shorten_to_cells("abcdefgh", 4) == "ab…h"
 
 
 @pytest.mark.parametrize("markup", [True, False])
@@ -106,9 +106,9 @@ def test_markup_in_names_is_text(markup):
     odd = "[/b] [bold] :smile: \x1b[31m"
     shown = r"[/b] [bold] :smile: \x1b[31m"
     for renderable in (
-        FittedTable(odd, [Column(odd, sentences=True)], [(odd, odd)]),
-        terminal.facts(odd, {odd: odd}),
-        terminal.parts({odd: odd}),
+        ResponsiveTable(odd, [Column(odd, sentences=True)], [(odd, odd)]),
+        terminal.fact_list(odd, {odd: odd}),
+        terminal.parts_table({odd: odd}),
         terminal.comparison_table(comparison().assign(label=odd)),
     ):
         assert shown in printed(renderable, 200, markup=markup)
@@ -132,7 +132,7 @@ def test_summary_tells_units_with_values():
 
 def test_ranges_of_columns_that_are_not_finite():
     table = pd.DataFrame({"a [m]": [np.nan, np.nan], "b [m]": [np.inf, 1.0], "c [m]": [1.0, 2.0]})
-    text = printed(terminal.ranges(table), 80)
+    text = printed(terminal.range_table(table), 80)
     assert [line.split()[-3:] for line in text.splitlines() if "[m]" in line] == [
         ["-", "-", "-"],
         ["1", "inf", "1"],

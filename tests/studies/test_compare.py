@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.results.headers import observed_columns
+from beamdae.results.columns import observed_columns
 from beamdae.studies import deviations
 from beamdae.studies import run_values as told
 from beamdae.studies.case import default_integrators

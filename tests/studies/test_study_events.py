@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from rich.console import Console
 
 import beamdae as bd
-from beamdae.report.terminal import tables as terminal
+from beamdae.report.terminal import text_tables as terminal
 from beamdae.studies.execution.case_run import Outcome
 from beamdae.studies.references import agreed, reference_tasks
 from beamdae.studies.run_values import by_time, values
@@ -40,7 +40,7 @@ def test_a_case_tells_its_events_and_how_far_they_are_off():
     assert list(table["events"]) == ["bottom, caught"] * 2
     assert list(table["event bottom, times"]) == [1, 1]
     whole = bd.simulate(pendulum, FINE)
-    off = np.abs(table[FIRST] - whole.occurred[0].t)
+    off = np.abs(table[FIRST] - whole.event_records[0].t)
     assert_allclose(table[f"error of {FIRST}"], off, atol=1e-12)
     # Order 2, as the trajectory has it.
     assert_allclose(off[0] / off[1], 4.0, rtol=0.05)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 import beamdae as bd
+from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.measures import ObservedRows
-from beamdae.equations.static_equations import StaticEquations
 
 Array = np.ndarray
 

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import beamdae as bd
-from beamdae.report.pictures.drawing import figure_of_drawing
+from beamdae.report.pictures.drawing import create_drawing
 
 NAMES = (
     "four_bar",
@@ -29,7 +29,7 @@ COLUMNS = 3
 
 def drawing(name: str):
     """Of a model, as an image."""
-    figure = figure_of_drawing(bd.load_model(f"example:{name}")(), size=(5.0, 3.6))
+    figure = create_drawing(bd.load_model(f"example:{name}")(), size=(5.0, 3.6))
     found = io.BytesIO()
     figure.savefig(found, dpi=110, format="png")
     found.seek(0)

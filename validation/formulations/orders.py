@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.equations.measures import books_of
+from beamdae.equations.measures import balance_rows
 from formulations.shooting import Bent, bent
 
 Array = np.ndarray
@@ -95,7 +95,7 @@ def at_rest(curve: Any, elements: int, words: Mapping[str, Any]) -> Bent:
     columns = found.columns
     tip = [columns[f"tip.{name}"][-1] for name in ("x [m]", "y [m]", "angle [rad]")]
     q, still = found.q[-1:], np.zeros((1, found.q.shape[1]))
-    books = books_of(found.equations)(np.zeros((1, 2)), q, still, still, found.lam[-1:])
+    books = balance_rows(found.equations)(np.zeros((1, 2)), q, still, still, found.lam[-1:])
     moments = [columns[f"at {k}.M [N m]"][-1] for k in range(len(ALL_SHARES))]
     return Bent(np.array(tip), float(books[0, 1]), np.array(moments))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.equations.starts.start_sums import StartEquations
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from pan_liu_2012.appendix import ARC, ELEMENTS, NODES, SECTION, State, derived, parts, printed
 from pan_liu_2012.claims import DIFFERS, Judgement, Tables, agrees, claim
 
@@ -47,7 +47,7 @@ def beam_force(gravity: np.ndarray) -> Callable[..., np.ndarray]:
         quadrature="full",
     )
     mech.add(beam)
-    return partial(StartEquations(bd.equations_of_motion(mech)).force, np.zeros(2))
+    return partial(StateEvaluator(bd.equations_of_motion(mech)).force, np.zeros(2))
 
 
 CORRECTIONS = {

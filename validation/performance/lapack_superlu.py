@@ -9,16 +9,16 @@ from systems import beam
 from timing import taken
 
 import beamdae as bd
-from beamdae.equations.formulations import first_order
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.step_equations import Predicted, step_equations
-from beamdae.linear.factorizations import factorization, single_threaded
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.linear.factorizations import create_factorization, single_threaded
 
 TIME = np.array([0.1, 0.5])
 
 
 def _times(pattern: sp.csc_array, method: str, nonzeros: np.ndarray) -> tuple[float, float]:
-    solver, right = factorization(pattern, method), np.ones(pattern.shape[0])
+    solver, right = create_factorization(pattern, method), np.ones(pattern.shape[0])
     solver.factorize(nonzeros)
     factorize = min(
         taken(lambda: [solver.factorize(nonzeros) for _ in range(20)]) for _ in range(5)
@@ -33,10 +33,13 @@ def linear() -> pd.DataFrame:
     lines = []
     for elements in (4, 8, 11, 16, 32, 64):
         equations = bd.equations_of_motion(beam(elements))
-        start = Starter(equations).state(TIME, equations.q0, equations.v0)
-        ida, alpha = first_order(equations, "stabilized-index1"), step_equations(equations, False)
+        start = ConsistencySolver(equations).state(TIME, equations.q0, equations.v0)
+        ida, alpha = (
+            formulate_first_order(equations, "stabilized-index1"),
+            formulate_step(equations, False),
+        )
         coefficients = np.array([2e3, 3e6, 3e-7])
-        at = Predicted(start.q, start.v, start.a, start.q.copy(), coefficients)
+        at = StepPrediction(start.q, start.v, start.a, start.q.copy(), coefficients)
         for name, form, nonzeros in (
             ("Ida", ida, ida.jacobian(TIME, *ida.pack(start), 2e3)),
             ("GeneralizedAlpha", alpha, alpha.jacobian(TIME, at, np.zeros(alpha.size))),

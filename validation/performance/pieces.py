@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from beamdae.equations.formulations import (
-    FirstOrderSums,
-    first_order,
-    first_order_jacobian,
-    first_order_residual,
+from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
+    evaluate_jacobian,
+    evaluate_residual,
+    formulate_first_order,
 )
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.step_equations import (
-    Predicted,
-    StepSums,
-    step_equations,
-    step_matrix,
-    step_residual,
+from beamdae.equations.formulations.step_equations import (
+    StepBuffers,
+    StepPrediction,
+    evaluate_step_matrix,
+    evaluate_step_residual,
+    formulate_step,
 )
-from beamdae.integrators.compiled_run import Matrix, Running
-from beamdae.linear.return_codes import DONE
-from beamdae.native.vectors import combine, factorize, solve
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.return_codes import DONE
 
 Array = np.ndarray
 Pieces = dict[str, Callable[[], float]]
@@ -44,9 +44,9 @@ PIECES = ("residual", "matrix", "factorize", "solve")
 class StepWork:
     """Equations of a step at a prediction."""
 
-    form: StepSums
+    form: StepBuffers
     linear: Any
-    at: Predicted
+    at: StepPrediction
     x: Array
     right: Array
     change: Array
@@ -58,7 +58,7 @@ class StepWork:
 class FirstOrderWork:
     """First-order equations at a state."""
 
-    form: FirstOrderSums
+    form: FirstOrderBuffers
     linear: Any
     y: Array
     yp: Array
@@ -71,25 +71,25 @@ class FirstOrderWork:
 
 def step_residuals(work: StepWork) -> int:
     for _ in range(work.repeats):
-        step_residual(work.form, 0.1, 0.5, work.at, work.x, work.change)
+        evaluate_step_residual(work.form, 0.1, 0.5, work.at, work.x, work.change)
     return DONE
 
 
 def step_matrices(work: StepWork) -> int:
     for _ in range(work.repeats):
-        step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
+        evaluate_step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
     return DONE
 
 
 def first_order_residuals(work: FirstOrderWork) -> int:
     for _ in range(work.repeats):
-        first_order_residual(work.form, 0.1, 0.5, work.y, work.yp, work.change)
+        evaluate_residual(work.form, 0.1, 0.5, work.y, work.yp, work.change)
     return DONE
 
 
 def first_order_jacobians(work: FirstOrderWork) -> int:
     for _ in range(work.repeats):
-        first_order_jacobian(work.form, 0.1, 0.5, work.rate, work.y, work.yp, work.nonzeros)
+        evaluate_jacobian(work.form, 0.1, 0.5, work.rate, work.y, work.yp, work.nonzeros)
     return DONE
 
 
@@ -110,14 +110,14 @@ def solutions(work: Any) -> int:
 
 def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> Pieces:
     """Those of generalized-alpha on index 3: each returns the time of one call [s]."""
-    form, member = step_equations(equations, False), bd.GeneralizedAlpha(step)
-    start = Starter(equations).state(TIME, equations.q0, equations.v0)
+    form, member = formulate_step(equations, False), bd.GeneralizedAlpha(step)
+    start = ConsistencySolver(equations).state(TIME, equations.q0, equations.v0)
     c_f = step**2 * member.beta
     share = (1.0 - member.alpha_f) / (1.0 - member.alpha_m)
     coefficients = np.array([member.gamma / (step * member.beta), 1.0 / (c_f * share), c_f])
-    at = Predicted(start.q, start.v, start.a, start.q.copy(), coefficients)
+    at = StepPrediction(start.q, start.v, start.a, start.q.copy(), coefficients)
     x = np.concatenate([np.zeros(equations.n), c_f * start.lam])
-    matrix = Matrix.of(form.pattern)
+    matrix = FactorizedMatrix.of(form.pattern)
     matrix.nonzeros[:] = form.jacobian(TIME, at, x)
     right = np.full(form.size, 1e-3)
 
@@ -133,9 +133,9 @@ def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> P
 
 def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: int) -> Pieces:
     """Those of Ida, or with a complex rate Radau's factorizations and solutions of a pair."""
-    form = first_order(equations, "stabilized-index1")
-    y, yp = form.pack(Starter(equations).state(TIME, equations.q0, equations.v0))
-    matrix = Matrix.of(form.pattern, type(rate))
+    form = formulate_first_order(equations, "stabilized-index1")
+    y, yp = form.pack(ConsistencySolver(equations).state(TIME, equations.q0, equations.v0))
+    matrix = FactorizedMatrix.of(form.pattern, type(rate))
     # dR/dy + rate dR/dy', of which the Jacobian gives sums with a real rate.
     at_zero, at_one = (form.jacobian(TIME, y, yp, c) for c in (0.0, 1.0))
     matrix.nonzeros[:] = at_zero + rate * (at_one - at_zero)
@@ -163,10 +163,10 @@ def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: 
 def _timed(
     make: Callable[[bool], Any],
     functions: tuple[Callable[[Any], int] | None, ...],
-    matrix: Matrix,
+    matrix: FactorizedMatrix,
     repeats: int,
 ) -> Pieces:
-    def linears(work: Any) -> list[tuple[Any, Matrix]]:
+    def linears(work: Any) -> list[tuple[Any, FactorizedMatrix]]:
         return [(work.linear, matrix)]
 
     work = make(True)
@@ -176,11 +176,11 @@ def _timed(
     for name, function in order:
         if function is None:
             continue
-        running = Running(function, lambda native: work, linears, True)
+        running = StepLoop(function, lambda native: work, linears, True)
         assert running.is_native, name
         assert running() == DONE, name
 
-        def time_of_one(running: Running = running) -> float:
+        def time_of_one(running: StepLoop = running) -> float:
             begin = time.process_time()
             running()
             return (time.process_time() - begin) / repeats

@@ -58,22 +58,22 @@ def hub(torque=10.0, density=2766.7, counted=""):
 def count(folder: str) -> None:
     """Write what all loops of this process take to a file there, if it has such loops."""
     try:
-        from beamdae.native.loops import Loop
+        from beamdae.native.loops import CompiledLoop
     except ImportError:
         return
-    if hasattr(Loop, "taken"):
+    if hasattr(CompiledLoop, "taken"):
         return
-    run, Loop.taken = Loop.__call__, 0.0
+    run, CompiledLoop.taken = CompiledLoop.__call__, 0.0
     file = os.open(Path(folder) / str(os.getpid()), os.O_CREAT | os.O_RDWR)
 
     def timed(loop: Any) -> int:
         begin = time.thread_time()
         code = run(loop)
-        Loop.taken += time.thread_time() - begin
-        os.pwrite(file, f"{Loop.taken:20.9f}".encode(), 0)
+        CompiledLoop.taken += time.thread_time() - begin
+        os.pwrite(file, f"{CompiledLoop.taken:20.9f}".encode(), 0)
         return code
 
-    Loop.__call__ = timed
+    CompiledLoop.__call__ = timed
 
 
 def study(number: int, t_end: float, counted: str) -> bd.Study:

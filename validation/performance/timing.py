@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 import beamdae as bd
-from beamdae.native.loops import Loop
+from beamdae.native.loops import CompiledLoop
 
 Array = np.ndarray
 
@@ -65,16 +65,16 @@ def within_loops(
 ) -> tuple[float, float]:
     """Time of the integration, as above, and that of it within compiled loops."""
     inside = 0.0
-    call = Loop.__call__
+    call = CompiledLoop.__call__
 
-    def timed(loop: Loop) -> int:
+    def timed(loop: CompiledLoop) -> int:
         nonlocal inside
         begin = time.process_time()
         code = call(loop)
         inside += time.process_time() - begin
         return code
 
-    with patch.object(Loop, "__call__", timed):
+    with patch.object(CompiledLoop, "__call__", timed):
         whole, _ = integrated(equations, integrator, times)
     return whole, inside
 

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import splu
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.formulations import first_order
+from beamdae.equations.formulations.first_order import formulate_first_order
 
 SECTION = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=1.0, height=0.01)
 
@@ -29,7 +29,7 @@ def cantilever(curve, force, moment, bodies, **settings):
 
 def path(equations, times):
     """Coordinates (k, n) of equilibrium at load parameters `times`, as far as it goes."""
-    form = first_order(equations, "index3")
+    form = formulate_first_order(equations, "index3")
     pattern, n = form.pattern, equations.n
     y, rows = np.zeros(form.size), []
     y[:n] = equations.q0

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from beamdae.native.llvm import compiled
+from beamdae.native.llvm import compile_module
 from robustness.bench import (
     ROOT,
     Bench,
@@ -144,7 +144,7 @@ def empty_objects(bench: Bench) -> None:
 
 def _false(path: Path) -> bytes:
     """A valid object with the same symbols."""
-    return compiled(_FALSE.format(name=path.name.split("-")[0]), 0)
+    return compile_module(_FALSE.format(name=path.name.split("-")[0]), 0)
 
 
 def _falsified(bench: Bench) -> None:

@@ -12,7 +12,7 @@ from tolerances.random_cases import STILL, RandomCase, random_case
 from tolerances.tolerance_case import deviations
 
 import beamdae as bd
-from beamdae.verification import exceeded
+from beamdae.verification import accuracy_warning
 
 RTOL, TIME_LIMIT = 1e-4, 20.0
 # A mechanism takes three runs, and an estimate of those that disagree without a word.
@@ -98,7 +98,7 @@ def _told(solution: bd.Solution, apart: float) -> str:
     bending = {beam.warning for beam in solution.validity}
     told = " ".join(sentence for sentence in solution.warnings if sentence not in bending)
     if apart > AGREED and not told:
-        return exceeded(solution, bd.error_estimate(solution))
+        return accuracy_warning(solution, bd.error_estimate(solution))
     return told
 
 

@@ -7,8 +7,8 @@ from scipy.linalg import eigh, null_space
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.formulations.first_order import State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
 def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -19,7 +19,7 @@ def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np
     the roots of r^2 + d r + w^2 = 0. Damping must be proportional, and no body free to move.
     """
     e = bd.equations_of_motion(mechanism)
-    starter, start = Starter(e), np.zeros(2)
+    starter, start = ConsistencySolver(e), np.zeros(2)
     rest = State(e.q0, np.zeros(e.n), np.zeros(e.n), np.zeros(e.m))
     stiffness, damping, mass = (m.toarray() for m in starter.linearized(start, rest))
     load = -starter.forces(start, rest, np.zeros(e.n))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.verification import ERROR
+from beamdae.verification import RELATIVE_ERROR
 from tolerances.references import SUMMARY
 from tolerances.tolerance_case import ToleranceCase
 
@@ -57,7 +57,7 @@ def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> di
     columns = (*case.columns, *case.reactions)
     statistics = solution.statistics
     estimated = (
-        bd.error_estimate(solution).loc[list(columns), ERROR].to_numpy()
+        bd.error_estimate(solution).loc[list(columns), RELATIVE_ERROR].to_numpy()
         if ended
         else np.array([np.nan])
     )

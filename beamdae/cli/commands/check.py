@@ -31,22 +31,24 @@ def check_command(
     model = configured(path, model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.terminal import tables as terminal
-    from beamdae.report.terminal.check_report import facts_of
+    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
     found = check(mechanism, model.t_end, predict)
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    facts = dict(facts_of(found))
+    facts = dict(describe_check(found))
     for name, part in parts.items():
-        facts |= {f"{name}, {what}": terminal.number(value) for what, value in part.facts.items()}
+        facts |= {
+            f"{name}, {what}": terminal.format_number(value) for what, value in part.facts.items()
+        }
     kinds = {name: type(part).__name__ for name, part in parts.items()}
     record(lambda: {**_found(found), "parts": kinds})
     screen = console()
     screen.print(model.name, style="bold")
     if parts:
-        screen.print(terminal.parts(kinds))
-    screen.print(terminal.facts("", facts))
+        screen.print(terminal.parts_table(kinds))
+    screen.print(terminal.fact_list("", facts))
     if not found.ok:
         raise BeamdaeError(found.problem)
 

@@ -90,8 +90,8 @@ def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
 
 def _say(results: Results) -> None:
     """Tables on the screen, and a sentence for each failure."""
-    from beamdae.report.terminal import tables as terminal
-    from beamdae.report.text import plain
+    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.text import make_printable
 
     record(lambda: _found(results))
     screen = console()
@@ -102,7 +102,7 @@ def _say(results: Results) -> None:
         screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in islice(results.references.items(), MOST_ROWS):
-        screen.print(plain(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
+        screen.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
         if len(results.table) <= MOST_ROWS:
             screen.print(terminal.comparison_table(rows))

@@ -26,7 +26,7 @@ def draw_command(
     model = configured(path, model_name, settings)
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.pictures.drawing import draw
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     mechanism = model()
     if not isinstance(mechanism, Mechanism):
@@ -37,7 +37,7 @@ def draw_command(
     record(lambda: {"parts": kinds})
     screen = console()
     screen.print(model.name, style="bold")
-    screen.print(terminal.parts(kinds))
+    screen.print(terminal.parts_table(kinds))
     written = Written()
     written.draw(model.name, lambda: [draw(mechanism).save(file)])
     say_written(screen, written.paths)

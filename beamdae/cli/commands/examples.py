@@ -45,12 +45,12 @@ def NAME(length=1.0, push=0.5, elements=4):
 
 def examples_command() -> None:
     """List the models that come with beamdae: `beamdae run example:NAME` runs one."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     about = {name: _about(name) for name in names()}
     record(lambda: {"examples": about})
     screen = console()
-    screen.print(terminal.facts("", about))
+    screen.print(terminal.fact_list("", about))
     screen.print("beamdae run example:NAME runs one, beamdae new FILE.py --like NAME copies it.")
 
 

@@ -36,7 +36,7 @@ def list_command(
     else:
         raise BeamdaeError(f"{path}: there is no such file or folder.")
     from beamdae.cli.model_files import model_file
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     models: list[dict[str, Any]] = []
     studies: list[dict[str, Any]] = []
@@ -56,9 +56,9 @@ def list_command(
     record(lambda: {"models": models, "studies": studies, "problems": problems})
     screen = console()
     for rows, table in (
-        (models, terminal.models),
-        (studies, terminal.studies),
-        (problems, terminal.problems),
+        (models, terminal.models_table),
+        (studies, terminal.studies_table),
+        (problems, terminal.problems_table),
     ):
         if rows:
             screen.print(table(rows))

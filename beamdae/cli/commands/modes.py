@@ -76,27 +76,29 @@ def modes_command(
 def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
     """The table on the disk and on the screen, then the pictures."""
     from beamdae.analysis.linear_dynamics.natural_modes import Modes
-    from beamdae.report.pictures.figures import saved
-    from beamdae.report.pictures.mode_shapes import figure_of_campbell, figure_of_modes
-    from beamdae.report.terminal import tables as terminal
-    from beamdae.results.storage.files import guarded, write_text
+    from beamdae.report.pictures.figures import save_figure
+    from beamdae.report.pictures.mode_shapes import create_campbell_figure, create_modes_figure
+    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.results.storage.files import escape_table, write_text
 
     table = found.table()
-    written = Written([write_text(files["csv"], guarded(table).to_csv(index=False))])
+    written = Written([write_text(files["csv"], escape_table(table).to_csv(index=False))])
     one_state = isinstance(found, Modes)
     rows = "modes" if one_state else "speeds"
     about = found.about if one_state else "rotations"
     record(lambda: {"about": about, rows: table.to_dict("records")})
     screen = console()
     screen.print(name, style="bold")
-    screen.print(terminal.modes(table) if one_state else terminal.campbell(table))
+    screen.print(terminal.modes_table(table) if one_state else terminal.campbell_table(table))
     say_warnings(screen, found.warnings)
     if not one_state:
         title = f"{name}, Campbell diagram"
-        written.draw(name, lambda: [saved(figure_of_campbell(found, title), files["png"])])
+        written.draw(
+            name, lambda: [save_figure(create_campbell_figure(found, title), files["png"])]
+        )
     elif found.mechanism is not None and len(found):
         title = f"{name}, modes about {found.about}"
-        written.draw(name, lambda: [saved(figure_of_modes(found, title), files["png"])])
+        written.draw(name, lambda: [save_figure(create_modes_figure(found, title), files["png"])])
         for k in animated:
             written.draw(name, partial(_animated, found, k, files[f"{k}"]))
     say_written(screen, written.paths)

@@ -30,7 +30,7 @@ from beamdae.errors import BeamdaeError
 # Whatever imports NumPy or CasADi is imported inside the commands: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.results.outcome import Status
-    from beamdae.results.storage.continued_runs import Parts
+    from beamdae.results.storage.continued_runs import RunParts
 
 
 def run_command(
@@ -135,12 +135,12 @@ def run_command(
     _end(run, solution.status)
 
 
-def _parts(table: Path, go_on: Path | None) -> Parts:
+def _parts(table: Path, go_on: Path | None) -> RunParts:
     """The runs before the one that goes on, if it does, as far as their tables are there."""
     from beamdae.results.storage.checkpoint import Checkpoint
-    from beamdae.results.storage.continued_runs import Parts
+    from beamdae.results.storage.continued_runs import RunParts
 
-    return Parts(table) if go_on is None else Parts.ending_at(table, Checkpoint.read(go_on))
+    return RunParts(table) if go_on is None else RunParts.ending_at(table, Checkpoint.read(go_on))
 
 
 def _end(run: Run, status: Status) -> None:

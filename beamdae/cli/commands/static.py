@@ -70,7 +70,7 @@ def static_command(
     table, picture = out / f"{name}.csv", out / f"{name}.png"
     require_writable(out, (table.name, table.with_suffix(".json").name, picture.name))
     from beamdae.analysis.statics.static_equilibrium import equilibrium
-    from beamdae.report.pictures.equilibrium_path import picture_of_path
+    from beamdae.report.pictures.path_plots import save_path_figure
 
     with warnings.catch_warnings():
         # They are told with the result.
@@ -82,7 +82,7 @@ def static_command(
     _say(found, model.name)
     early = "" if found.status.success else f", ended early ({found.status.kind})"
     title = f"{model.name}, equilibria{early}"
-    written.draw(picture.name, lambda: [picture_of_path(picture, found, title)])
+    written.draw(picture.name, lambda: [save_path_figure(picture, found, title)])
     say_written(console(), written.paths)
     if not found.status.success:
         complain(f"failed: {found.status.sentence}")
@@ -112,26 +112,26 @@ def _targets(given: list[str] | None) -> Any:
 
 def _say(found: Equilibrium, name: str) -> None:
     """Tables and sentences of a path on the screen."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     record(lambda: _found(found))
     screen = console()
-    screen.print(terminal.facts(name, path_facts(found)))
+    screen.print(terminal.fact_list(name, path_facts(found)))
     if found.columns:
-        screen.print(terminal.ranges(found.columns, None))
+        screen.print(terminal.range_table(found.columns, None))
     if found.validity:
-        screen.print(terminal.validity(found.validity))
+        screen.print(terminal.validity_table(found.validity))
     say_warnings(screen, found.warnings)
     sys.stdout.flush()
 
 
 def _found(found: Equilibrium) -> dict[str, Any]:
     """What --json tells of a path: what is beside its table, and its observed columns."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
 
     told = found.beside(validity=[asdict(beam) for beam in found.validity])
     del told["warnings"]
-    return told | {"points": len(found.q), "observed": terminal.extremes(found.columns)}
+    return told | {"points": len(found.q), "observed": terminal.column_extremes(found.columns)}
 
 
 def path_facts(found: Equilibrium) -> dict[str, str]:

@@ -210,7 +210,7 @@ def _draws(results: Results) -> tuple[Draws, Draws]:
 
 def _say(results: Results) -> None:
     """The table on the screen, and a sentence for each failure."""
-    from beamdae.report.terminal import tables as terminal
+    from beamdae.report.terminal import text_tables as terminal
     from beamdae.studies.sweeps.results import results_of
 
     swept, screen = results_of(results), console()
@@ -219,7 +219,7 @@ def _say(results: Results) -> None:
     ended = int((swept.table["status"] == "ok").sum())
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
     if len(swept.table) <= MOST_ROWS:
-        screen.print(terminal.sweep(swept.table, swept.parameters, swept.told))
+        screen.print(terminal.sweep_table(swept.table, swept.parameters, swept.told))
     doubtful = int((swept.table["warnings"] != "").sum())
     if doubtful:
         screen.print(f"{doubtful} of them warn of what is not to be trusted, see sweep.csv")

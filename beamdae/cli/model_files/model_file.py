@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from beamdae.cli.model_files.example_files import as_file
 from beamdae.cli.model_files.user_errors import explained
 from beamdae.errors import BeamdaeError, is_valid_path, short_repr, suggest
-from beamdae.model_functions import Model, beside
+from beamdae.model_functions import Model, extend_import_path
 
 if TYPE_CHECKING:
     from beamdae.studies import Study
@@ -122,7 +122,7 @@ def _imported(path: Path) -> ModuleType:
     # Decorators such as dataclass look their module up while it is being imported.
     sys.modules[name] = module
     try:
-        with beside(path.absolute().parent), _told(f"{path}: it does not import", path):
+        with extend_import_path(path.absolute().parent), _told(f"{path}: it does not import", path):
             exec(code, vars(module))
     finally:
         sys.modules.pop(name, None)

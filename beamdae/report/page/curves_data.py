@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
-from beamdae.results.headers import Header, observed_columns
+from beamdae.results.columns import Header, observed_columns
 
 Array = np.ndarray
 

@@ -9,11 +9,11 @@ import numpy as np
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures import figures as pictures
-from beamdae.report.pictures.labels import place_names
+from beamdae.report.pictures.label_placement import place_names
 from beamdae.report.scene import poses
-from beamdae.report.scene.body_scene import build_scene
+from beamdae.report.scene.artists import SceneArtists
+from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.stage import SceneArtists
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
 

@@ -14,8 +14,8 @@ import numpy as np
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
 from beamdae.report.text import shorten_text
-from beamdae.results.headers import Header, observed_columns
-from beamdae.results.storage.files import replacing
+from beamdae.results.columns import Header, observed_columns
+from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -286,7 +286,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     if kind not in (known := figure.canvas.get_supported_filetypes()):
         raise BeamdaeError(f"path {path} must end in one of {', '.join(f'.{k}' for k in known)}.")
     disable_math_text(figure)
-    with replacing(path) as scratch, warnings.catch_warnings():
+    with atomic_write(path) as scratch, warnings.catch_warnings():
         # A name in a script the font lacks is drawn as boxes; the tables have it right.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(scratch, dpi=150, format=kind)

@@ -13,15 +13,15 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import animation
+from beamdae.report.pictures.animation_files import FigureAnimation
 from beamdae.report.pictures.figures import COLORS, disable_math_text, format_axis, wrap_title
-from beamdae.report.pictures.movies import FigureAnimation
-from beamdae.report.scene.body_scene import build_scene, count_beam_sections
+from beamdae.report.scene.artists import SceneArtists, add_caption, create_bare_axis, padded_extent
+from beamdae.report.scene.frame_export import export_frames
+from beamdae.report.scene.mechanism_scene import build_scene, count_beam_sections
+from beamdae.report.scene.outlines import outlines
 from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.scene_frames import export_frames
-from beamdae.report.scene.stage import SceneArtists, add_caption, create_bare_axis, padded_extent
 from beamdae.results.displays import Animation, Plot
-from beamdae.results.outlines import outlines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

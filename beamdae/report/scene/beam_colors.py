@@ -12,8 +12,8 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.scene.body_scene import count_beam_sections
-from beamdae.results.section_forces.section_motions import At, evaluated, strains_and_rates
+from beamdae.report.scene.mechanism_scene import count_beam_sections
+from beamdae.results.section_forces.section_motions import SectionFunction, evaluate_sections, strains_and_rates
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -131,10 +131,10 @@ def _along(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array:
     """Values (rows, sections) at rows of the coordinates of a beam."""
     places = np.linspace(0.0, beam.length, sections).tolist()
     values = [beam.kinematics.strains(s) for s in places]
-    at, rows = [At(x.operator, x.values) for x in values], max(_AT_ONCE // sections, 1)
+    at, rows = [SectionFunction(x.operator, x.values) for x in values], max(_AT_ONCE // sections, 1)
     found = np.concatenate(
         [
-            evaluated(strains_and_rates, at, *(x[k : k + rows] for x in (q, v, 0.0 * q)))
+            evaluate_sections(strains_and_rates, at, *(x[k : k + rows] for x in (q, v, 0.0 * q)))
             for k in range(0, len(q), rows)
         ]
     )

@@ -10,8 +10,14 @@ from beamdae.parts.forces.bushing import Bushing
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
-from beamdae.report.scene.builder import SceneBuilder, broken, circle, hatched_line, rotate_points
 from beamdae.report.scene.joint_symbols import grounded, middle, symbol, travel
+from beamdae.report.scene.scene_builder import (
+    SceneBuilder,
+    circle,
+    hatched_line,
+    join_lines,
+    rotate_points,
+)
 
 Array = np.ndarray
 
@@ -37,7 +43,7 @@ def _between(part: SpringDamper, sketch: SceneBuilder) -> None:
         sketch.stretched("damper", a, b, _dashpot(end, shortest, longest, -apart, size))
         bars = [[(k, x, -apart), (k, x, apart)] for k, x in ((0, end), (1, -end))]
         stubs = [[(k, 0.0, 0.0), (k, x, 0.0)] for k, x in ((0, end), (1, -end))]
-        sketch.stretched("spring", a, b, broken(*map(np.array, (*bars, *stubs))))
+        sketch.stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
     elif damps:
         sketch.stretched("damper", a, b, _dashpot(0.0, shortest, longest, 0.0, size))
     else:
@@ -71,7 +77,7 @@ def _dashpot(end: float, shortest: float, longest: float, side: float, size: flo
         [(*piston, side - 0.75 * half), (*piston, side + 0.75 * half)],
         [(*piston, side), (1.0, -end, side)],
     ]
-    return broken(*map(np.array, lines))
+    return join_lines(*map(np.array, lines))
 
 
 def _spiral(size: float) -> Array:
@@ -130,4 +136,4 @@ def _hatched_circle(surface: CircleSurface, size: float) -> Array:
     away = feet / surface.radius * (-1.0 if surface.side == "outside" else 1.0)
     length = 0.4 * min(size, surface.radius)
     ends = feet + length * (away + np.column_stack([-away[:, 1], away[:, 0]]))
-    return broken(circle(surface.radius, 90), *np.stack([feet, ends], axis=1))
+    return join_lines(circle(surface.radius, 90), *np.stack([feet, ends], axis=1))

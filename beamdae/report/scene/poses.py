@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.section_forces.section_motions import At, evaluated, place_and_turn
+from beamdae.results.section_forces.section_motions import SectionFunction, evaluate_sections, position_and_angle
 
 Array = np.ndarray
 
@@ -46,9 +46,9 @@ class CoordinatePoses:
                 bodies.setdefault(id(place.body), []).append(k)
         for members in bodies.values():
             q = self._q[:, self._owners.slice(places[members[0]].body)]
-            at = [At(places[k].operator, places[k].moved) for k in members]
+            at = [SectionFunction(places[k].operator, places[k].moved) for k in members]
             still = np.zeros_like(q)
-            found[:, members] = evaluated(place_and_turn, at, q, still, still)
+            found[:, members] = evaluate_sections(position_and_angle, at, q, still, still)
         return found
 
 

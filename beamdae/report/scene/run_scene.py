@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.assembly.observation import add_observable
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
-from beamdae.report.scene.body_scene import build_scene
-from beamdae.report.scene.builder import Measure
+from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses
 from beamdae.report.scene.scene import MovingCurve, Scene
+from beamdae.report.scene.scene_builder import Measure
 from beamdae.results.solution import Solution
 from beamdae.symbolic.statements import Quantity
 

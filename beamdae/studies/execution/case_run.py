@@ -25,7 +25,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.report.scene.scene_frames import export_run_frames
+from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate

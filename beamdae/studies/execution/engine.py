@@ -12,9 +12,9 @@ from typing import Any
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, BeamdaeWarning
-from beamdae.results.headers import observed_columns
+from beamdae.results.columns import observed_columns
 from beamdae.results.outcome import Status
-from beamdae.results.storage.files import guarded, write_bytes, write_text
+from beamdae.results.storage.files import escape_table, write_bytes, write_text
 from beamdae.studies.case import Case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import named_columns
@@ -254,5 +254,5 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
 
 def _write(results: Results) -> None:
     for name, table in results.tables.items():
-        text = guarded(table).to_csv(index=False, lineterminator="\n")
+        text = escape_table(table).to_csv(index=False, lineterminator="\n")
         write_text(results.folder / name, text)

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from beamdae.results.storage.files import safe_cell
+from beamdae.results.storage.files import escape_cell
 
 
 def to_text(table: pd.DataFrame) -> bytes:
-    """A table of floats as pandas writes it, in half the time; headers go through `safe_cell`."""
+    """A table of floats as pandas writes it, in half the time; headers go through `escape_cell`."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(safe_cell, table)])
+    csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(escape_cell, table)])
     rows = np.column_stack([table.index, table]).astype(float).tolist()
     numbers = repr(rows)[2:-2].replace("], [", "\n").replace(", ", ",").replace("nan", "")
     text.write(f"{numbers}\n")

@@ -16,7 +16,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Kind, Status
-from beamdae.results.storage.files import replacing, sweep, write_bytes
+from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
 from beamdae.studies.execution.case_run import Outcome, Task
 from beamdae.studies.store.file_reads import changed
 from beamdae.studies.store.rows import from_text, to_text
@@ -147,7 +147,7 @@ class Store:
         with suppress(OSError):
             if path.samefile(source) or path.read_bytes() == text:
                 return
-        with replacing(path) as scratch:
+        with atomic_write(path) as scratch:
             scratch.unlink()
             try:
                 os.link(source, scratch)
@@ -157,7 +157,7 @@ class Store:
     def clean(self) -> None:
         """Remove what processes that have ended left unfinished."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
-            sweep(folder)
+            remove_stale_scratch_files(folder)
 
 
 @dataclass(frozen=True)

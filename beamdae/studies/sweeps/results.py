@@ -24,7 +24,7 @@ from beamdae.errors import (
     suggest,
     unbox_scalar,
 )
-from beamdae.results.storage.files import file_path, guarded, write_text
+from beamdae.results.storage.files import escape_table, require_file_path, write_text
 from beamdae.studies.case import text_of
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.pool import SerialPool, pool_of
@@ -182,8 +182,8 @@ class SweepResults:
         BeamdaeError
             If it cannot be written.
         """
-        text = guarded(self.table).to_csv(index=False, lineterminator="\n")
-        return write_text(file_path("to_csv", path), text)
+        text = escape_table(self.table).to_csv(index=False, lineterminator="\n")
+        return write_text(require_file_path("to_csv", path), text)
 
     def page(self, path: str | Path) -> Path:
         """Write a page for any browser: the table, and the runs over each other.
@@ -196,7 +196,7 @@ class SweepResults:
         from beamdae.report.page.page import write_page
         from beamdae.studies.sweeps.page import page_of_sweep
 
-        return write_page(file_path("page", path), page_of_sweep(self))
+        return write_page(require_file_path("page", path), page_of_sweep(self))
 
     def __repr__(self) -> str:
         return f"<SweepResults of {self._summary}>"

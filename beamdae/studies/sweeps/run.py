@@ -11,13 +11,13 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.results.outcome import Status
-from beamdae.results.time_series import Tabulated
+from beamdae.results.time_series import TimeSeries
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class SweptRun(Tabulated):
+class SweptRun(TimeSeries):
     """A run of a sweep: what it observed over time, looked at as a `Solution` is.
 
     Attributes

@@ -11,8 +11,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures.figures import characteristic_columns
-from beamdae.results.column_selection import selected
-from beamdae.results.headers import Header, observed_columns
+from beamdae.results.columns import Header, observed_columns, select_columns
 from beamdae.studies.deviations import named_columns
 from beamdae.studies.execution.case_run import Outcome
 from beamdae.studies.execution.engine import Results
@@ -159,7 +158,7 @@ def panels_of(sweep: Sweep, headers: list[str], name: Any) -> list[Panel]:
     every = [column for header in headers for column in measured(header).values()]
     for known in (headers, every):
         try:
-            found = selected(known, name)
+            found = select_columns(known, name)
         except BeamdaeError:
             continue
         if known is every:

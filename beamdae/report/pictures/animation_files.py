@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.curves import picture_path
-from beamdae.results.storage.files import replacing
+from beamdae.report.pictures.time_plots import picture_path
+from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +56,7 @@ class FigureAnimation:
             raise BeamdaeError(f"{name}: path {path} must end in .gif or .mp4.")
         if kind == "mp4":
             _require_ffmpeg(name)
-        with replacing(Path(path)) as scratch:
+        with atomic_write(Path(path)) as scratch:
             # Writers go by the suffix.
             named = scratch.with_name(f"{scratch.name}.{kind}")
             try:

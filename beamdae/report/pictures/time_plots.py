@@ -11,10 +11,9 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, is_valid_path, require_sequence, short_repr
 from beamdae.report.pictures import figures as pictures
 from beamdae.report.text import shorten_text
-from beamdae.results.column_selection import every_column, selected
+from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.displays import Plot
-from beamdae.results.headers import Header
-from beamdae.results.time_series import Tabulated
+from beamdae.results.time_series import TimeSeries
 
 # Letters of the name of a panel.
 _NAME = 40
@@ -64,10 +63,10 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     """
     runs = _runs(solutions)
     told = _labels(runs, labels)
-    tables = [every_column(run.all_columns(), run.coordinates()) for run in runs]
+    tables = [merge_columns(run.all_columns(), run.coordinates()) for run in runs]
     first = runs[0].all_columns()
     wanted = names or pictures.characteristic_columns(first)
-    found = (c for name in wanted for c in selected(tables[0], name, observed=first))
+    found = (c for name in wanted for c in select_columns(tables[0], name, observed=first))
     columns = list(dict.fromkeys(found))
     figure, axes = pictures.create_panels(len(columns), "")
     looks = [
@@ -81,7 +80,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     styles = [looks[k % len(looks)] for k in range(len(runs))]
     for axis, column in zip(axes, columns, strict=False):
         for table, style in zip(tables, styles, strict=True):
-            (own,) = selected(table, column)
+            (own,) = select_columns(table, column)
             drawn = pictures.mask_huge_values({TIME: table[TIME], own: table[own]})
             time = drawn[TIME]
             axis.plot(time, drawn[own], lw=1.4, **style, **pictures.single_point_marker(time))
@@ -95,18 +94,18 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     return Plot(figure)
 
 
-def _runs(solutions: Any) -> list[Tabulated]:
-    found = [solutions] if isinstance(solutions, Tabulated) else None
+def _runs(solutions: Any) -> list[TimeSeries]:
+    found = [solutions] if isinstance(solutions, TimeSeries) else None
     found = found or require_sequence("plot", "solutions", solutions, "a solution or several")
     for one in found:
-        if not isinstance(one, Tabulated):
+        if not isinstance(one, TimeSeries):
             raise BeamdaeError(f"plot: solutions must be solutions, got {short_repr(one)}.")
     if not found:
         raise BeamdaeError("plot: solutions must be a solution or several, got none.")
     return found
 
 
-def _labels(runs: Sequence[Tabulated], labels: Any) -> list[str]:
+def _labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     if labels is None:
         own = [run.label for run in runs]
         several = len(set(own)) < len(own)

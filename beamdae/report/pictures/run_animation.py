@@ -11,15 +11,15 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
 from beamdae.report.page.motion_player import animation
-from beamdae.report.pictures.movies import FigureAnimation
+from beamdae.report.pictures.animation_files import FigureAnimation
+from beamdae.report.scene.artists import SceneArtists, add_caption, create_bare_axis, padded_extent
 from beamdae.report.scene.beam_colors import BeamColors, compute_beam_colors
+from beamdae.report.scene.frame_export import available_colors, export_frames
+from beamdae.report.scene.line_styles import find_style
+from beamdae.report.scene.outlines import frame_times
 from beamdae.report.scene.run_scene import build_run_scene
 from beamdae.report.scene.scene import Scene
-from beamdae.report.scene.scene_frames import available_colors, export_frames
-from beamdae.report.scene.stage import SceneArtists, add_caption, create_bare_axis, padded_extent
-from beamdae.report.scene.styles import find_style
 from beamdae.results.displays import Animation
-from beamdae.results.outlines import frame_times
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import numpy as np
 
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
-from beamdae.results.headers import Header
-from beamdae.results.strain_validity import BeamRange
+from beamdae.results.columns import Header
+from beamdae.results.diagnostics.strain_validity import BeamRange
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,7 +101,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     }
 
 
-def validity(beams: Iterable[BeamRange]) -> ResponsiveTable:
+def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
     """How far each beam went from its floating frame, and what its strains make of it."""
     columns = [
         Column("deflection\nof length", 2),
@@ -116,7 +116,7 @@ def validity(beams: Iterable[BeamRange]) -> ResponsiveTable:
     return ResponsiveTable("beam", columns, rows, "the JSON file")
 
 
-def ranges(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
+def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
     """Smallest, largest and last value of each observed column, and what is told of its error.
 
     `errors` has a row for each column, in their order: first its amplitude, then what is shown.
@@ -133,12 +133,12 @@ def ranges(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
             *(format_number(x, 5) for x in values.values()),
             *(format_number(known[k], 2) for known in values_told),
         )
-        for k, (name, values) in enumerate(extremes(observed).items())
+        for k, (name, values) in enumerate(column_extremes(observed).items())
     ]
     return ResponsiveTable("observed", columns, rows, "--json")
 
 
-def extremes(observed: Columns) -> dict[str, dict[str, float]]:
+def column_extremes(observed: Columns) -> dict[str, dict[str, float]]:
     """Smallest, largest and last value of each column; what rounding leaves of zero is zero."""
     rounding = _rounding(observed)
     found = {}
@@ -181,7 +181,9 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
 
 def _ends(least: Any, most: Any) -> str:
     """The ends of repeated timings."""
-    return "-" if format_number(least) == "-" else f"{format_number(least)} to {format_number(most)}"
+    return (
+        "-" if format_number(least) == "-" else f"{format_number(least)} to {format_number(most)}"
+    )
 
 
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
@@ -194,7 +196,9 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
 
 
-def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -> ResponsiveTable:
+def sweep_table(
+    table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]
+) -> ResponsiveTable:
     """The table of a sweep: parameters, how each run ended, what is told of it."""
     last = len(told) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
@@ -207,14 +211,14 @@ def sweep(table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]) -
     return ResponsiveTable(first, columns, rows, "sweep.csv")
 
 
-def failures(table: pd.DataFrame) -> list[str]:
+def failure_sentences(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
     where = failed["group"] + ", " + failed["label"]
     return [make_printable(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
 
 
-def modes(table: pd.DataFrame) -> ResponsiveTable:
+def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Frequencies of modes, and what moves in them, from `Modes.table()`."""
     columns = [
         Column("frequency\n[Hz]"),
@@ -240,23 +244,26 @@ def modes(table: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("mode", columns, rows, "the CSV file")
 
 
-def campbell(table: pd.DataFrame) -> ResponsiveTable:
+def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
     """Frequencies of modes by speed, from `Campbell.table()`."""
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
     rows = [
-        (format_number(row["speed [rad/s]"]), *(format_number(row[name], 5) for name in frequencies))
+        (
+            format_number(row["speed [rad/s]"]),
+            *(format_number(row[name], 5) for name in frequencies),
+        )
         for _, row in table.iterrows()
     ]
     return ResponsiveTable("speed [rad/s]", columns, rows, "the CSV file")
 
 
-def parts(kinds: Mapping[str, str]) -> ResponsiveTable:
+def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
     """The parts of a mechanism and what they are."""
     return ResponsiveTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
-def models(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+def models_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Models that files define, with their parameters."""
     columns = [
         Column("t_end\n[s]", 3),
@@ -273,7 +280,7 @@ def models(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     return ResponsiveTable("model", columns, rows, "--json")
 
 
-def studies(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+def studies_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Studies that files define, with the models they are of."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
     rows = [
@@ -282,7 +289,7 @@ def studies(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     return ResponsiveTable("study", columns, rows, "--json")
 
 
-def problems(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+def problems_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Files and what is wrong with them."""
     rows = [(Path(one["file"]).name, one["problem"]) for one in found]
     return ResponsiveTable("file", [Column("cannot be listed", sentences=True)], rows)

@@ -10,9 +10,9 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.scene.beam_colors import BeamColors, compute_beam_colors
+from beamdae.report.scene.outlines import frame_times
 from beamdae.report.scene.run_scene import build_run_scene
 from beamdae.report.scene.scene import MovingCurve, Scene, Symbol
-from beamdae.results.outlines import frame_times
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

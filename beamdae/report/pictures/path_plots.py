@@ -21,10 +21,10 @@ from beamdae.report.pictures.figures import (
     varying_columns,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.column_selection import every_column, selected
+from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.headers import Header
+from beamdae.results.frequency_response import FrequencyResponse
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,8 +52,8 @@ def save_path_figure(path: Path, found: Equilibrium, title: str) -> Path:
 
 def plot_path(found: Equilibrium, names: Sequence[str]) -> Plot:
     """The same of some columns by name, for a notebook or a file; see `Equilibrium.plot`."""
-    every = every_column(found.columns, found.coordinates())
-    chosen = (selected(every, name, "Equilibrium", found.columns) for name in names)
+    every = merge_columns(found.columns, found.coordinates())
+    chosen = (select_columns(every, name, "Equilibrium", found.columns) for name in names)
     headers = dict.fromkeys(header for some in chosen for header in some)
     columns = {h: np.asarray(every[h]) for h in headers} if names else found.columns
     figure = _figure(found, mask_huge_values(columns), "", tuple(headers))
@@ -113,3 +113,30 @@ def _changes(found: Equilibrium, name: str) -> bool:
     """Whether a column is more than what rounding makes of one that stays."""
     size = {"m": found.equations.length, "rad": 1.0}.get(Header.of(name).unit, 0.0)
     return bool(found.loads) and float(np.ptp(found.columns[name])) > _STILL * size
+
+
+def plot_response(response: FrequencyResponse, column: str) -> Plot:
+    """Half the range of an observed column over the parameter; dashed where it is unstable."""
+    # Here, for it takes longer to import than some commands to run.
+    from matplotlib.figure import Figure
+
+    values, sizes = response.curve(column)
+    stable = np.array([point.stable for point in response.points], bool)
+    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    # A stretch is as stable as its beginning, and reaches to the next.
+    cuts = np.flatnonzero(np.diff(stable)) + 1
+    for part in np.split(np.arange(len(values)), cuts):
+        if len(part):
+            own = slice(part[0], part[-1] + 2)
+            look = "-" if stable[part[0]] else "--"
+            axes.plot(values[own], sizes[own], look, color=COLORS[0], lw=1.6)
+    for value, size in response.peaks(column):
+        axes.plot(value, size, "o", color=COLORS[1], ms=4)
+    axes.set_xlabel(response.parameter)
+    unit = Header.of(column).unit if response.points else ""
+    axes.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
+    axes.grid(color="0.9", lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    disable_math_text(figure)
+    return Plot(figure)

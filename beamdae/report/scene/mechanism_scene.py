@@ -14,11 +14,11 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
 from beamdae.report.scene import elastic_symbols as elastic  # noqa: F401 (they register symbols)
 from beamdae.report.scene import load_arrows as loads  # noqa: F401 (they register symbols)
-from beamdae.report.scene.builder import Measure, SceneBuilder, circle
 from beamdae.report.scene.joint_symbols import symbol
+from beamdae.report.scene.outlines import outlines
 from beamdae.report.scene.poses import Poses
 from beamdae.report.scene.scene import Scene, bounding_box
-from beamdae.results.outlines import outlines
+from beamdae.report.scene.scene_builder import Measure, SceneBuilder, circle
 
 Array = np.ndarray
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.report.scene.beam_colors import BeamColors
+from beamdae.report.scene.line_styles import find_style
 from beamdae.report.scene.scene import MovingCurve, Scene, bounding_box
-from beamdae.report.scene.styles import find_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
