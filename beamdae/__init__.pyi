@@ -44,11 +44,11 @@ from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies.point_mass import PointMass as PointMass
 from .parts.bodies.rigid_body import RigidBody as RigidBody
+from .parts.event_actions import activate as activate
+from .parts.event_actions import change_law as change_law
+from .parts.event_actions import deactivate as deactivate
+from .parts.event_actions import impact as impact
 from .parts.events import Event as Event
-from .parts.events import activate as activate
-from .parts.events import change_law as change_law
-from .parts.events import deactivate as deactivate
-from .parts.events import impact as impact
 from .parts.forces.bushing import Bushing as Bushing
 from .parts.forces.contact import Contact as Contact
 from .parts.forces.force_law import ForceLaw as ForceLaw

@@ -38,7 +38,7 @@ class Origin(NamedTuple):
     t_end: float
 
 
-class Built:
+class HasOrigin:
     """What models build; it knows the model it is from, or None."""
 
     origin: Origin | None = None
@@ -67,7 +67,7 @@ class Model:
 
     def __post_init__(self) -> None:
         _require_function(self.build)
-        file_name("model: build", self.name)
+        require_file_name("model: build", self.name)
         if not isinstance(self.parameters, dict) or not all(
             isinstance(name, str) for name in self.parameters
         ):
@@ -124,12 +124,12 @@ class Model:
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism, with `values` in place of the defaults."""
         parameters = self.complete(values)
-        with beside(self.home):
+        with extend_import_path(self.home):
             built = self.build(**parameters)
         if built is None or isinstance(built, Model):
             what = "None" if built is None else f"the model {built.name}"
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
-        if isinstance(built, Built):
+        if isinstance(built, HasOrigin):
             set_fields(built, origin=Origin(self.name, parameters, self.t_end))
         return built
 
@@ -197,7 +197,7 @@ class Model:
             raise self._wrong(name, text) from None
 
 
-def file_name(part: str, value: Any) -> str:
+def require_file_name(part: str, value: Any) -> str:
     """Return `value` as a name that files and folders may have on any system.
 
     Raises
@@ -270,7 +270,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
 
 
 @contextmanager
-def beside(folder: Path) -> Iterator[None]:
+def extend_import_path(folder: Path) -> Iterator[None]:
     """Modules in a folder can be imported, as if a file there were run; none of them stays loaded.
 
     Another file may have others of the same names beside it, and another process that is sent what
@@ -291,11 +291,11 @@ def beside(folder: Path) -> Iterator[None]:
             if top in before:
                 continue
             own = (folder / f"{top}.py", folder / top)
-            if any(Path(file).is_relative_to(x) for x in own for file in _places(module)):
+            if any(Path(file).is_relative_to(x) for x in own for file in _module_locations(module)):
                 del sys.modules[name]
 
 
-def _places(module: Any) -> list[str]:
+def _module_locations(module: Any) -> list[str]:
     """The file of a module, or the folders of a package without one."""
     file = getattr(module, "__file__", None)
     return [file] if file else [str(x) for x in getattr(module, "__path__", ())]

@@ -12,17 +12,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.singular_laws import LawOfPart
+from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
 if TYPE_CHECKING:
-    from beamdae.equations.configurations import Configurations
+    from beamdae.equations.assembly.configurations import Configurations
     from beamdae.parts.mechanism import Mechanism
 
 Array = np.ndarray
+
+
+class State(NamedTuple):
+    """Rows of a trajectory: coordinates, velocities, accelerations and multipliers."""
+
+    q: Array
+    v: Array
+    a: Array
+    lam: Array
 
 
 @dataclass(frozen=True)
@@ -183,7 +192,7 @@ class EquationsOfMotion:
     structure: Structure = field(repr=False)
     scales: Array | None = None
     ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
-    laws: tuple[LawOfPart, ...] = field(default=(), repr=False)
+    laws: tuple[PartLaw, ...] = field(default=(), repr=False)
     start: Start | None = field(default=None, repr=False)
     redundant: bool = False
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
@@ -214,7 +223,7 @@ class EquationsOfMotion:
     @cached_property
     def nonholonomic_rows(self) -> Array:
         """Which constraints hold velocities alone."""
-        rows = [term.rows.indices for term in self.joints if not term.kernel.holonomic]
+        rows = [term.rows.indices for term in self.joints if not term.kernel.is_holonomic]
         return np.concatenate([np.zeros(0, np.int64), *rows])
 
     @cached_property

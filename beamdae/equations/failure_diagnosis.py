@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.rank import joint_matrix
-from beamdae.equations.starts.start_sums import StartEquations
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
 
@@ -17,7 +16,7 @@ _NEAR = 5e-2
 _MATTERS = 1e-6
 
 
-def blame(
+def diagnose_failure(
     equations: EquationsOfMotion,
     time: Array,
     state: State,
@@ -39,30 +38,30 @@ def blame(
         "cause; cause; what to do", or "" where nothing stands out.
     """
     with np.errstate(all="ignore"):
-        not_finite = _not_finite(equations, np.array([ahead, time[1]]), state)
+        not_finite = _describe_non_finite(equations, np.array([ahead, time[1]]), state)
         if not_finite:
             return not_finite
         causes = [
-            _losing_rank(equations, time, state),
-            _largest(equations, state, residual),
-            _fastest(equations, state),
+            _describe_rank_loss(equations, time, state),
+            _describe_largest_residual(equations, state, residual),
+            _describe_fastest_coordinate(equations, state),
         ]
     return "; ".join(filter(None, causes))
 
 
-def _not_finite(e: EquationsOfMotion, time: Array, state: State) -> str:
-    own = StartEquations(e)
+def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str:
+    own = StateEvaluator(e)
     bad = np.flatnonzero(~np.isfinite(own.force(time, state.q, state.v)))
     if len(bad):
         return f"the force on {e.q_names[bad[0]]} is not finite from there on, look at its law"
-    bad = np.flatnonzero(~np.isfinite(own.levels(time, state.q, state.v)).all(axis=0))
+    bad = np.flatnonzero(~np.isfinite(own.constraint_levels(time, state.q, state.v)).all(axis=0))
     return f"{e.lam_names[bad[0]]} is not finite from there on, look at its law" if len(bad) else ""
 
 
-def _losing_rank(e: EquationsOfMotion, time: Array, state: State) -> str:
+def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
     if not e.m or not np.isfinite(state.q).all():
         return ""
-    joints = joint_matrix(e)
+    joints = build_constraint_jacobian(e)
     if not joints.smallest(time[None], state.q[None])[0] < _NEAR:
         return ""
     names = ", ".join(joints.losing(time, state.q))
@@ -72,7 +71,7 @@ def _losing_rank(e: EquationsOfMotion, time: Array, state: State) -> str:
     )
 
 
-def _largest(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
+def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
     """The equation whose residual is largest, each kind beside its natural size."""
     if residual is None or not np.isfinite(residual).all():
         return ""
@@ -94,7 +93,7 @@ def _largest(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
     return f"the largest residual is that of {where}"
 
 
-def _fastest(e: EquationsOfMotion, state: State) -> str:
+def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
     """The coordinate that accelerates most, in natural sizes."""
     rates = np.abs(state.a) / e.position_scales
     if not np.isfinite(rates).all() or not np.any(rates):

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import Structure, once
-from beamdae.equations.sums import BOOKED, Places, balance_sum
-from beamdae.linear.return_codes import DONE
-from beamdae.native.loops import prepared
-from beamdae.native.vectors import combine, largest
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
+from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.native.loop_functions import combine, max_norm
+from beamdae.native.loops import prepare_loop
+from beamdae.native.return_codes import DONE
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
@@ -21,7 +21,7 @@ _NUMBERS_AT_ONCE, _ROWS_AT_ONCE = 100_000, 1024
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
-_NORMS = 5
+_N_NORMS = 5
 # What tables hold besides the observed columns.
 TIME = "t [s]"
 LEDGER_COLUMNS = tuple(
@@ -46,15 +46,15 @@ class ObservedRows:
 
 
 @dataclass(frozen=True)
-class Balance:
-    """What keeps the books of a run, see `balance`.
+class BalancePlan:
+    """What keeps the books of a run, see `plan_balance`.
 
     Attributes
     ----------
     n, m
         Numbers of coordinates and constraints.
     total
-        `balance_sum` of (q, v, a, lam).
+        `assemble_balance` of (q, v, a, lam).
     """
 
     n: int
@@ -65,30 +65,30 @@ class Balance:
         """What evaluates it at rows of states, with the numbers of a model, for one run alone."""
         return BalanceRows(self, p)
 
-    def buffers(self, native: bool, p: Array) -> BalanceRun:
-        """What `keep_books` works on."""
+    def buffers(self, native: bool, p: Array) -> BalanceBuffers:
+        """What `evaluate_balance` works on."""
         size = 3 * self.n + self.m
         rows = int(np.clip(_NUMBERS_AT_ONCE // max(size, 1), 1, _ROWS_AT_ONCE))
-        return BalanceRun(
+        return BalanceBuffers(
             self.total.sum(native, p),
             self.n,
             self.m,
             times=np.zeros((rows, 2)),
             states=np.zeros((rows, size)),
-            found=np.zeros((rows, BOOKED + _NORMS)),
-            value=np.zeros(BOOKED + size + self.m),
+            found=np.zeros((rows, N_BALANCE_SCALARS + _N_NORMS)),
+            value=np.zeros(N_BALANCE_SCALARS + size + self.m),
             ones=np.ones(max(self.n, self.m)),
         )
 
 
 @dataclass(slots=True)
-class BalanceRun:
+class BalanceBuffers:
     """Rows of a run whose books are kept.
 
     Attributes
     ----------
     total, n, m
-        See `Balance`.
+        See `BalancePlan`.
     times, states
         (t, branch) and (q, v, a, lam) of the rows.
     found
@@ -110,29 +110,33 @@ class BalanceRun:
     filled: int = 0
 
 
-def keep_books(run: BalanceRun) -> int:
+def evaluate_balance(run: BalanceBuffers) -> int:
     """Energies, powers and norms of all rows there are."""
     n, m, value = run.n, run.m, run.value
     on_q, on_g = run.ones[:n], run.ones[:m]
-    levels = BOOKED + 3 * n
+    levels = N_BALANCE_SCALARS + 3 * n
     for i in range(run.filled):
         combine(run.total.shared, (1.0,), (run.times[i],))
-        evaluate(run.total, run.states[i], value)
+        evaluate_sum(run.total, run.states[i], value)
         row = run.found[i]
-        combine(row[:BOOKED], (1.0,), (value[:BOOKED],))
+        combine(row[:N_BALANCE_SCALARS], (1.0,), (value[:N_BALANCE_SCALARS],))
         for k in range(3):
-            row[BOOKED + k] = largest(value[BOOKED + k * n : BOOKED + (k + 1) * n], on_q)
+            row[N_BALANCE_SCALARS + k] = max_norm(
+                value[N_BALANCE_SCALARS + k * n : N_BALANCE_SCALARS + (k + 1) * n], on_q
+            )
         for k in range(2):
-            row[BOOKED + 3 + k] = largest(value[levels + k * m : levels + (k + 1) * m], on_g)
+            row[N_BALANCE_SCALARS + 3 + k] = max_norm(
+                value[levels + k * m : levels + (k + 1) * m], on_g
+            )
     return DONE
 
 
 class BalanceRows:
     """Keeps the books of one run, in machine code where that can be had."""
 
-    def __init__(self, balance: Balance, p: Array) -> None:
-        self._run, self._loop = prepared(
-            keep_books, lambda native: balance.buffers(native, p), balance.total.is_native
+    def __init__(self, balance: BalancePlan, p: Array) -> None:
+        self._run, self._loop = prepare_loop(
+            evaluate_balance, lambda native: balance.buffers(native, p), balance.total.is_native
         )
 
     def __call__(self, times: Array, *state: Array) -> Array:
@@ -157,19 +161,19 @@ class BalanceRows:
             return
         # Forces beyond all numbers are told of by their norms.
         with np.errstate(over="ignore", invalid="ignore"):
-            keep_books(self._run)
+            evaluate_balance(self._run)
 
 
-@once
-def balance(e: Structure) -> Balance:
+@cache_on_owner
+def plan_balance(e: Structure) -> BalancePlan:
     """(3) `ENERGIES` [J], (3) powers of `WORKS` [W], and what shows how good a state is.
 
     The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
-    at = Places(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
-    return Balance(e.n, e.m, balance_sum(e, at).vector())
+    at = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
+    return BalancePlan(e.n, e.m, assemble_balance(e, at).vector())
 
 
-def books_of(equations: EquationsOfMotion) -> BalanceRows:
-    """Rows (energies, powers, norms) at rows of states, see `balance`; for one run alone."""
-    return balance(equations.structure).rows(equations.p)
+def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
+    """Rows (energies, powers, norms) at rows of states, see `plan_balance`; for one run alone."""
+    return plan_balance(equations.structure).rows(equations.p)

@@ -15,7 +15,7 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm
 Array = np.ndarray
 
 
-def identity_of(equations: EquationsOfMotion) -> str:
+def hash_model(equations: EquationsOfMotion) -> str:
     """Hash of equations of motion but for their start, and what is observed and watched of them.
 
     Numbers count with nine digits, so that rounding makes no other model.
@@ -24,33 +24,33 @@ def identity_of(equations: EquationsOfMotion) -> str:
     found = hashlib.sha256()
     for named in (*e.coordinates, *e.multipliers):
         found.update(f"{named.header}\n".encode())
-    found.update(_numbers(e.breakpoints))
+    found.update(_number_bytes(e.breakpoints))
     functions: dict[int, bytes] = {}
     terms: list[ForceTerm | ConstraintTerm] = [*e.forces, *e.joints]
     for term in terms:
         kernel = term.kernel
         if id(kernel) not in functions:
-            functions[id(kernel)] = _formulas(term)
+            functions[id(kernel)] = _hash_formulas(term)
         found.update(functions[id(kernel)])
-        found.update(_numbers(e.p[term.data]))
-        found.update(_entries(term.operator))
+        found.update(_number_bytes(e.p[term.data]))
+        found.update(_operator_bytes(term.operator))
         if term.rows is not None:
-            found.update(_entries(term.rows))
+            found.update(_operator_bytes(term.rows))
     return found.hexdigest()
 
 
-def _formulas(term: ForceTerm | ConstraintTerm) -> bytes:
+def _hash_formulas(term: ForceTerm | ConstraintTerm) -> bytes:
     kernel = term.kernel
     outputs = [ca.densify(x) for x in kernel.outputs]
     text: str = ca.Function("kernel", kernel.inputs, outputs).serialize()
     return hashlib.sha256(text.encode()).digest()
 
 
-def _entries(operator: sp.csr_array) -> bytes:
+def _operator_bytes(operator: sp.csr_array) -> bytes:
     places = [np.asarray(x, np.int64).tobytes() for x in (operator.indptr, operator.indices)]
-    return b"".join([*places, _numbers(operator.data)])
+    return b"".join([*places, _number_bytes(operator.data)])
 
 
-def _numbers(values: Iterable[float]) -> bytes:
+def _number_bytes(values: Iterable[float]) -> bytes:
     # Zero has no sign here.
     return ",".join(f"{x + 0.0:.9g}" for x in values).encode()

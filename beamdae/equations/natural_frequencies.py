@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 Array = np.ndarray
 
@@ -22,14 +22,16 @@ class Mode(NamedTuple):
     damping_ratio: float
 
 
-def fastest_modes(starter: Starter, time: Array, state: State) -> tuple[Mode, ...]:
+def estimate_fastest_modes(
+    starter: ConsistencySolver, time: Array, state: State
+) -> tuple[Mode, ...]:
     """Estimates of the fastest natural mode of each elastic body of the jointed mechanism.
 
     A few steps of power iteration with M^-1 K under the constraints. Coordinates that M or K
     couples make up a body; each is normalized by itself, so that slower bodies are not lost
     beside the fastest one.
     """
-    stiffness, damping, mass = starter.linearized(time, state)
+    stiffness, damping, mass = starter.linearize_forces(time, state)
     solve = starter.mass_solver(time, state)
     count, body = connected_components(abs(stiffness) + abs(mass) > 0.0, directed=False)
     x = np.cos(np.arange(starter.equations.n) ** 2.0)

@@ -14,7 +14,7 @@ from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MOST_KINDS, Formula
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
 
 Array = np.ndarray
 
@@ -26,7 +26,7 @@ _LOOKS, _INTO, _TIMES = 501, 9, 13
 _FAR, _NEAR, _GROWTH = 4.0**-6, 4.0**-11, 16.0
 
 
-class LawOfPart(NamedTuple):
+class PartLaw(NamedTuple):
     """A law that changes with time, a function of (t, branch) and its numbers, and its part."""
 
     part: str
@@ -40,35 +40,35 @@ class LawOfPart(NamedTuple):
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
-def laws_of(parts: Iterable[Part | GravityLaws]) -> tuple[LawOfPart, ...]:
+def collect_varying_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
     """The laws of the parts that change with time, each once."""
-    return varying_laws((part.name, law) for part in parts for law in part.laws)
+    return select_varying_laws((part.name, law) for part in parts for law in part.laws)
 
 
-def varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[LawOfPart, ...]:
+def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
     """Those of laws, each with the name of what follows it, that change with time, each once."""
-    found: dict[int, LawOfPart] = {}
+    found: dict[int, PartLaw] = {}
     for part, law in laws:
         if id(law) in found:
             continue
         formula, numbers = law.formula, np.zeros(0)
         if isinstance(formula, Formula):
             numbers = np.array(formula.numbers, float)
-            function = _varying_kind(formula.kind, len(numbers))
+            function = _compile_varying_kind(formula.kind, len(numbers))
         else:
-            function = _varying(formula, ca.SX(0, 1))
+            function = _compile_varying_law(formula, ca.SX(0, 1))
         if function is not None:
-            found[id(law)] = LawOfPart(part, function, numbers)
+            found[id(law)] = PartLaw(part, function, numbers)
     return tuple(found.values())
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _varying_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _compile_varying_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
     numbers = ca.SX.sym("numbers", count)
-    return _varying(Formula(kind, numbers), numbers)
+    return _compile_varying_law(Formula(kind, numbers), numbers)
 
 
-def _varying(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
+def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
     """(t, branch) and numbers -> the law, if it changes with time."""
     time = ca.SX.sym("t", 2)
     value = law(time)
@@ -77,7 +77,7 @@ def _varying(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | Non
     return RowFunction(ca.Function("law", [time, numbers], [ca.densify(value)]))
 
 
-def require_no_pole(laws: Iterable[LawOfPart], intervals: Sequence[tuple[float, float]]) -> None:
+def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:
     """Refuse laws that become infinite in one of the intervals of a run.
 
     Steps over a pole give an answer, and no error test sees what is wrong with it.
@@ -88,7 +88,7 @@ def require_no_pole(laws: Iterable[LawOfPart], intervals: Sequence[tuple[float, 
         Naming the part and the time.
     """
     for law in laws:
-        pole = _pole(law, np.array(intervals))
+        pole = _find_pole(law, np.array(intervals))
         if pole is not None:
             raise BeamdaeError(
                 f"{law.part}: its law becomes infinite near t = {pole:.6g} s, it must be finite "
@@ -96,7 +96,7 @@ def require_no_pole(laws: Iterable[LawOfPart], intervals: Sequence[tuple[float, 
             )
 
 
-def _pole(law: LawOfPart, intervals: Array) -> float | None:
+def _find_pole(law: PartLaw, intervals: Array) -> float | None:
     """A time at which a law is infinite, if one is found: one that stands out among the looks."""
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _LOOKS, axis=1), 0.5 * (start + end))

@@ -12,10 +12,10 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.rotations import Turn
+from beamdae.symbolic.rotations import LocalRotation
 
 
-class Keeping(Protocol):
+class CacheOwner(Protocol):
     """What keeps things that are built from it."""
 
     @property
@@ -24,12 +24,12 @@ class Keeping(Protocol):
 
 P = ParamSpec("P")
 T = TypeVar("T")
-K = TypeVar("K", bound=Keeping)
+K = TypeVar("K", bound=CacheOwner)
 
 # Structures that are kept for models to come, and the coordinates from which on they are not:
 # what is built from them grows with these, and beside the run it soon takes no time.
-_MOST_STRUCTURES = 16
-_MOST_COORDINATES = 1000
+_MAX_STRUCTURES = 16
+_MAX_COORDINATES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ForceTerm:
 
     Attributes
     ----------
-    operator, turn
+    operator, rotation
         The operator picks coordinates, which kernels turn to local ones, if at all.
     data
         Where in p the copies have their numbers, and behind these those of the turn.
@@ -48,7 +48,7 @@ class ForceTerm:
 
     kernel: ForceKernel
     operator: sp.csr_array
-    turn: Turn | None
+    rotation: LocalRotation | None
     data: slice
     count: int
     rows: sp.csr_array | None = None
@@ -88,38 +88,42 @@ class Structure:
 
     def __post_init__(self) -> None:
         terms = (*self.forces, *self.joints)
-        key = (self.n, self.m, *(_told(value) for term in terms for value in vars(term).values()))
+        key = (
+            self.n,
+            self.m,
+            *(_comparison_key(value) for term in terms for value in vars(term).values()),
+        )
         object.__setattr__(self, "_key", key)
 
 
-def _told(value: Any) -> Any:
+def _comparison_key(value: Any) -> Any:
     """What tells an entry of a term from others; kernels are told by identity."""
     if isinstance(value, slice):
         return value.start, value.stop
     if isinstance(value, sp.csr_array):
         arrays = (value.indptr, value.indices, value.data)
         return value.shape, *((array.dtype.char, array.tobytes()) for array in arrays)
-    return value if isinstance(value, int | Turn | None) else id(value)
+    return value if isinstance(value, int | LocalRotation | None) else id(value)
 
 
 _interning = threading.Lock()
 
 
-def interned(structure: Structure) -> Structure:
+def intern_structure(structure: Structure) -> Structure:
     """The structure that models before had if it is equal, else this one."""
-    if structure.n > _MOST_COORDINATES:
+    if structure.n > _MAX_COORDINATES:
         return structure
     # Without the lock threads that come at once would each keep their own.
     with _interning:
-        return _kept(structure)
+        return _intern_equal(structure)
 
 
-@lru_cache(maxsize=_MOST_STRUCTURES)
-def _kept(structure: Structure) -> Structure:
+@lru_cache(maxsize=_MAX_STRUCTURES)
+def _intern_equal(structure: Structure) -> Structure:
     return structure
 
 
-def once(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
+def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
     """Decorate what is built from a structure, or from equations of motion: built once for each.
 
     What it gives has to be immutable: runs share it.

@@ -13,8 +13,8 @@ from beamdae.simulation import as_equations
 def books():
     """Books of a hub beam, the same in plain Python, and more states than are taken at once."""
     equations = as_equations("simulate", hub_beam(elements=2))
-    keep = measures.books_of(equations)
-    run = measures.balance(equations.structure).buffers(False, equations.p)
+    keep = measures.balance_rows(equations)
+    run = measures.plan_balance(equations.structure).buffers(False, equations.p)
     count = 2 * len(run.times) + 3
     random = np.random.default_rng(0)
     sizes = (equations.n, equations.n, equations.n, equations.m)
@@ -38,7 +38,7 @@ def test_machine_code_and_plain_python_keep_the_same_books(books):
     run.filled = count = 7
     run.times[:count] = times[:count]
     run.states[:count] = np.hstack(state)[:count]
-    measures.keep_books(run)
+    measures.evaluate_balance(run)
     found = keep(times[:count], *(x[:count] for x in state))
     # Sums of tens of numbers, each row in the same order.
     off = np.abs(found - run.found[:count]).max(axis=0)

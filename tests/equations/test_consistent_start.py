@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from support import ARC, FEW, VARIANTS, Numeric
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
 TIP = tuple(ARC.point(ARC.length))
@@ -18,7 +18,9 @@ TIP = tuple(ARC.point(ARC.length))
 def started(mech, t=0.0, q=None, v=None):
     numeric = Numeric(mech, time=(t, t))
     e = numeric.equations
-    state = Starter(e).state(numeric.time, e.q0 if q is None else q, e.v0 if v is None else v)
+    state = ConsistencySolver(e).state(
+        numeric.time, e.q0 if q is None else q, e.v0 if v is None else v
+    )
     return numeric, state
 
 
@@ -57,7 +59,7 @@ def test_start_satisfies_joints_and_equations_of_motion(variant):
 @few_variants
 def test_a_consistent_start_is_left_alone(variant):
     numeric, state = started(crank_and_rod(variant), t=0.1)
-    again = Starter(numeric.equations).state(numeric.time, state.q, state.v)
+    again = ConsistencySolver(numeric.equations).state(numeric.time, state.q, state.v)
     assert_allclose(again.q, state.q, rtol=0.0, atol=0.0)
     # One more projection of a velocity that fits to rounding.
     assert_allclose(again.v, state.v, atol=1e-13)
@@ -256,7 +258,7 @@ def system(mass, force=None, constraints=None):
         names=tuple("abc"[: len(mass)]),
     )
     e = stated.equations
-    return Starter(e).state(np.zeros(2), e.q0, e.v0)
+    return ConsistencySolver(e).state(np.zeros(2), e.q0, e.v0)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +303,7 @@ def test_normal_jerk_of_a_turning_pendulum():
     body = mech.add(bd.RigidBody("bob", 1.0, inertia, (radius, 0.0), (0.0, omega * radius), omega))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     numeric, state = started(mech)
-    found = Starter(numeric.equations).normal_jerk(numeric.time, state, 1e-4)
+    found = ConsistencySolver(numeric.equations).normal_jerk(numeric.time, state, 1e-4)
     jerk = np.array([0.0, -(omega**3) * radius, 0.0])
     mass, along = np.diag([1.0, 1.0, inertia]), np.array([0.0, radius, 1.0])
     expected = jerk - along * (along @ mass @ jerk) / (along @ mass @ along)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from support import Numeric
 
 import beamdae as bd
-from beamdae.parts.observables import motion
+from beamdae.parts.observables import motion_quantity
 from beamdae.symbolic.statements import (
     ConstraintKernel,
     ConstraintStatement,
@@ -246,7 +246,10 @@ def test_regression_columns_that_could_not_be_told_apart_are_refused():
     place = mech.part("second").at(3.0, 0.0)
     mech.observe("c", place)
     mech.observe(
-        "c.x", replace(motion(place), columns=(Named("", "m"), *motion(place).columns[1:]))
+        "c.x",
+        replace(
+            motion_quantity(place), columns=(Named("", "m"), *motion_quantity(place).columns[1:])
+        ),
     )
     with pytest.raises(bd.BeamdaeError, match=r"its headers must differ, c.x \[m\] comes twice"):
         bd.equations_of_motion(mech)

@@ -8,10 +8,14 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, assert_derivative
 
 import beamdae as bd
-from beamdae.equations.formulations import FIRST_ORDER, first_order, first_order_parts
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.start_sums import StartEquations
-from beamdae.equations.step_equations import Predicted, step_equations
+from beamdae.equations.formulations.first_order import (
+    FIRST_ORDER,
+    evaluate_jacobian_parts,
+    formulate_first_order,
+)
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 TIME = np.array([0.3, 0.4])
 
@@ -51,7 +55,7 @@ def _full(pattern, nonzeros):
 
 @pytest.mark.parametrize("form", FIRST_ORDER)
 def test_jacobian_of_first_order_forms(equations, form):
-    system = first_order(equations, form)
+    system = formulate_first_order(equations, form)
     rng = np.random.default_rng(9)
     y, yp = 0.3 * rng.standard_normal((2, system.size))
     y[: equations.n] += equations.q0
@@ -62,9 +66,9 @@ def test_jacobian_of_first_order_forms(equations, form):
 
     jacobian = _full(system.pattern, system.jacobian(TIME, y, yp, c))
     assert_derivative(jacobian, residual, y)
-    apart = first_order(equations, form, apart=True)
+    apart = formulate_first_order(equations, form, apart=True)
     parts = np.zeros((2, apart.pattern.nnz))
-    first_order_parts(apart.buffers(), *TIME, y, yp, parts.ravel())
+    evaluate_jacobian_parts(apart.buffers(), *TIME, y, yp, parts.ravel())
     whole = system.jacobian(TIME, y, yp, c)
     assert (system.pattern != apart.pattern).nnz == 0
     assert_allclose(parts[0] + c * parts[1], whole, rtol=1e-12, atol=1e-12)  # rounding
@@ -72,12 +76,12 @@ def test_jacobian_of_first_order_forms(equations, form):
 
 @pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
 def test_jacobian_of_step_equations(equations, stabilized):
-    step = step_equations(equations, stabilized)
+    step = formulate_step(equations, stabilized)
     rng = np.random.default_rng(10)
     x = 0.2 * rng.standard_normal(step.size)
     q_p, q_n = equations.q0 + 0.2 * rng.standard_normal((2, equations.n))
     v_p, a_p = rng.standard_normal((2, equations.n))
-    at = Predicted(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
+    at = StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(TIME, at, x))
     # Corrections of positions, r = -G^T eta, stand in the matrix as unknowns of their own.
     own, r = slice(step.size), slice(step.size, None)
@@ -88,8 +92,8 @@ def test_jacobian_of_step_equations(equations, stabilized):
 @pytest.mark.parametrize("form", FIRST_ORDER)
 def test_packed_states_solve_the_first_order_form(equations, form):
     v = np.random.default_rng(11).standard_normal(equations.n)
-    state = Starter(equations).state(TIME, equations.q0, v)
-    system = first_order(equations, form)
+    state = ConsistencySolver(equations).state(TIME, equations.q0, v)
+    system = formulate_first_order(equations, form)
     # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
     assert_allclose(system.residual(TIME, *system.pack(state)), 0.0, atol=1e-9)
 
@@ -99,5 +103,7 @@ def test_start_closes_what_holds_positions_and_velocities(equations, level):
     rng = np.random.default_rng(12)
     q = equations.q0 + 1e-3 * rng.standard_normal(equations.n)
     v = rng.standard_normal(equations.n)
-    state = Starter(equations).state(TIME, q, v)
-    assert_allclose(StartEquations(equations).levels(TIME, *state[:3])[level], 0.0, atol=1e-11)
+    state = ConsistencySolver(equations).state(TIME, q, v)
+    assert_allclose(
+        StateEvaluator(equations).constraint_levels(TIME, *state[:3])[level], 0.0, atol=1e-11
+    )

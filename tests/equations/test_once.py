@@ -4,8 +4,8 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.formulations import FIRST_ORDER, first_order
-from beamdae.equations.step_equations import step_equations
+from beamdae.equations.formulations.first_order import FIRST_ORDER, formulate_first_order
+from beamdae.equations.formulations.step_equations import formulate_step
 
 
 def falling():
@@ -17,10 +17,10 @@ def falling():
 @pytest.mark.parametrize(
     "build",
     [
-        *(lambda e, form=form: first_order(e, form) for form in FIRST_ORDER),
-        lambda e: step_equations(e, True),
-        lambda e: step_equations(e, False),
-        measures.balance,
+        *(lambda e, form=form: formulate_first_order(e, form) for form in FIRST_ORDER),
+        lambda e: formulate_step(e, True),
+        lambda e: formulate_step(e, False),
+        measures.plan_balance,
     ],
 )
 def test_it_is_built_once_and_for_others_anew(build):
@@ -32,5 +32,7 @@ def test_it_is_built_once_and_for_others_anew(build):
 
 def test_forms_are_kept_apart():
     equations = falling()
-    assert len({id(first_order(equations, form)) for form in FIRST_ORDER}) == len(FIRST_ORDER)
-    assert step_equations(equations, True) is not step_equations(equations, False)
+    assert len({id(formulate_first_order(equations, form)) for form in FIRST_ORDER}) == len(
+        FIRST_ORDER
+    )
+    assert formulate_step(equations, True) is not formulate_step(equations, False)

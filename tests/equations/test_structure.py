@@ -10,9 +10,9 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.equations import structure
-from beamdae.equations.formulations import first_order
-from beamdae.equations.starts.start_sums import start_sums
-from beamdae.equations.step_equations import step_equations
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.linear import pivots as analysis
 
 # Fixed steps, adaptive ones, and both ways to first-order equations.
@@ -27,7 +27,7 @@ METHODS = [
 @pytest.fixture
 def forgetful():
     """Nothing is kept of models before."""
-    for kept in (structure._kept, analysis._kept_plan, analysis._kept_ordered):
+    for kept in (structure._intern_equal, analysis._kept_plan, analysis._kept_ordered):
         kept.cache_clear()
 
 
@@ -51,13 +51,13 @@ def test_models_that_differ_in_numbers_alone_share_their_structure(numbers):
     assert other.structure is one.structure
     assert not np.array_equal(other.p, one.p)
     for sums in (
-        lambda e: step_equations(e, True).sums,
-        lambda e: step_equations(e, False).sums,
-        lambda e: first_order(e, "stabilized-index1").sums,
+        lambda e: formulate_step(e, True).sums,
+        lambda e: formulate_step(e, False).sums,
+        lambda e: formulate_first_order(e, "stabilized-index1").sums,
     ):
         for x, y in zip(sums(one), sums(other), strict=True):
             assert x is y
-    assert start_sums(other.structure) is start_sums(one.structure)
+    assert plan_state_sums(other.structure) is plan_state_sums(one.structure)
     # What is observed has functions of its own kind.
     functions = [[o.function for o in e.observables] for e in (one, other)]
     assert all(x is y for x, y in zip(*functions, strict=True))
@@ -99,7 +99,7 @@ def test_as_many_bodies_joined_otherwise_are_another_structure():
 
 def test_only_so_many_structures_are_kept(forgetful, monkeypatch):
     first = equations().structure
-    assert structure._kept.cache_info().maxsize == structure._MOST_STRUCTURES
+    assert structure._intern_equal.cache_info().maxsize == structure._MAX_STRUCTURES
     monkeypatch.setattr(structure, "_MOST_COORDINATES", first.n - 1)
     assert equations().structure is not first
 

@@ -10,18 +10,74 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.friction_start import acceleration_with_friction
-from beamdae.equations.starts.independence import require_independent
-from beamdae.equations.starts.least_strain import least_strained
-from beamdae.equations.starts.redundancy import dependent_sets, scaled_joints, sentences
-from beamdae.equations.starts.start_sums import StartEquations
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.least_strain import minimize_strain
+from beamdae.equations.starts.redundant_constraints import (
+    analyze_constraint_rank,
+    describe_dependent_sets,
+    find_dependent_sets,
+    require_independent,
+)
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.linear.factorizations import Factorization, SingularMatrixError, factorization
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
+
+_FRICTION_ITERATIONS = 50
+# Of a change, relative to what is found: rounding, with room for a badly scaled matrix.
+_FRICTION_TOLERANCE = 1e-10
+
+
+def _solve_with_friction(
+    own: StateEvaluator, time: Array, q: Array, v: Array, gamma: Array, stiff_time: float
+) -> tuple[Array, Array]:
+    """Solve M a + F(0, lam) + G^T lam = 0, G a = gamma, by Newton's iteration from lam = 0.
+
+    See `ConsistencySolver.acceleration`. What the matrix says of dF/dlam is exact, so that the iteration
+    converges at once where friction is proportional to the reactions.
+
+    Raises
+    ------
+    BeamdaeError
+        If there are none, as in Painleve's paradox.
+    """
+    e, pattern = own.equations, own.sums.saddle_pattern
+    solver, c = create_factorization(pattern), (stiff_time**2, 0.0, 1.0)
+    found = np.zeros(e.n + e.m)
+    for _ in range(_FRICTION_ITERATIONS):
+        a, lam = found[: e.n], found[e.n :]
+        force = own.force(time, q, v, None, lam)
+        nonzeros = own.saddle(time, q, v, None, c, lam)
+        if not (np.isfinite(force).all() and np.isfinite(nonzeros).all()):
+            break
+        block = own.sums.block.matrix(nonzeros)
+        parts = (own.gradients(time, q), own.sums.gradient_pattern.indices)
+        g = sp.csc_array((*parts, own.sums.gradient_pattern.indptr), shape=(e.m, e.n))
+        off = np.concatenate([block @ a + force + g.T @ lam, g @ a - gamma])
+        try:
+            solver.factorize(nonzeros)
+        except SingularMatrixError:
+            break
+        change = solver.solve(-off)
+        found = found + change
+        size = float(np.max(np.abs(found), initial=0.0))
+        if np.max(np.abs(change), initial=0.0) <= _FRICTION_TOLERANCE * size:
+            return found[: e.n], found[e.n :]
+    names = sorted({name.rpartition(".")[0] for name in _friction_multipliers(own)})
+    raise BeamdaeError(
+        f"{', '.join(names)}: no accelerations and reactions fit the friction at "
+        f"t = {time[0]:g} s, it is too large for the mechanism to slide (Painleve's paradox); "
+        "take a smaller coefficient of friction, or a larger regularization velocity."
+    )
+
+
+def _friction_multipliers(own: StateEvaluator) -> list[str]:
+    """Names of the multipliers that forces depend on."""
+    terms = (term.rows for term in own.equations.forces if term.rows is not None)
+    return [own.equations.lam_names[k] for rows in terms for k in rows.indices]
+
 
 _POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12
@@ -41,18 +97,18 @@ _MOST_MASSES = 300
 
 
 @dataclass(frozen=True)
-class Starter:
+class ConsistencySolver:
     """Makes states of a mechanism consistent, at the start and at breakpoints."""
 
     equations: EquationsOfMotion
 
     @cached_property
-    def _own(self) -> StartEquations:
-        return StartEquations(self.equations)
+    def _own(self) -> StateEvaluator:
+        return StateEvaluator(self.equations)
 
     @cached_property
     def _solver(self) -> Factorization:
-        return factorization(self._own.sums.saddle_pattern)
+        return create_factorization(self._own.sums.saddle_pattern)
 
     def require_inertia(self) -> None:
         """Refuse a mass matrix that is not symmetric, or negative in some direction, at the start.
@@ -88,7 +144,7 @@ class Starter:
         """F at accelerations `a`, in place of those of the state."""
         return self._own.force(time, state.q, state.v, a)
 
-    def linearized(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
+    def linearize_forces(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
         """Stiffness dF/dq, damping dF/dv and mass dF/da, sparse (n, n) each."""
         own, (q, v, a, _) = self._own, state
         return tuple(
@@ -105,9 +161,9 @@ class Starter:
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
     ) -> Array:
         """g, g_dot and g_ddot at time = (t, branch), (3, m); zero stands for what is not given."""
-        return self._own.levels(time, q, v, a)
+        return self._own.constraint_levels(time, q, v, a)
 
-    def at_rest(self, q: Array) -> State:
+    def rest_state(self, q: Array) -> State:
         """The state at positions `q` without motion and reactions."""
         still = np.zeros(self.equations.n)
         return State(q, still, still, np.zeros(self.equations.m))
@@ -134,28 +190,30 @@ class Starter:
         v = self._project(time, q, np.array(v, float))
         return State(q, v, *self.acceleration(time, q, v))
 
-    def gaps(self, time: Array, q: Array) -> Array:
+    def position_gaps(self, time: Array, q: Array) -> Array:
         """How far each joint is open, g."""
-        return self._own.levels(time, q)[0]
+        return self._own.constraint_levels(time, q)[0]
 
     def require_independent(self, time: Array, q: Array) -> None:
         """Refuse joints that depend on each other at positions `q`, naming them."""
         e, pattern = self.equations, self._own.sums.gradient_pattern
-        gradients = self._own.gradients(time, q) * e.position_scales[column_of(pattern)]
+        gradients = self._own.gradients(time, q) * e.position_scales[column_indices(pattern)]
 
         def what_they_block() -> str:
             if e.m > _MOST_EXPLAINED:
                 return ""
-            joints = scaled_joints(self, time, q)
-            return sentences(dependent_sets(self, time, q, np.zeros(e.n), joints))
+            joints = analyze_constraint_rank(self, time, q)
+            return describe_dependent_sets(
+                find_dependent_sets(self, time, q, np.zeros(e.n), joints)
+            )
 
         require_independent(pattern, gradients, e.lam_names, float(time[0]), what_they_block)
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Refuse a law that makes positions jump at time = (t, branch) after `branch_before`."""
         e = self.equations
-        before = self._own.levels(np.array([time[0], branch_before]), q)[0]
-        jump = np.abs(self._own.levels(time, q)[0] - before)
+        before = self._own.constraint_levels(np.array([time[0], branch_before]), q)[0]
+        jump = np.abs(self._own.constraint_levels(time, q)[0] - before)
         if e.m > 0 and np.max(jump) > _JUMP * min(1.0, e.length):
             name = e.lam_names[int(np.argmax(jump))]
             raise BeamdaeError(
@@ -172,14 +230,14 @@ class Starter:
         1 / (1 + (w T)^2) of their acceleration.
         """
         e = self.equations
-        gamma = -self._own.levels(time, q, v)[2]
+        gamma = -self._own.constraint_levels(time, q, v)[2]
         solver, force = self._factorized(time, q, v, (stiff_time**2, 0.0, 1.0))
         if any(term.rows is not None for term in e.forces):
-            return acceleration_with_friction(self._own, time, q, v, gamma, stiff_time)
+            return _solve_with_friction(self._own, time, q, v, gamma, stiff_time)
         solution = solver.solve(np.concatenate([-force, gamma]))
         return solution[: e.n], solution[e.n :]
 
-    def normal_jerk(
+    def evaluate_normal_jerk(
         self, time: Array, state: State, delta: float, of_positions: bool = False
     ) -> Array:
         """P j, P = M^-1 G^T (G M^-1 G^T)^-1 G: what the joints prescribe of the jerk j.
@@ -193,7 +251,9 @@ class Starter:
             return np.zeros(e.n)
         q, v, a, _ = state
         levels = [
-            self._own.levels(time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a)[2]
+            self._own.constraint_levels(
+                time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a
+            )[2]
             for d in (delta, -delta)
         ]
         rate = (levels[0] - levels[1]) / (2.0 * delta)
@@ -246,15 +306,15 @@ class Starter:
             return q
 
         def held(at: Array) -> tuple[Array, sp.csc_array]:
-            return self.gaps(time, at), self.constraint_matrix(time, at)
+            return self.position_gaps(time, at), self.constraint_matrix(time, at)
 
-        return least_strained(self, time, q, closed, q, held, _RIGID_TIME**2)
+        return minimize_strain(self, time, q, closed, q, held, _RIGID_TIME**2)
 
     def _closed(self, time: Array, q: Array) -> Array:
         e = self.equations
         still = np.zeros(e.n)
         for _ in range(_POSITION_ITERATIONS):
-            g = self._own.levels(time, q)[0]
+            g = self._own.constraint_levels(time, q)[0]
             if not np.all(np.isfinite(g)):
                 bad = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
                 raise BeamdaeError(f"{bad}: the constraint is not finite at t = {time[0]:g}.")
@@ -271,7 +331,7 @@ class Starter:
 
     def _project(self, time: Array, q: Array, v: Array) -> Array:
         e = self.equations
-        g_dot = self._own.levels(time, q, v)[1]
+        g_dot = self._own.constraint_levels(time, q, v)[1]
         if e.m == 0 or not np.any(g_dot):
             return v
         solver, _ = self._factorized(time, q, v, _MASS)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rigid_motions import bodies
+from beamdae.equations.starts.rigid_motions import collect_bodies
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Travel:
+class DisplacementMeasure:
     """Distances of changes of the coordinates: x and y of a point count as one.
 
     Attributes
@@ -28,10 +28,10 @@ class Travel:
     point: Array
 
     @classmethod
-    def of(cls, e: EquationsOfMotion) -> Travel:
+    def of(cls, e: EquationsOfMotion) -> DisplacementMeasure:
         """That of the bodies of these equations."""
         point = np.arange(e.n)
-        for body in bodies(e):
+        for body in collect_bodies(e):
             if body.nodes is not None:
                 point[body.nodes[:, 1]] = body.nodes[:, 0]
             elif body.place is not None:

@@ -14,14 +14,14 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.measures import books_of
+from beamdae.equations.measures import balance_rows
 
 if TYPE_CHECKING:
-    from beamdae.equations.starts.consistent_start import Starter
+    from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 Array = np.ndarray
 # What is missed, and its derivative.
-Held = Callable[[Array], tuple[Array, Any]]
+ConstraintFunction = Callable[[Array], tuple[Array, Any]]
 
 # Beside the largest entry: what lets rows that depend on each other be solved with.
 _DEPENDENT = 1e-13
@@ -29,7 +29,7 @@ _DEPENDENT = 1e-13
 _FARTHEST, _STEADY, _ITERATIONS = 0.5, 1e-10, 30
 
 
-def least_change(weight: Any, rows: Any, wanted: Array, force: Array | None = None) -> Array:
+def solve_least_change(weight: Any, rows: Any, wanted: Array, force: Array | None = None) -> Array:
     """The change x with rows @ x = wanted that is least as `weight` has it.
 
     Under a `force` it is the one that makes weight @ x - force vanish but for what the rows bear.
@@ -45,8 +45,14 @@ def least_change(weight: Any, rows: Any, wanted: Array, force: Array | None = No
         return np.full(n, np.nan)
 
 
-def least_strained(
-    starter: Starter, time: Array, begun: Array, q: Array, free: Array, held: Held, square: float
+def minimize_strain(
+    starter: ConsistencySolver,
+    time: Array,
+    begun: Array,
+    q: Array,
+    free: Array,
+    held: ConstraintFunction,
+    square: float,
 ) -> Array:
     """Positions near `q` that satisfy what is held, with the least of motion and elastic energy.
 
@@ -77,15 +83,15 @@ def least_strained(
         `q` itself where the iteration does not end, or ends at more strain energy.
     """
     still, scale = np.zeros(len(q)), starter.equations.position_scales
-    at_free = starter.forces(time, starter.at_rest(free), still)
+    at_free = starter.forces(time, starter.rest_state(free), still)
     found = q
     for _ in range(_ITERATIONS):
-        state = starter.at_rest(found)
-        stiffness, _, mass = starter.linearized(time, state)
+        state = starter.rest_state(found)
+        stiffness, _, mass = starter.linearize_forces(time, state)
         beyond = starter.forces(time, state, still) - at_free
         missed, rows = held(found)
         force = -(mass @ (found - begun) + square * beyond)
-        change = least_change(mass + square * stiffness, rows, -missed, force)
+        change = solve_least_change(mass + square * stiffness, rows, -missed, force)
         far = float(np.max(np.abs(change) / scale))
         if not np.isfinite(far):
             break
@@ -97,4 +103,4 @@ def least_strained(
 
 def _strain_energy(equations: EquationsOfMotion, time: Array, q: Array) -> float:
     still, loose = np.zeros((1, equations.n)), np.zeros((1, equations.m))
-    return float(books_of(equations)(time[None], q[None], still, still, loose)[0, 1])
+    return float(balance_rows(equations)(time[None], q[None], still, still, loose)[0, 1])

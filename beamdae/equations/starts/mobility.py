@@ -8,10 +8,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.redundancy import ScaledJoints
-from beamdae.equations.starts.rigid_motions import free_motion, rigid_motions
-from beamdae.equations.starts.start_sums import start_sums
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.equations.starts.redundant_constraints import ConstraintRank
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions, describe_free_motion
+from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -19,12 +19,14 @@ Array = np.ndarray
 _NONE = 1e-9
 
 
-def free_motions(e: EquationsOfMotion, q: Array, joints: ScaledJoints) -> tuple[str, ...]:
+def describe_free_motions(
+    e: EquationsOfMotion, q: Array, joints: ConstraintRank
+) -> tuple[str, ...]:
     """Motions of the bodies that no joint and no driver holds, in words; beams are stiff in them.
 
     As many as are independent of each other, each of as few bodies as can be.
     """
-    motions = rigid_motions(e, q)
+    motions = compute_rigid_motions(e, q)
     space = la.null_space(joints.matrix @ motions, rcond=_NONE)
     count = space.shape[1]
     if not count:
@@ -33,20 +35,20 @@ def free_motions(e: EquationsOfMotion, q: Array, joints: ScaledJoints) -> tuple[
     apart = space @ la.inv(space[order[:count]])
     apart[np.abs(apart) < _NONE * np.max(np.abs(apart))] = 0.0
     return tuple(
-        free_motion(e, q, motions @ apart[:, k] * e.position_scales)
+        describe_free_motion(e, q, motions @ apart[:, k] * e.position_scales)
         for k in np.argsort(order[:count])
     )
 
 
-def rigid_mobility(e: EquationsOfMotion, q: Array, joints: ScaledJoints) -> int:
+def count_rigid_mobility(e: EquationsOfMotion, q: Array, joints: ConstraintRank) -> int:
     """Degrees of freedom that are left to the bodies if beams are rigid."""
-    motions = rigid_motions(e, q)
+    motions = compute_rigid_motions(e, q)
     matrix = joints.matrix @ motions
     rank = int(np.sum(la.svdvals(matrix) > _NONE)) if matrix.size else 0
     return motions.shape[1] - rank
 
 
-def loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
+def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     """Groups of parts that joints and forces tie to each other, but no joint to the ground."""
     owner = np.zeros(e.n, int)
     for k, part in enumerate(e.parts):
@@ -60,8 +62,10 @@ def loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
             ties += [(tied[0], other) for other in tied]
             if len(tied) == 1:
                 grounded.add(int(tied[0]))
-    block = start_sums(e.structure).block
-    ties += list(zip(owner[block.pattern.indices], owner[column_of(block.pattern)], strict=True))
+    block = plan_state_sums(e.structure).block
+    ties += list(
+        zip(owner[block.pattern.indices], owner[column_indices(block.pattern)], strict=True)
+    )
     pairs = np.array(ties, int).reshape(-1, 2).T
     graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))
     count, group = connected_components(graph.tocsr(), directed=False)

@@ -8,10 +8,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.start_sums import start_sums
-from beamdae.equations.structure import ConstraintTerm, Structure, once
-from beamdae.equations.sums import data_of
-from beamdae.symbolic.sparse_operators import column_of, products
+from beamdae.equations.formulations.sums import term_data
+from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.equations.structure import ConstraintTerm, Structure, cache_on_owner
+from beamdae.symbolic.sparse_operators import column_indices, multiply_entries
 
 Array = np.ndarray
 
@@ -24,7 +24,7 @@ _GROUND = ""
 
 
 @dataclass(frozen=True)
-class JointMatrix:
+class ConstraintJacobian:
     """G = dg/dq in natural units: coordinates by their scales, rows of length one.
 
     Attributes
@@ -44,7 +44,7 @@ class JointMatrix:
     placed: tuple[sp.csr_array, ...]
     rank: int
 
-    def of_rank_at(self, time: Array, q: Array) -> JointMatrix:
+    def of_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
         """The same, its rank that of G at (t, branch) and q."""
         singular = np.linalg.svd(self.at(time[None], q[None])[0], compute_uv=False)
         return replace(self, rank=int(np.sum(singular > _DEPENDENT)))
@@ -68,7 +68,7 @@ class JointMatrix:
         for joint, placed in zip(self.equations.joints, self.placed, strict=True):
             count, size = joint.count, joint.kernel.local.size
             local = np.asarray(joint.operator @ q.T).T.reshape(len(q) * count, size)
-            data = np.tile(data_of(self.equations, joint).T, (len(q), 1))
+            data = np.tile(term_data(self.equations, joint).T, (len(q), 1))
             own = joint.kernel.gradients(np.repeat(times, count, axis=0), local, data)
             total += own.reshape(len(q), -1) @ placed
         return total
@@ -82,7 +82,10 @@ class JointMatrix:
         parts = range(0, len(q), at_once)
         which = self.equations.m - self.rank
         return np.concatenate(
-            [_singular(self.at(times[i : i + at_once], q[i : i + at_once]), which) for i in parts]
+            [
+                _singular_values(self.at(times[i : i + at_once], q[i : i + at_once]), which)
+                for i in parts
+            ]
         )
 
     def losing(self, time: Array, q: Array) -> list[str]:
@@ -98,24 +101,26 @@ class JointMatrix:
         )
 
 
-def joint_matrix(e: EquationsOfMotion) -> JointMatrix:
+def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
     """The joint matrix of a mechanism, all of whose constraints are independent."""
-    return JointMatrix(e, start_sums(e.structure).gradient_pattern, _placed(e.structure), e.m)
+    return ConstraintJacobian(
+        e, plan_state_sums(e.structure).gradient_pattern, _scatter_operators(e.structure), e.m
+    )
 
 
-@once
-def _placed(structure: Structure) -> tuple[sp.csr_array, ...]:
-    pattern = start_sums(structure).gradient_pattern
-    place = column_of(pattern) * structure.m + pattern.indices
-    return tuple(_placed_copies(joint, structure.m, place) for joint in structure.joints)
+@cache_on_owner
+def _scatter_operators(structure: Structure) -> tuple[sp.csr_array, ...]:
+    pattern = plan_state_sums(structure).gradient_pattern
+    place = column_indices(pattern) * structure.m + pattern.indices
+    return tuple(_scatter_operator(joint, structure.m, place) for joint in structure.joints)
 
 
-def _placed_copies(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
+def _scatter_operator(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
     """From the gradients of all copies to entries of G, which are at column * m + row = `place`."""
     own = joint.kernel.gradient_pattern
     row, column = (np.array(x, int) for x in own.get_triplet())
     copy = np.repeat(np.arange(joint.count), len(row))
-    i, j, source, weight = products(
+    i, j, source, weight = multiply_entries(
         joint.rows,
         copy * own.size1() + np.tile(row, joint.count),
         joint.operator,
@@ -125,13 +130,13 @@ def _placed_copies(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
     return sp.csr_array((weight, (source, to)), shape=(len(copy), len(place)))
 
 
-def _singular(matrices: Array, which: int) -> Array:
+def _singular_values(matrices: Array, which: int) -> Array:
     """Singular values of wide matrices, counted upwards from the smallest, 0."""
     squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
     return np.sqrt(np.maximum(squares[:, which], 0.0))
 
 
-def has_loops(e: EquationsOfMotion) -> bool:
+def has_closed_loops(e: EquationsOfMotion) -> bool:
     """Whether joints close a loop: those of an open chain never lose rank."""
     owner = [name.rpartition(".")[0] for name in e.q_names]
     group = {body: body for body in (*owner, _GROUND)}

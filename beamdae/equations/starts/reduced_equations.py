@@ -8,10 +8,13 @@ import numpy as np
 import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.rank import joint_matrix
-from beamdae.equations.starts.redundancy import dependent_sets, scaled_joints
-from beamdae.equations.structure import Structure, interned
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.redundant_constraints import (
+    analyze_constraint_rank,
+    find_dependent_sets,
+)
+from beamdae.equations.structure import Structure, intern_structure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -23,7 +26,7 @@ _NONE = 1e-9
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedEquations:
     """Equations with independent constraints only.
 
     Attributes
@@ -56,16 +59,16 @@ class Reduced:
         BeamdaeError
             Naming one of them.
         """
-        state = Starter(self.equations).state(time, self.equations.q0, self.equations.v0)
-        starter = Starter(self.whole)
-        joints = scaled_joints(starter, time, state.q)
-        sets = dependent_sets(starter, time, state.q, state.v, joints)
+        state = ConsistencySolver(self.equations).state(time, self.equations.q0, self.equations.v0)
+        starter = ConsistencySolver(self.whole)
+        joints = analyze_constraint_rank(starter, time, state.q)
+        sets = find_dependent_sets(starter, time, state.q, state.v, joints)
         wrong = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
         if wrong is not None:
             raise BeamdaeError(
                 f"{', '.join(wrong.constraints)}: none of them can be spared, {wrong}."
             )
-        for off in starter.levels(time, state.q, state.v)[:2]:
+        for off in starter.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(off)))
             if abs(off[worst]) > _AGREE * max(1.0, self.whole.length):
                 raise BeamdaeError(
@@ -80,7 +83,7 @@ class Reduced:
         """
         whole = np.zeros((len(lam), self.whole.m))
         lengths = self._lengths(times, q)
-        matrices = joint_matrix(self.whole)
+        matrices = build_constraint_jacobian(self.whole)
         for k in range(len(lam)):
             matrix = matrices.at(times[k : k + 1], q[k : k + 1])[0]
             # G^T lam = (D G)^T lam / D, rows of D G of length one.
@@ -93,7 +96,7 @@ class Reduced:
 
     def _lengths(self, times: Array, q: Array) -> Array:
         """Lengths of the rows of G in natural sizes."""
-        starter = Starter(self.whole)
+        starter = ConsistencySolver(self.whole)
         return np.array(
             [
                 np.sqrt(
@@ -106,7 +109,7 @@ class Reduced:
         )
 
 
-def reduced(whole: EquationsOfMotion, time: Array) -> Reduced | None:
+def remove_redundant_constraints(whole: EquationsOfMotion, time: Array) -> ReducedEquations | None:
     """The mechanism without constraints that can be spared at its start; None if there are none.
 
     Raises
@@ -114,15 +117,15 @@ def reduced(whole: EquationsOfMotion, time: Array) -> Reduced | None:
     BeamdaeError
         If these contradict the others.
     """
-    found = without_dependent(whole, time)
+    found = drop_dependent_constraints(whole, time)
     if found is not None:
         found.require_agreement(time)
     return found
 
 
-def without_dependent(whole: EquationsOfMotion, time: Array) -> Reduced | None:
+def drop_dependent_constraints(whole: EquationsOfMotion, time: Array) -> ReducedEquations | None:
     """The same, whatever they say."""
-    split = scaled_joints(Starter(whole), time, whole.q0).split
+    split = analyze_constraint_rank(ConsistencySolver(whole), time, whole.q0).split
     if not len(split.dropped):
         return None
     kept, own = split.kept, whole.structure
@@ -131,6 +134,6 @@ def without_dependent(whole: EquationsOfMotion, time: Array) -> Reduced | None:
         whole,
         multipliers=tuple(whole.multipliers[k] for k in kept),
         observables=(),
-        structure=interned(Structure(own.n, len(kept), own.forces, joints)),
+        structure=intern_structure(Structure(own.n, len(kept), own.forces, joints)),
     )
-    return Reduced(whole, equations, kept, split.dropped)
+    return ReducedEquations(whole, equations, kept, split.dropped)

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.displacement_measure import Travel
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.displacement_measure import DisplacementMeasure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ _CARRIED, _OFF = 1e-9, 1e-14
 _STEADY, _MOST_STEPS = 1e-10, 400
 
 
-class AtRest(Protocol):
+class StaticSystem(Protocol):
     """Static equations of (q, lam), such as `StaticEquations`."""
 
     @property
@@ -48,7 +48,7 @@ class AtRest(Protocol):
         """Its derivative by (q, lam)."""
 
 
-class Step(NamedTuple):
+class FlowStep(NamedTuple):
     """A step of the gradient flow that is tried: `q` and `lam` where it ends.
 
     Attributes
@@ -79,13 +79,13 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Flow:
+class GradientFlow:
     """Implicit steps down the gradient flow of a mechanism that began at positions `begun`."""
 
-    static: AtRest
+    static: StaticSystem
     begun: Array
-    starter: Starter
-    travel: Travel
+    starter: ConsistencySolver
+    travel: DisplacementMeasure
 
     @cached_property
     def _turns(self) -> Array:
@@ -96,10 +96,10 @@ class Flow:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begun))
         return _OFF * self.travel.scale * signs
 
-    def step(self, q: Array, lam: Array, square: float) -> Step | None:
+    def step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
         """One of a pseudo-time T, T^2 = `square`; None where nothing is to be had."""
         static, n, m = self.static, len(q), len(lam)
-        mass = self.starter.linearized(static.time, self.starter.at_rest(q))[2]
+        mass = self.starter.linearize_forces(static.time, self.starter.rest_state(q))[2]
         weight = sp.block_diag([mass / square, sp.csc_array((m, m))], format="csc")
         try:
             solve = splu(sp.csc_array(static.matrix(q, lam) + weight)).solve
@@ -121,10 +121,10 @@ class Flow:
         open_joints = static.residual(q, lam)
         open_joints[:n] = 0.0
         further = -solve(open_joints)
-        return Step(q + further[:n], lam + further[n:], far, size(further), rounded)
+        return FlowStep(q + further[:n], lam + further[n:], far, size(further), rounded)
 
 
-def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
+def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     """Positions and multipliers at rest: implicit steps down the gradient flow from near `q`.
 
     The steps solve [[M / T^2 + K, G^T], [G, 0]] with K that of F + G^T lam, once more to close the
@@ -137,9 +137,9 @@ def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
     BeamdaeError
         If nothing comes to rest, naming the coordinate that moved most.
     """
-    e, starter = static.equations, Starter(static.equations)
+    e, starter = static.equations, ConsistencySolver(static.equations)
     begin = starter.state(static.time, q, np.zeros(e.n))
-    flow = Flow(static, begin.q, starter, Travel.of(e))
+    flow = GradientFlow(static, begin.q, starter, DisplacementMeasure.of(e))
     q, lam = begin.q, begin.lam
     fastest = flow.travel.farthest(begin.a)
     if _is_unloaded(static, q) or fastest == 0.0:
@@ -168,7 +168,7 @@ def relaxed(static: AtRest, q: Array) -> tuple[Array, Array]:
     )
 
 
-def _is_unloaded(static: AtRest, q: Array) -> bool:
+def _is_unloaded(static: StaticSystem, q: Array) -> bool:
     """Whether there are no forces at all: joints that rounding opens bear nothing."""
     e = static.equations
     return not np.any(static.residual(q, np.zeros(e.m))[: e.n])

@@ -22,7 +22,7 @@ _FRAMES = (("x", "y", "angle"), ("x0", "y0", "theta"))
 _NODES = ("x", "y", "psi")
 
 
-def listed(names: Sequence[str]) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Names in words, of many the first ones."""
     if len(names) > _MOST_NAMES:
         names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} others"]
@@ -42,12 +42,12 @@ class Body(NamedTuple):
     nodes: Array | None = None
 
 
-def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
+def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     """The parts that have coordinates."""
     found = []
     for part in e.parts:
         own = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
-        nodes = _nodes(own)
+        nodes = _node_coordinates(own)
         if nodes is not None:
             x, y, angle = nodes[0].tolist()
             others = tuple(nodes[1:].ravel().tolist())
@@ -60,7 +60,7 @@ def bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     return tuple(found)
 
 
-def _nodes(own: dict[str, int]) -> Array | None:
+def _node_coordinates(own: dict[str, int]) -> Array | None:
     """Positions and angles of nodes, (n, 3), if that is all there is."""
     count = len(own) // len(_NODES)
     names = [f"{name}{k}" for k in range(count) for name in _NODES]
@@ -69,12 +69,12 @@ def _nodes(own: dict[str, int]) -> Array | None:
     return np.array([own[name] for name in names]).reshape(count, len(_NODES))
 
 
-def rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
+def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
     """Motions at q without deformation in natural sizes, (n, k); of other parts each coordinate."""
     columns: list[Array] = []
-    for body in bodies(e):
+    for body in collect_bodies(e):
         if body.nodes is not None:
-            columns += list(_rigid(e, q, body.nodes).T)
+            columns += list(_rigid_motions_of_nodes(e, q, body.nodes).T)
             continue
         own = (*(body.place or ()), *body.others)
         if body.place is not None and body.angle is not None:
@@ -83,7 +83,7 @@ def rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
     return np.array(columns).reshape(-1, e.n).T
 
 
-def _rigid(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
+def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
     """Both travels of nodes and their turn about the first, in natural sizes, (n, 3)."""
     motions = np.zeros((e.n, 3))
     x, y, angle = nodes.T
@@ -92,11 +92,13 @@ def _rigid(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
     return motions / e.position_scales[:, None]
 
 
-def _sizes(e: EquationsOfMotion, q: Array, body: Body, motion: Array) -> tuple[float, float, float]:
+def _motion_sizes(
+    e: EquationsOfMotion, q: Array, body: Body, motion: Array
+) -> tuple[float, float, float]:
     """Travel, turn and deformation in lengths of the mechanism, or rad."""
     scaled = motion / e.position_scales
     if body.nodes is not None:
-        own, rigid = body.nodes.ravel(), _rigid(e, q, body.nodes)
+        own, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
         shares = np.linalg.lstsq(rigid[own], scaled[own])[0]
         bent = float(np.max(np.abs(scaled[own] - rigid[own] @ shares)))
         return float(np.hypot(*shares[:2])), abs(float(shares[2])), bent
@@ -105,32 +107,32 @@ def _sizes(e: EquationsOfMotion, q: Array, body: Body, motion: Array) -> tuple[f
     return travel, turn, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
 
 
-def described(e: EquationsOfMotion, q: Array, motion: Array) -> str:
+def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     """What moves most in a motion, as a noun: "turn of the crank"."""
-    moving = [(max(_sizes(e, q, body, motion)), body) for body in bodies(e)]
+    moving = [(max(_motion_sizes(e, q, body, motion)), body) for body in collect_bodies(e)]
     most = max(size for size, _ in moving)
     body = next(body for size, body in moving if size >= most * (1.0 - 1e-6))
-    travel, turn, bent = _sizes(e, q, body, motion)
+    travel, turn, bent = _motion_sizes(e, q, body, motion)
     if bent > max(travel, turn):
         worst = max(body.others, key=lambda k: abs(motion[k]) / e.position_scales[k])
         return f"deformation of the {body.name} ({e.q_names[worst]})"
     if turn * _FAR > travel:
         return f"turn of the {body.name}"
-    return f"travel of the {body.name} along {_direction(body, motion)}"
+    return f"travel of the {body.name} along {_describe_direction(body, motion)}"
 
 
-def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
+def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
     """A motion of all bodies that nothing holds, as a sentence: who turns about what."""
     who: dict[str, list[str]] = {}
-    everything = bodies(e)
+    everything = collect_bodies(e)
     for body in everything:
-        travel, turn, other = _sizes(e, q, body, motion)
+        travel, turn, other = _motion_sizes(e, q, body, motion)
         if max(travel, turn, other) <= _NONE:
             continue
         if body.place is None:
             how = "move"
         elif body.angle is None or turn * _FAR <= travel:
-            how = f"travel along {_direction(body, motion)}"
+            how = f"travel along {_describe_direction(body, motion)}"
         else:
             (x, y), rate = q[list(body.place)], motion[body.angle]
             dx, dy = motion[list(body.place)]
@@ -140,12 +142,12 @@ def free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
         who.setdefault(how, []).append(body.name)
     if len(everything) > 1 and [len(names) for names in who.values()] == [len(everything)]:
         return f"the whole mechanism can {next(iter(who))}"
-    told = [f"{listed(names)} can {how}" for how, names in who.items()]
+    told = [f"{join_names(names)} can {how}" for how, names in who.items()]
     others = sum(len(names) for names in list(who.values())[_MOST_NAMES:])
     return ", ".join([*told[:_MOST_NAMES], *([f"{others} others move along"] if others else [])])
 
 
-def _direction(body: Body, motion: Array) -> str:
+def _describe_direction(body: Body, motion: Array) -> str:
     if body.place is None:
         return "its coordinate"
     along = motion[list(body.place)]

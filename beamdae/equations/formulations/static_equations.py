@@ -9,16 +9,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import Structure, once
-from beamdae.equations.sums import (
-    Places,
+from beamdae.equations.formulations.sums import (
+    InputLayout,
     add_joint_matrices,
     add_tangents,
-    matrix_builder,
-    residual_sum,
+    assemble_residual,
+    create_matrix_sum,
 )
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
@@ -32,13 +32,13 @@ class StaticSums:
     pattern: sp.csc_array
 
 
-@once
-def static_sums(structure: Structure) -> StaticSums:
+@cache_on_owner
+def plan_static_sums(structure: Structure) -> StaticSums:
     """The sums of static equilibrium, built once."""
-    n, m, total = structure.n, structure.m, matrix_builder()
+    n, m, total = structure.n, structure.m, create_matrix_sum()
     # Velocities and accelerations are the same zeros.
-    at = Places(q=0, v=n, a=n, lam=2 * n)
-    residual = residual_sum(structure, at, (0,), stabilized=False).vector()
+    at = InputLayout(q=0, v=n, a=n, lam=2 * n)
+    residual = assemble_residual(structure, at, (0,), stabilized=False).vector()
     for term, copies in add_tangents(total, structure, at, ((0,),)):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
@@ -87,15 +87,15 @@ class StaticEquations:
     @property
     def pattern(self) -> sp.csc_array:
         """CSC pattern of the tangent [[K, G^T + dF/dlam], [G, 0]], K = d(F + G^T lam)/dq."""
-        return static_sums(self.equations.structure).pattern
+        return plan_static_sums(self.equations.structure).pattern
 
     @cached_property
     def _residual(self) -> Sum:
-        return static_sums(self.equations.structure).residual.sum(False, self.equations.p)
+        return plan_static_sums(self.equations.structure).residual.sum(False, self.equations.p)
 
     @cached_property
     def _tangent(self) -> Sum:
-        return static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
+        return plan_static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
 
     def residual(self, q: Array, lam: Array) -> Array:
         """(F + G^T lam, g), (n + m,)."""
@@ -116,5 +116,5 @@ class StaticEquations:
         total.shared[:2] = self.time
         result = np.zeros(size)
         with np.errstate(over="ignore", invalid="ignore"):
-            evaluate(total, np.concatenate([q, np.zeros(len(q)), lam]), result)
+            evaluate_sum(total, np.concatenate([q, np.zeros(len(q)), lam]), result)
         return result

@@ -8,20 +8,24 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from beamdae.equations.coordinate_map import owners_of
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.errors import BeamdaeError
-from beamdae.parts.events import Impact, impacts_of, switches_of
-from beamdae.parts.joints.closed_gap import ClosedGap
-from beamdae.parts.joints.frozen_constraint import AsFound, Held, found_by
+from beamdae.parts.events import Impact, select_impacts, select_switches
+from beamdae.parts.joints.event_constraints import (
+    ClosedGap,
+    FrozenConstraint,
+    FrozenGap,
+    evaluate_frozen_gap,
+)
 from beamdae.parts.joints.joint import Joint, JointByFormula
-from beamdae.parts.laws import Law, later
+from beamdae.parts.laws import Law, shift_law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 
 Array = np.ndarray
 # What joints that were switched on as they were hold, by name.
-Found = Mapping[str, Held]
+FrozenGaps = Mapping[str, FrozenGap]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,23 +45,23 @@ class Configuration:
     """
 
     equations: EquationsOfMotion
-    held: Array
+    multiplier_rows: Array
     inactive: frozenset[str]
-    found: Found = field(default_factory=dict)
+    frozen_gaps: FrozenGaps = field(default_factory=dict)
 
-    def own(self, lam: Array) -> Array:
+    def select_multipliers(self, lam: Array) -> Array:
         """Of rows of all multipliers those that there are."""
-        return lam[:, self.held]
+        return lam[:, self.multiplier_rows]
 
-    def among_all(self, lam: Array, m: int) -> Array:
+    def expand_multipliers(self, lam: Array, m: int) -> Array:
         """Rows of all `m` multipliers: those of inactive parts are zero."""
         found = np.zeros((len(lam), m))
-        found[:, self.held] = lam
+        found[:, self.multiplier_rows] = lam
         return found
 
 
 @dataclass(frozen=True)
-class Struck:
+class ImpactEquations:
     """Equations in which what an impact throws back is held, too.
 
     Attributes
@@ -87,15 +91,17 @@ class Configurations:
 
     mechanism: Mechanism
     build: Callable[[Mechanism], EquationsOfMotion]
-    first: frozenset[str]
-    found: Found = field(default_factory=dict)
+    initially_inactive: frozenset[str]
+    frozen_gaps: FrozenGaps = field(default_factory=dict)
     _known: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
 
-    def begin(self, whole: EquationsOfMotion) -> Configuration:
+    def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
         """The one at the start of a run; `whole` are the equations of all parts."""
-        return self.of(whole, self.first, self.found)
+        return self.configuration_without(whole, self.initially_inactive, self.frozen_gaps)
 
-    def of(self, whole: EquationsOfMotion, inactive: frozenset[str], found: Found) -> Configuration:
+    def configuration_without(
+        self, whole: EquationsOfMotion, inactive: frozenset[str], found: FrozenGaps
+    ) -> Configuration:
         """The one without these parts, some joints of which hold what was `found`."""
         if found:
             # What was found once is not found again.
@@ -118,7 +124,7 @@ class Configurations:
         held = np.array([rows[name] for name in equations.lam_names], int)
         return Configuration(equations, held, inactive, dict(found))
 
-    def after(
+    def configuration_after(
         self,
         whole: EquationsOfMotion,
         now: Configuration,
@@ -127,29 +133,33 @@ class Configurations:
         q: Array,
     ) -> Configuration:
         """The one after an event has switched parts at time = (t, branch)."""
-        inactive, found = now.inactive, dict(now.found)
-        for switch in switches_of(event.do):
+        inactive, found = now.inactive, dict(now.frozen_gaps)
+        for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
             for name in (*switch.on, *switch.off):
                 found.pop(name, None)
             changed = dict(switch.laws)
             for name in switch.as_is:
-                held = Held((), event.name, float(time[0])) if name in changed else Held(())
+                held = (
+                    FrozenGap((), event.name, float(time[0])) if name in changed else FrozenGap(())
+                )
                 found[name] = self._finding(name, held, time, q)
-        if inactive == now.inactive and found == now.found:
+        if inactive == now.inactive and found == now.frozen_gaps:
             return replace(now)
-        return self.of(whole, inactive, found)
+        return self.configuration_without(whole, inactive, found)
 
-    def struck(
+    def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
-    ) -> Struck:
+    ) -> ImpactEquations:
         """What the impacts of an event throw back, with all that is active."""
-        rest = self._without(now.inactive, now.found)
+        rest = self._without(now.inactive, now.frozen_gaps)
         restitution: dict[str, float] = {}
         gaps: list[str] = []
         for one in impacts:
             part: Part = (
-                one.on if isinstance(one.on, Joint) else ClosedGap(_unused(event, rest), one.on)
+                one.on
+                if isinstance(one.on, Joint)
+                else ClosedGap(_unused_name(event, rest), one.on)
             )
             if part.name in rest.parts:
                 # It is held, and nothing of it moves.
@@ -159,40 +169,40 @@ class Configurations:
             restitution |= dict.fromkeys(names, one.restitution)
             gaps += names if isinstance(part, ClosedGap) else []
         shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
-        return Struck(replace(self.build(rest), **shared), restitution, frozenset(gaps))
+        return ImpactEquations(replace(self.build(rest), **shared), restitution, frozenset(gaps))
 
-    def _finding(self, name: str, held: Held, time: Array, q: Array) -> Held:
+    def _finding(self, name: str, held: FrozenGap, time: Array, q: Array) -> FrozenGap:
         """With what a joint finds at time = (t, branch)."""
         joint, law = self.mechanism.part(name), self._law(name, held)
         assert isinstance(joint, JointByFormula)
-        owners, pieces = owners_of(self.mechanism), joint._pieces
+        owners, pieces = map_coordinates(self.mechanism), joint._pieces
         local = np.concatenate([x.operator @ q[owners.slice(x.owner)] for x in pieces])
         # A law that begins here is on its own first piece.
         at = time if law is None else time[[0, 0]]
-        return replace(held, found=found_by(joint, law, at, local))
+        return replace(held, found=evaluate_frozen_gap(joint, law, at, local))
 
-    def _law(self, name: str, held: Held) -> Law | None:
+    def _law(self, name: str, held: FrozenGap) -> Law | None:
         """The law that an event has a joint follow; None if it is its own."""
         if not held.event:
             return None
         for event in self.mechanism.events:
-            laws = dict(law for switch in switches_of(event.do) for law in switch.laws)
+            laws = dict(law for switch in select_switches(event.do) for law in switch.laws)
             if event.name == held.event and name in laws:
-                return later(laws[name], held.since)
+                return shift_law(laws[name], held.since)
         raise BeamdaeError(
             f"{name}: it follows the law that event {held.event} gave it at t = {held.since:g} s, "
             "and there is no such event in this model."
         )
 
-    def _held(self, part: Part, held: Held) -> AsFound:
+    def _held(self, part: Part, held: FrozenGap) -> FrozenConstraint:
         if not isinstance(part, JointByFormula) or len(part.multipliers) != len(held.found):
             raise BeamdaeError(
                 f"{part.name}: an event before the start had it hold what it found, "
                 f"{len(held.found)} numbers, which it cannot in this model."
             )
-        return AsFound(part, held.found, self._law(part.name, held))
+        return FrozenConstraint(part, held.found, self._law(part.name, held))
 
-    def _without(self, inactive: frozenset[str], found: Found) -> Mechanism:
+    def _without(self, inactive: frozenset[str], found: FrozenGaps) -> Mechanism:
         rest = copy(self.mechanism)
         rest.parts = {
             name: self._held(part, found[name]) if name in found else part
@@ -203,7 +213,7 @@ class Configurations:
         return rest
 
 
-def _unused(event: str, mechanism: Mechanism) -> str:
+def _unused_name(event: str, mechanism: Mechanism) -> str:
     """A name for the gap of an event that no part has."""
     name, count = event, 1
     while name in mechanism.parts:
@@ -212,7 +222,7 @@ def _unused(event: str, mechanism: Mechanism) -> str:
     return name
 
 
-def configurations_of(
+def build_configurations(
     mechanism: Mechanism, build: Callable[[Mechanism], EquationsOfMotion]
 ) -> Configurations | None:
     """The configurations of a mechanism whose parts are switched; None where none are.
@@ -222,14 +232,14 @@ def configurations_of(
     BeamdaeError
         If a part that is switched is unknown, or brings coordinates along.
     """
-    switches = [x for event in mechanism.events for x in switches_of(event.do)]
+    switches = [x for event in mechanism.events for x in select_switches(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):
         if len(mechanism.part(name).coordinates):
             raise BeamdaeError(
                 f"{name}: it brings coordinates along, only joints and forces can be switched."
             )
-    acting = any(impacts_of(event.do) for event in mechanism.events)
+    acting = any(select_impacts(event.do) for event in mechanism.events)
     if not (names or mechanism.inactive or acting):
         return None
     return Configurations(mechanism, build, frozenset(mechanism.inactive))

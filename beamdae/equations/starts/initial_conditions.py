@@ -10,13 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.least_strain import least_change, least_strained
-from beamdae.equations.starts.reduced_equations import reduced
-from beamdae.equations.starts.relaxation import relaxed
-from beamdae.equations.static_equations import StaticEquations
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
+from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 
 Array = np.ndarray
 
@@ -26,7 +26,9 @@ _RATE = "_dot"
 _APPROACH, _CLOSED, _ITERATIONS = 0.2, 1e-11, 30
 
 
-def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> EquationsOfMotion:
+def apply_initial_conditions(
+    equations: EquationsOfMotion, start: Any, t: float = 0.0
+) -> EquationsOfMotion:
     """The same equations of motion, to be started otherwise than drawn.
 
     Parameters
@@ -46,21 +48,23 @@ def started(equations: EquationsOfMotion, start: Any, t: float = 0.0) -> Equatio
         return equations
     time = time_on_branch(equations, t)
     # Joints that are redundant would leave what holds them open.
-    spared = reduced(equations, time) if equations.redundant else None
+    spared = remove_redundant_constraints(equations, time) if equations.redundant else None
     own = equations if spared is None else spared.equations
     if start == EQUILIBRIUM:
-        q, _ = relaxed(StaticEquations(own, time), own.q0)
+        q, _ = relax_to_equilibrium(StaticEquations(own, time), own.q0)
         v = np.zeros(equations.n)
-        return replace(equations, q0=_fixed(q), v0=_fixed(v), start=Start(EQUILIBRIUM, q, v, True))
-    positions, velocities = _read(equations, start)
+        return replace(
+            equations, q0=_freeze(q), v0=_freeze(v), start=Start(EQUILIBRIUM, q, v, True)
+        )
+    positions, velocities = _split_by_kind(equations, start)
     asked_q, asked_v = np.array(equations.q0), np.array(equations.v0)
     asked_q[list(positions)] = list(positions.values())
     asked_v[list(velocities)] = list(velocities.values())
-    q = _closed(own, time, positions)
-    v = _moving(own, time, q, asked_v, list(velocities))
+    q = _close_with_positions(own, time, positions)
+    v = _project_velocities(own, time, q, asked_v, list(velocities))
     told = ", ".join(f"{name} = {value:g}" for name, value in start.items()) or AS_DRAWN
     asked = Start(told, asked_q, asked_v, bool(positions))
-    return replace(equations, q0=_fixed(q), v0=_fixed(v), start=asked)
+    return replace(equations, q0=_freeze(q), v0=_freeze(v), start=asked)
 
 
 def time_on_branch(e: EquationsOfMotion, t: float) -> Array:
@@ -68,12 +72,14 @@ def time_on_branch(e: EquationsOfMotion, t: float) -> Array:
     return np.array([t, t + 0.5 * (min((b for b in e.breakpoints if b > t), default=t + 1.0) - t)])
 
 
-def _fixed(values: Array) -> Array:
+def _freeze(values: Array) -> Array:
     values.setflags(write=False)
     return values
 
 
-def _read(e: EquationsOfMotion, given: Mapping[str, float]) -> tuple[dict[int, float], ...]:
+def _split_by_kind(
+    e: EquationsOfMotion, given: Mapping[str, float]
+) -> tuple[dict[int, float], ...]:
     """Which positions and which velocities are given, by index."""
     index = {name: k for k, name in enumerate(e.q_names)}
     rates = {name + _RATE: k for name, k in index.items()}
@@ -88,14 +94,14 @@ def _read(e: EquationsOfMotion, given: Mapping[str, float]) -> tuple[dict[int, f
     return positions, velocities
 
 
-def _picked(columns: list[int], n: int) -> sp.csr_array:
+def _selection(columns: list[int], n: int) -> sp.csr_array:
     rows = (np.ones(len(columns)), (np.arange(len(columns)), columns))
     return sp.csr_array(rows, shape=(len(columns), n))
 
 
-def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Array:
+def _close_with_positions(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Array:
     """Positions with the given ones among them, the others as the joints have them."""
-    starter, held = Starter(e), _picked(list(given), e.n)
+    starter, held = ConsistencySolver(e), _selection(list(given), e.n)
     q = drawn = starter.state(time, e.q0, e.v0).q
     if not given:
         return q
@@ -103,26 +109,28 @@ def _closed(e: EquationsOfMotion, time: Array, given: Mapping[int, float]) -> Ar
     change = np.max(np.abs(ends - begun) / (held @ e.position_scales))
     # On the way values that are given together may contradict each other.
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _APPROACH)) + 1)[1:-1]:
-        nearer, missed = _held(starter, time, q, drawn, held, begun + share * (ends - begun))
+        nearer, missed = _impose_positions(
+            starter, time, q, drawn, held, begun + share * (ends - begun)
+        )
         q = nearer if _is_closed(e, missed) else q
-    q, missed = _held(starter, time, q, drawn, held, ends)
+    q, missed = _impose_positions(starter, time, q, drawn, held, ends)
     if not _is_closed(e, missed):
         told = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in given.items())
         raise BeamdaeError(
-            f"start: the joints cannot be closed with {told}{_open(e, missed[: e.m])}; give fewer "
+            f"start: the joints cannot be closed with {told}{_describe_gap(e, missed[: e.m])}; give fewer "
             "positions, or others."
         )
     q[list(given)] = ends
     return q
 
 
-def _held(
-    starter: Starter, time: Array, begun: Array, drawn: Array, held: Any, wanted: Array
+def _impose_positions(
+    starter: ConsistencySolver, time: Array, begun: Array, drawn: Array, held: Any, wanted: Array
 ) -> tuple[Array, Array]:
     """Positions with these values of what is held, by Newton's method, and what they miss."""
 
     def asked(q: Array) -> tuple[Array, Any]:
-        missed = np.concatenate([starter.gaps(time, q), held @ q - wanted])
+        missed = np.concatenate([starter.position_gaps(time, q), held @ q - wanted])
         return missed, sp.vstack([starter.constraint_matrix(time, q), held])
 
     e, q = starter.equations, begun
@@ -130,11 +138,11 @@ def _held(
         missed, rows = asked(q)
         if _is_closed(e, missed) or not np.all(np.isfinite(missed)):
             break
-        stiffness, _, mass = starter.linearized(time, starter.at_rest(q))
-        q = q + least_change(stiffness + mass, rows, -missed)
+        stiffness, _, mass = starter.linearize_forces(time, starter.rest_state(q))
+        q = q + solve_least_change(stiffness + mass, rows, -missed)
     if q is begun or not _is_closed(e, missed):
         return q, missed
-    q = least_strained(starter, time, begun, q, drawn, asked, 1.0)
+    q = minimize_strain(starter, time, begun, q, drawn, asked, 1.0)
     return q, asked(q)[0]
 
 
@@ -142,21 +150,23 @@ def _is_closed(e: EquationsOfMotion, missed: Array) -> bool:
     return bool(np.max(np.abs(missed), initial=0.0) <= _CLOSED * max(1.0, e.length))
 
 
-def _open(e: EquationsOfMotion, missed: Array) -> str:
+def _describe_gap(e: EquationsOfMotion, missed: Array) -> str:
     if not e.m or not np.all(np.isfinite(missed)):
         return ""
     worst = int(np.argmax(np.abs(missed)))
     return f", {e.lam_names[worst]} stays open by {abs(missed[worst]):.3g}"
 
 
-def _moving(e: EquationsOfMotion, time: Array, q: Array, asked: Array, held: list[int]) -> Array:
+def _project_velocities(
+    e: EquationsOfMotion, time: Array, q: Array, asked: Array, held: list[int]
+) -> Array:
     """Velocities nearest to those asked for that the joints allow, those `held` among them."""
-    starter, picked = Starter(e), _picked(held, e.n)
-    _, _, mass = starter.linearized(time, starter.at_rest(q))
+    starter, picked = ConsistencySolver(e), _selection(held, e.n)
+    _, _, mass = starter.linearize_forces(time, starter.rest_state(q))
     rows = sp.vstack([starter.constraint_matrix(time, q), picked])
-    off = np.concatenate([starter.levels(time, q, asked)[1], np.zeros(len(held))])
-    v = asked + least_change(mass, rows, -off)
-    left = starter.levels(time, q, v)[1]
+    off = np.concatenate([starter.constraint_levels(time, q, asked)[1], np.zeros(len(held))])
+    v = asked + solve_least_change(mass, rows, -off)
+    left = starter.constraint_levels(time, q, v)[1]
     size = max(1.0, e.length, float(np.max(np.abs(asked), initial=0.0)))
     kept = np.abs((v - asked)[held])
     if not max(np.max(np.abs(left), initial=0.0), np.max(kept, initial=0.0)) <= 1e-8 * size:

@@ -12,36 +12,109 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.building import build
-from beamdae.equations.coordinate_map import Owners
+from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.coordinate_map import CoordinateMap
+from beamdae.equations.assembly.expressions import (
+    KIND,
+    Expressions,
+    parse_header,
+    parse_names,
+    parse_numbers,
+)
+from beamdae.equations.assembly.statement_checks import require_unique, require_unit
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
-from beamdae.equations.expressions import KIND, Expressions, column, numbers, texts
-from beamdae.equations.singular_laws import varying_laws
-from beamdae.equations.statement_checks import require_unit
-from beamdae.equations.system_constraints import CONSTRAINT, constraint_statements
+from beamdae.equations.singular_laws import select_varying_laws
 from beamdae.errors import (
     BeamdaeError,
     require_finite,
+    require_name,
     require_positive,
     require_sequence,
     set_fields,
     short_repr,
 )
-from beamdae.model_functions import Built
+from beamdae.model_functions import HasOrigin
 from beamdae.parts.events import Event
-from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import (
+    SX,
+    ConstraintKernel,
     ConstraintStatement,
     ForceKernel,
     ForceStatement,
+    Local,
     Named,
+    NonholonomicKernel,
     Piece,
     Quantity,
 )
 
+# What multipliers are named after.
+CONSTRAINT = "constraint"
+
+
+def constraint_statements(
+    given: Expressions, piece: Piece, constraints: Any, velocity_constraints: Any
+) -> list[ConstraintStatement]:
+    """The constraints there are, each an expression, a dict of them by name, or None.
+
+    Raises
+    ------
+    BeamdaeError
+        On two of a name, those of positions that depend on v, or those of velocities that are not
+        linear in v.
+    """
+    found = []
+    for stated, what, letter in ((constraints, "constraint", "g"), (velocity_constraints, _V, "h")):
+        local, rows, held = _stated(given, stated, what, letter)
+        if not held:
+            continue
+        kind = ConstraintKernel
+        if what == _V:
+            kind = NonholonomicKernel
+            _require_linear(rows, local)
+        elif ca.depends_on(rows, local.v):
+            raise BeamdaeError(f"{KIND}: constraints must not depend on v.")
+        kernel, data = kind(local, rows), given.numbers[:, None]
+        found.append(ConstraintStatement(CONSTRAINT, kernel, (piece,), held, data))
+    require_unique(KIND, "constraints", [x.name for s in found for x in s.multipliers])
+    return found
+
+
+_V = "velocity constraint"
+
+
+def _stated(
+    given: Expressions, stated: Any, what: str, letter: str
+) -> tuple[Local, SX, tuple[Named, ...]]:
+    """Rows of constraints in symbols with multipliers for them, and what these are called."""
+    by_name = isinstance(stated, dict)
+    if by_name:
+        named = {parse_header(header): expression for header, expression in stated.items()}
+        told = [f"the {what} {x.name}" for x in named]
+    else:
+        named = {} if stated is None else {Named(letter, "-"): stated}
+        told = [f"{what.replace(' ', '_')}s"]
+    local = given.local()
+    found = [given.stated(local, x, name) for x, name in zip(named.values(), told, strict=False)]
+    rows = ca.vertcat(SX(0, 1), *(ca.vec(x) for x in found))
+    held = tuple(
+        Named(x.name if by_name and rows_of.numel() == 1 else f"{x.name}{i}", x.unit)
+        for x, rows_of in zip(named, found, strict=True)
+        for i in range(rows_of.numel())
+    )
+    own = given.local(len(held))
+    symbols = [(x.time, x.q, x.v, x.data) for x in (local, own)]
+    (moved,) = ca.substitute([ca.densify(rows)], *map(list, symbols))
+    return own, moved, held
+
+
+def _require_linear(rows: SX, local: Local) -> None:
+    if not ca.is_linear(rows, local.v) or not ca.depends_on(rows, local.v):
+        raise BeamdaeError(f"{KIND}: velocity_constraints must be linear in v.")
+
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedSystem(Built):
+class ConstrainedSystem(HasOrigin):
     """M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), from CasADi expressions.
 
     Parameters
@@ -131,10 +204,10 @@ class ConstrainedSystem(Built):
         set_fields(
             self,
             parameters=given.parameters,
-            q0=numbers("q0", self.q0, n),
-            v0=numbers("v0", self.v0, n),
-            names=texts("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
-            units=texts("units", self.units, n) or ("-",) * n,
+            q0=parse_numbers("q0", self.q0, n),
+            v0=parse_numbers("v0", self.v0, n),
+            names=parse_names("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
+            units=parse_names("units", self.units, n) or ("-",) * n,
             breakpoints=self._checked_breakpoints(),
         )
         for unit in self.units:
@@ -157,7 +230,7 @@ class ConstrainedSystem(Built):
         if self.time_scale is not None:
             set_fields(self, time_scale=require_positive(KIND, "time_scale", self.time_scale))
         if self.scales is not None:
-            scales = numbers("scales", self.scales, n)
+            scales = parse_numbers("scales", self.scales, n)
             set_fields(self, scales=np.array([require_positive(KIND, "scales", x) for x in scales]))
 
     @cached_property
@@ -172,7 +245,7 @@ class ConstrainedSystem(Built):
         held = constraint_statements(given, piece, self.constraints, self.velocity_constraints)
         laws = given.laws
         scales = [self.time_scale, *(law.time_scale for _, law in laws)]
-        return build(
+        return build_equations(
             coordinates=coordinates,
             q0=self.q0,
             v0=self.v0,
@@ -189,8 +262,8 @@ class ConstrainedSystem(Built):
             constraints=held,
             observables=self._observables(coordinates, piece, held),
             events=self.events,
-            owners=Owners({id(self): n}),
-            laws=varying_laws(laws),
+            owners=CoordinateMap({id(self): n}),
+            laws=select_varying_laws(laws),
         )
 
     @cached_property
@@ -204,7 +277,7 @@ class ConstrainedSystem(Built):
             raise BeamdaeError(
                 f"{KIND}: observe must give expressions by name, got {short_repr(self.observe)}."
             )
-        return {column(header): expression for header, expression in self.observe.items()}
+        return {parse_header(header): expression for header, expression in self.observe.items()}
 
     def _checked_breakpoints(self) -> tuple[float, ...]:
         given = require_sequence(KIND, "breakpoints", self.breakpoints, "a list of times")

@@ -10,10 +10,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.statement_checks import require_unit
-from beamdae.errors import BeamdaeError, as_real, require_finite, require_sequence, short_repr
+from beamdae.equations.assembly.statement_checks import require_unit
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    require_finite,
+    require_name,
+    require_sequence,
+    short_repr,
+)
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import require_name
 from beamdae.symbolic.statements import SX, Local, Named
 
 Array = np.ndarray
@@ -57,11 +63,11 @@ class Expressions:
                 f"{t.numel()}, {q.numel()} and {v.numel()}."
             )
         if any(not isinstance(symbol, type(t)) for symbol in symbols.values()):
-            raise BeamdaeError(f"{KIND}: {_listed(symbols)} must be all SX or all MX symbols.")
-        found = cls(t, q, v, lam, _parameters(type(t), parameters))
-        own = [_key(x) for symbol in found.symbols for x in ca.symvar(symbol)]
+            raise BeamdaeError(f"{KIND}: {_join_names(symbols)} must be all SX or all MX symbols.")
+        found = cls(t, q, v, lam, _parse_parameters(type(t), parameters))
+        own = [_symbol_key(x) for symbol in found.symbols for x in ca.symvar(symbol)]
         if len(own) > len(set(own)):
-            told = _listed([*symbols, *(["parameters"] if found.parameters else [])])
+            told = _join_names([*symbols, *(["parameters"] if found.parameters else [])])
             raise BeamdaeError(f"{KIND}: {told} must be symbols of their own each.")
         return found
 
@@ -103,17 +109,17 @@ class Expressions:
             Naming what it depends on, or cannot be.
         """
         kind = type(self.t)
-        told = _listed([*on, *(["parameters"] if self.parameters else [])])
+        told = _join_names([*on, *(["parameters"] if self.parameters else [])])
         try:
-            found = kind(_stacked(expression))
+            found = kind(_stack(expression))
         except Exception:
             raise BeamdaeError(
                 f"{KIND}: {name} must be made of numbers and {kind.__name__} expressions in "
                 f"{told}, in rows of one length, got {short_repr(expression)}."
             ) from None
         given = [*(getattr(self, symbol) for symbol in on), *self.parameters]
-        allowed = {_key(x) for symbol in given for x in ca.symvar(symbol)}
-        others = [x.name() for x in ca.symvar(found) if _key(x) not in allowed]
+        allowed = {_symbol_key(x) for symbol in given for x in ca.symvar(symbol)}
+        others = [x.name() for x in ca.symvar(found) if _symbol_key(x) not in allowed]
         if others:
             raise BeamdaeError(
                 f"{KIND}: {name} must depend on {told} alone, not on {', '.join(others[:3])}."
@@ -153,7 +159,7 @@ def _require_symbol(name: str, symbol: Any) -> None:
         )
 
 
-def _parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
+def _parse_parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
     """Numbers and laws by symbol."""
     if not isinstance(given, Mapping) or not all(
         isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
@@ -163,43 +169,45 @@ def _parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
             f"{KIND}: parameters must give a number or a law of time by symbol, each such as "
             f'{kind.__name__}.sym("m"), got {short_repr(given)}.'
         )
-    return {symbol: _value(symbol.name(), value) for symbol, value in given.items()}
+    return {symbol: _parse_parameter(symbol.name(), value) for symbol, value in given.items()}
 
 
-def _value(name: str, value: Any) -> float | Law:
+def _parse_parameter(name: str, value: Any) -> float | Law:
     if isinstance(value, Law) or callable(value):
         return as_law(name, value)
     return require_finite(KIND, f"the parameter {name}", value)
 
 
-def _stacked(expression: Any) -> Any:
+def _stack(expression: Any) -> Any:
     """An expression from a list of entries, or of rows."""
     if not isinstance(expression, (list, tuple)):
-        return _entry(expression)
+        return _require_entry(expression)
     rows = [
-        ca.horzcat(*map(_entry, row)) if isinstance(row, (list, tuple)) and row else _entry(row)
+        ca.horzcat(*map(_require_entry, row))
+        if isinstance(row, (list, tuple)) and row
+        else _require_entry(row)
         for row in expression
     ]
     return ca.vertcat(*rows)
 
 
-def _entry(expression: Any) -> Any:
+def _require_entry(expression: Any) -> Any:
     if as_real(expression) is None and not isinstance(expression, (SX, MX, ca.DM, np.ndarray)):
         raise TypeError
     return expression
 
 
-def _key(symbol: Any) -> int:
+def _symbol_key(symbol: Any) -> int:
     """What a symbol is known by; names are not unique."""
     return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
 
 
-def _listed(names: Any) -> str:
+def _join_names(names: Any) -> str:
     *most, last = names
     return f"{', '.join(most)} and {last}"
 
 
-def column(header: Any) -> Named:
+def parse_header(header: Any) -> Named:
     """The name and unit that a header such as 'tip.x [m]' tells; without a unit it is '-'.
 
     Raises
@@ -214,7 +222,7 @@ def column(header: Any) -> Named:
     return Named(require_name(KIND, name), unit)
 
 
-def numbers(name: str, values: Any, n: int) -> Array:
+def parse_numbers(name: str, values: Any, n: int) -> Array:
     """`values` as n finite numbers."""
     try:
         given = np.asarray(values, object).ravel().tolist()
@@ -228,7 +236,7 @@ def numbers(name: str, values: Any, n: int) -> Array:
     return np.array([require_finite(KIND, name, x) for x in given])
 
 
-def texts(name: str, values: Any, n: int) -> tuple[Any, ...]:
+def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
     """`values` as n entries, or none."""
     found = tuple(require_sequence(KIND, name, values, f"a list of {n} entries, texts"))
     if found and len(found) != n:

@@ -7,8 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State, first_order, first_order_parts
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import (
+    evaluate_jacobian_parts,
+    formulate_first_order,
+)
 
 Array = np.ndarray
 
@@ -22,9 +25,9 @@ class Tangent(NamedTuple):
         By a, v and q, sparse (n, n); the stiffness has what reactions do as joints turn.
     reactions
         By lam, (n, m): G^T, and what friction makes of reactions.
-    held
+    position_jacobian
         Of g by q, (m, n), or of constraints on velocities alone by q.
-    held_rates
+    velocity_jacobian
         Of the latter by v, (m, n); rows of zeros of the others.
     residual
         F + G^T lam and the constraints themselves, (n + m,).
@@ -34,24 +37,26 @@ class Tangent(NamedTuple):
     damping: sp.csc_array
     stiffness: sp.csc_array
     reactions: sp.csc_array
-    held: sp.csc_array
-    held_rates: sp.csc_array
+    position_jacobian: sp.csc_array
+    velocity_jacobian: sp.csc_array
     residual: Array
 
-    def held_accelerations(self, e: EquationsOfMotion) -> sp.csc_array:
+    def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
         """Of the second derivatives of constraints on positions, and the first of others, by a."""
         positions = np.ones(e.m)
         positions[e.nonholonomic_rows] = 0.0
-        return sp.csc_array(sp.diags_array(positions) @ self.held + self.held_rates)
+        return sp.csc_array(
+            sp.diags_array(positions) @ self.position_jacobian + self.velocity_jacobian
+        )
 
 
-def tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
+def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     """Derivatives at time = (t, branch), exact to rounding."""
-    form = first_order(e, "index3", apart=True)
+    form = formulate_first_order(e, "index3", apart=True)
     y, rates = form.pack(state)
     own, pattern = form.buffers(), form.pattern
     found = np.zeros(2 * pattern.nnz)
-    first_order_parts(own, time[0], time[1], y, rates, found)
+    evaluate_jacobian_parts(own, time[0], time[1], y, rates, found)
     by_y, by_rates = (
         sp.csc_array((x, pattern.indices, pattern.indptr), shape=pattern.shape).tocsr()
         for x in np.split(found, 2)
@@ -62,7 +67,7 @@ def tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
         damping=sp.csc_array(by_y[v][:, v]),
         stiffness=sp.csc_array(by_y[v][:, q]),
         reactions=sp.csc_array(by_y[v][:, lam]),
-        held=sp.csc_array(by_y[lam][:, q]),
-        held_rates=sp.csc_array(by_y[lam][:, v]),
+        position_jacobian=sp.csc_array(by_y[lam][:, q]),
+        velocity_jacobian=sp.csc_array(by_y[lam][:, v]),
         residual=form.residual(time, y, rates)[e.n :],
     )

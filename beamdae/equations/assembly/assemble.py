@@ -9,23 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.building import build
-from beamdae.equations.configurations import configurations_of
-from beamdae.equations.coordinate_map import Owners, owners_of, places_at
+from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.configurations import build_configurations
+from beamdae.equations.assembly.coordinate_map import (
+    CoordinateMap,
+    locate_attachments,
+    map_coordinates,
+)
+from beamdae.equations.assembly.statement_checks import (
+    collect_statements,
+    require_body_fits,
+    require_pieces_fit,
+)
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     PartCoordinates,
 )
-from beamdae.equations.singular_laws import laws_of
-from beamdae.equations.starts.given_start import started
-from beamdae.equations.statement_checks import (
-    require_body_fits,
-    require_pieces_fit,
-    stated,
-)
+from beamdae.equations.singular_laws import collect_varying_laws
+from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
-from beamdae.parts.drawing_size import extent_of
+from beamdae.parts.attachments import largest_distance
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
@@ -58,11 +62,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             f"equations_of_motion: expected a Mechanism, got {short_repr(mechanism)}."
         )
     kept = _as_it_is(mechanism)
-    configurations = configurations_of(kept, equations_of_motion)
+    configurations = build_configurations(kept, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
-    owners = owners_of(mechanism)
+    owners = map_coordinates(mechanism)
     if owners.n == 0:
         raise BeamdaeError("Mechanism: it needs at least one body that can move.")
     what = f"a run of its {owners.n} coordinates"
@@ -73,7 +77,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     # Points that tell the size of the drawing: those of the bodies, and where they are joined.
     drawn = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
-        own_forces, held, reaching = stated(part, mechanism.gravity, owners.sizes)
+        own_forces, held, reaching = collect_statements(part, mechanism.gravity, owners.sizes)
         if mechanism.gravity_laws is not None:
             own_forces = mechanism.gravity_laws.statements(part.forces)
         forces += own_forces
@@ -83,11 +87,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
         require_pieces_fit(name, quantity.pieces, owners.sizes)
-    length = extent_of(np.concatenate(drawn)) or 1.0
+    length = largest_distance(np.concatenate(drawn)) or 1.0
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_where_they_are(mechanism, owners, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
-    drawn_equations = build(
+    drawn_equations = build_equations(
         coordinates=tuple(
             Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
         ),
@@ -102,7 +106,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         ranges=ranges,
         observables=mechanism.observables,
         owners=owners,
-        laws=laws_of([*parts, *filter(None, [mechanism.gravity_laws])]),
+        laws=collect_varying_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
@@ -114,7 +118,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "must not switch any; leave out the constraints that follow from others."
             )
         drawn_equations = replace(drawn_equations, redundant=True)
-    return started(drawn_equations, mechanism.start if start is None else start)
+    return apply_initial_conditions(drawn_equations, mechanism.start if start is None else start)
 
 
 def _as_it_is(mechanism: Mechanism) -> Mechanism:
@@ -125,20 +129,20 @@ def _as_it_is(mechanism: Mechanism) -> Mechanism:
 
 
 def _part_coordinates(
-    parts: Sequence[Part], owners: Owners, length: float
+    parts: Sequence[Part], owners: CoordinateMap, length: float
 ) -> tuple[PartCoordinates, ...]:
     """Coordinates and size of each part that has some; `length` where it has no size."""
     found = []
     for part in parts:
         first, count = owners.offsets[id(part)], owners.sizes[id(part)]
         if count:
-            size = extent_of(np.asarray(part.outline, float)) or length
+            size = largest_distance(np.asarray(part.outline, float)) or length
             found.append(PartCoordinates(part.name, slice(first, first + count), size))
     return tuple(found)
 
 
 def _require_drawn_where_they_are(
-    mechanism: Mechanism, owners: Owners, q0: Array, length: float
+    mechanism: Mechanism, owners: CoordinateMap, q0: Array, length: float
 ) -> None:
     """Refuse attachments whose motion does not start at the point of the drawing they are named by.
 
@@ -147,7 +151,7 @@ def _require_drawn_where_they_are(
     found = [a for part in mechanism.parts.values() for a in part.attachments]
     if not found:
         return
-    started = places_at(found, q0, owners)
+    started = locate_attachments(found, q0, owners)
     gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _AS_DRAWN * length:

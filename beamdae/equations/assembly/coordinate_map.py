@@ -15,15 +15,15 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MOST_KINDS, Formula
-from beamdae.symbolic.sparse_operators import constant
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.sparse_operators import to_casadi_constant
 from beamdae.symbolic.statements import SX, Piece
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Owners:
+class CoordinateMap:
     """Whose coordinates stand where among those of all; the ground has none."""
 
     sizes: dict[int, int]
@@ -59,45 +59,47 @@ class Owners:
         return sp.csr_array(parts, shape=(len(parts[2]) - 1, self.n))
 
 
-def owners_of(mechanism: Mechanism) -> Owners:
+def map_coordinates(mechanism: Mechanism) -> CoordinateMap:
     """The ground and the parts of a mechanism."""
     owners: list[Part] = [mechanism.ground, *mechanism.parts.values()]
-    return Owners({id(part): len(part.coordinates) for part in owners})
+    return CoordinateMap({id(part): len(part.coordinates) for part in owners})
 
 
-def places_at(places: Sequence[Attachment], q0: Array, owners: Owners) -> Array:
+def locate_attachments(places: Sequence[Attachment], q0: Array, owners: CoordinateMap) -> Array:
     """Where the places are at q0, (number of places, 2)."""
     found = np.empty((len(places), 2))
     kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
     for k, place in enumerate(places):
-        moved, local = place.moved, place.operator @ q0[owners.slice(place.body)]
+        moved, local = place.checked_kinematics, place.operator @ q0[owners.slice(place.body)]
         if isinstance(moved, Formula):
             kind = (moved.kind, len(moved.numbers), place.size)
             kinds.setdefault(kind, []).append((k, local, moved.numbers))
         else:
-            found[k] = _place(moved, place.size, SX(0, 1))(local[None], np.zeros(0))
+            found[k] = _compile_place(moved, place.size, SX(0, 1))(local[None], np.zeros(0))
     for kind, members in kinds.items():
         which, own, numbers = zip(*members, strict=True)
-        found[list(which)] = _place_of_kind(*kind)(np.array(own), np.array(numbers, dtype=float))
+        found[list(which)] = _compile_kind(*kind)(np.array(own), np.array(numbers, dtype=float))
     return found
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _place_of_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _compile_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
     numbers = SX.sym("numbers", count)
-    return _place(Formula(kind, numbers), size, numbers)
+    return _compile_place(Formula(kind, numbers), size, numbers)
 
 
-def _place(moved: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX) -> RowFunction:
+def _compile_place(moved: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX) -> RowFunction:
     """Rows of (local coordinates, numbers) -> rows of (x, y)."""
     q = SX.sym("q", size)
     return RowFunction(ca.Function("place", [q, numbers], [ca.densify(moved(q)[0])]))
 
 
-def positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
+def compile_positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
     """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
-    owners = owners_of(mechanism)
+    owners = map_coordinates(mechanism)
     q = ca.SX.sym("q", owners.n)
     own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
-    found = [place.position(constant(place.operator) @ own[id(place.body)]) for place in places]
+    found = [
+        place.position(to_casadi_constant(place.operator) @ own[id(place.body)]) for place in places
+    ]
     return RowFunction(ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))]))

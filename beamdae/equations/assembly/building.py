@@ -10,34 +10,34 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.configurations import Configurations
-from beamdae.equations.coordinate_map import Owners
+from beamdae.equations.assembly.configurations import Configurations
+from beamdae.equations.assembly.coordinate_map import CoordinateMap
+from beamdae.equations.assembly.statement_checks import (
+    call_part,
+    require_columns_fit,
+    require_unique,
+    select_multipliers,
+)
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
+    EventTerm,
     Observable,
     PartCoordinates,
     RangeTerm,
 )
-from beamdae.equations.event_terms import event_terms
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-from beamdae.equations.singular_laws import LawOfPart
-from beamdae.equations.statement_checks import (
-    asked,
-    asked_multipliers,
-    require_columns_fit,
-    require_unique,
-)
+from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
     Structure,
-    interned,
+    intern_structure,
 )
-from beamdae.errors import BeamdaeError
-from beamdae.parts.events import Event
-from beamdae.symbolic.formulas import MOST_KINDS, Combined
-from beamdae.symbolic.kernel_groups import Alike, by_kernel, recognized
-from beamdae.symbolic.rotations import Turned, turned_operator
+from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.parts.events import DIRECTIONS, Event
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
+from beamdae.symbolic.kernel_groups import KernelGroup, generalize_quantity, group_by_kernel
+from beamdae.symbolic.rotations import RotatedOperator, factor_operator
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
@@ -49,10 +49,57 @@ from beamdae.symbolic.statements import (
     RangeStatement,
 )
 
+
+def build_event_terms(
+    events: Sequence[Event],
+    observed: Sequence[Observable],
+    stated: Callable[[str, Quantity], Observable],
+) -> tuple[EventTerm, ...]:
+    """The events on the global coordinates.
+
+    Parameters
+    ----------
+    observed
+        What the columns are that they name.
+    stated
+        Makes an observable of a quantity.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no such column, a quantity has several, or two events have one name.
+    """
+    found: list[EventTerm] = []
+    columns = {
+        ".".join(filter(None, (o.name, column.name))): (o, k)
+        for o in observed
+        for k, column in enumerate(o.columns)
+    }
+    for event in events:
+        name = str(event.name)
+        if name in (other.name for other in found):
+            raise BeamdaeError(f"event: the name {name!r} is taken, every event needs its own.")
+        if isinstance(event.what, str):
+            if event.what not in columns:
+                near = suggest(event.what, columns)
+                raise BeamdaeError(f"{name}: no column {short_repr(event.what)} is observed{near}.")
+            observable, column = columns[event.what]
+        else:
+            if len(event.what.columns) != 1:
+                told = ", ".join(column.name for column in event.what.columns)
+                raise BeamdaeError(
+                    f"{name}: its quantity has several columns ({told}); observe it, and name one."
+                )
+            observable, column = stated(name, event.what), 0
+        direction = DIRECTIONS[event.direction]
+        found.append(EventTerm(name, observable, column, event.crosses, direction, event.do))
+    return tuple(found)
+
+
 Array = np.ndarray
 
 
-def build(
+def build_equations(
     *,
     coordinates: tuple[Named, ...],
     q0: Array,
@@ -64,15 +111,15 @@ def build(
     forces: list[ForceStatement],
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
-    owners: Owners,
+    owners: CoordinateMap,
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
-    laws: tuple[LawOfPart, ...] = (),
+    laws: tuple[PartLaw, ...] = (),
     events: Sequence[Event] = (),
     configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
     """Resolve statements on bodies to terms in the global coordinates."""
-    numbers = Numbers()
+    numbers = NumberStore()
     held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
     places = [np.arange(first, last) for first, last in pairwise(ends)]
@@ -85,42 +132,43 @@ def build(
             alike,
             owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
             numbers,
-            asked_multipliers([forces[k] for k in alike.members], rows),
+            select_multipliers([forces[k] for k in alike.members], rows),
             len(held),
         )
-        for alike in by_kernel(forces)
+        for alike in group_by_kernel(forces)
     ]
     constraint_terms = [
         ConstraintTerm(
             alike.kernel,
             owners.globally([piece for k in alike.members for piece in constraints[k].pieces]),
             numbers.store(alike.data),
-            _rows(np.concatenate([places[k] for k in alike.members]), len(held)),
+            _selection(np.concatenate([places[k] for k in alike.members]), len(held)),
             alike.data.shape[1],
         )
-        for alike in by_kernel(constraints)
+        for alike in group_by_kernel(constraints)
     ]
     observed = [
-        observable(name, quantity, owners, numbers, rows) for name, quantity in observables.items()
+        build_observable(name, quantity, owners, numbers, rows)
+        for name, quantity in observables.items()
     ]
-    require_headers(coordinates, held, observed)
-    watched = event_terms(
-        events, observed, lambda name, what: observable(name, what, owners, numbers, rows)
+    require_unique_headers(coordinates, held, observed)
+    watched = build_event_terms(
+        events, observed, lambda name, what: build_observable(name, what, owners, numbers, rows)
     )
     terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(held),
-        q0=frozen(q0),
-        v0=frozen(v0),
-        p=frozen(numbers.all),
+        q0=read_only_copy(q0),
+        v0=read_only_copy(v0),
+        p=read_only_copy(numbers.all),
         length=length,
         parts=parts,
         breakpoints=breakpoints,
         time_scale=time_scale,
-        scales=None if scales is None else frozen(scales),
+        scales=None if scales is None else read_only_copy(scales),
         observables=tuple(observed),
-        structure=interned(Structure(len(coordinates), len(held), *terms)),
+        structure=intern_structure(Structure(len(coordinates), len(held), *terms)),
         ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
         laws=laws,
         events=watched,
@@ -129,19 +177,23 @@ def build(
 
 
 def _force_term(
-    alike: Alike, operator: sp.csr_array, numbers: Numbers, multipliers: Array | None, m: int
+    alike: KernelGroup,
+    operator: sp.csr_array,
+    numbers: NumberStore,
+    multipliers: Array | None,
+    m: int,
 ) -> ForceTerm:
     """Elements and whatever else is of a kind turn within, by numbers of the model."""
     count = alike.data.shape[1]
-    by = Turned(operator, None, np.zeros((0, count)))
+    by = RotatedOperator(operator, None, np.zeros((0, count)))
     if alike.kernel.reused and multipliers is None:
-        by = turned_operator(operator, count)
+        by = factor_operator(operator, count)
     stored = numbers.store(np.concatenate([alike.data, by.data]))
-    rows = None if multipliers is None else _rows(multipliers, m)
-    return ForceTerm(alike.kernel, by.picked, by.turn, stored, count, rows)
+    rows = None if multipliers is None else _selection(multipliers, m)
+    return ForceTerm(alike.kernel, by.selection, by.rotation, stored, count, rows)
 
 
-def require_headers(
+def require_unique_headers(
     coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
 ) -> None:
     """Refuse columns that could not be told apart in a table."""
@@ -153,14 +205,14 @@ def require_headers(
     require_unique("coordinates and multipliers", "headers", [*headers, TIME])
 
 
-def frozen(values: Array) -> Array:
+def read_only_copy(values: Array) -> Array:
     """A copy that nobody can change."""
     copy = np.array(values, float)
     copy.setflags(write=False)
     return copy
 
 
-class Numbers:
+class NumberStore:
     """The numbers of the model, one after the other."""
 
     def __init__(self, stored: Array | None = None) -> None:
@@ -180,14 +232,18 @@ class Numbers:
         return slice(begin, self._end)
 
 
-def _rows(picked: Array, size: int) -> sp.csr_array:
+def _selection(picked: Array, size: int) -> sp.csr_array:
     """The operator that picks these of so many rows."""
     parts = (np.ones(len(picked)), picked, np.arange(len(picked) + 1))
     return sp.csr_array(parts, shape=(len(picked), size))
 
 
-def observable(
-    name: str, quantity: Quantity, owners: Owners, numbers: Numbers, rows: dict[str, slice]
+def build_observable(
+    name: str,
+    quantity: Quantity,
+    owners: CoordinateMap,
+    numbers: NumberStore,
+    rows: dict[str, slice],
 ) -> Observable:
     """A quantity in the global coordinates; `rows` are those of the multipliers of each part."""
     if quantity.joint is not None and quantity.joint not in rows:
@@ -198,10 +254,10 @@ def observable(
     require_columns_fit(name, quantity.columns)
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
-    if isinstance(expression, Combined) and expression.is_kind:
-        kernel, more = _kept_values(expression, *sizes), np.zeros(0)
+    if isinstance(expression, FormulaExpression) and expression.is_shareable:
+        kernel, more = _build_combined_kernel(expression, *sizes), np.zeros(0)
     else:
-        kernel, more = recognized(_values(name, expression, Local(*sizes)))
+        kernel, more = generalize_quantity(_build_kernel(name, expression, Local(*sizes)))
     if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
@@ -212,13 +268,15 @@ def observable(
     return Observable(name, quantity.columns, kernel.function, operator, stored, lam_rows)
 
 
-def _values(name: str, expression: Callable[[Local], SX], local: Local) -> QuantityKernel:
+def _build_kernel(name: str, expression: Callable[[Local], SX], local: Local) -> QuantityKernel:
     return QuantityKernel(
-        local, asked(name, "expression", lambda: ca.densify(SX(expression(local))))
+        local, call_part(name, "expression", lambda: ca.densify(SX(expression(local))))
     )
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _kept_values(combined: Combined, size: int, n_data: int, n_multipliers: int) -> QuantityKernel:
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _build_combined_kernel(
+    combined: FormulaExpression, size: int, n_data: int, n_multipliers: int
+) -> QuantityKernel:
     local = Local(size, n_data, n_multipliers)
     return QuantityKernel(local, combined(local))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rigid_motions import described, listed
+from beamdae.equations.starts.rigid_motions import describe_largest_motion, join_names
+from beamdae.errors import BeamdaeError
+from beamdae.symbolic.sparse_operators import column_indices
 
 if TYPE_CHECKING:
-    from beamdae.equations.starts.consistent_start import Starter
+    from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 Array = np.ndarray
 
@@ -54,24 +58,24 @@ class DependentSet:
 
     def __str__(self) -> str:
         """A sentence."""
-        return _together([self])
+        return _describe_sets([self])
 
 
-def sentences(found: Sequence[DependentSet]) -> str:
+def describe_dependent_sets(found: Sequence[DependentSet]) -> str:
     """What parts depend on each other, a phrase for each group of them; "" of none."""
     by_parts: dict[tuple[str, ...], list[DependentSet]] = {}
     for one in found:
         by_parts.setdefault(one.parts, []).append(one)
-    said = [_together(sets) for sets in by_parts.values()]
+    said = [_describe_sets(sets) for sets in by_parts.values()]
     more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
     return "; ".join([*said[:_MOST_TOLD], *more])
 
 
-def _together(sets: Sequence[DependentSet]) -> str:
+def _describe_sets(sets: Sequence[DependentSet]) -> str:
     """A sentence on sets of the same parts."""
     first = sets[0]
-    blocks = listed(list(dict.fromkeys(one.blocks for one in sets)))
-    who = listed(first.parts)
+    blocks = join_names(list(dict.fromkeys(one.blocks for one in sets)))
+    who = join_names(first.parts)
     both = "both" if len(first.parts) == 2 else "all"
     told = f"{who} {both} block {blocks}"
     if len(first.parts) == 1:
@@ -85,7 +89,7 @@ def _together(sets: Sequence[DependentSet]) -> str:
 
 
 @dataclass(frozen=True)
-class Independent:
+class RowSelection:
     """A choice of independent rows of a matrix, and what the others are made of.
 
     Attributes
@@ -101,7 +105,7 @@ class Independent:
     shares: Array
 
 
-def independent_rows(matrix: Array) -> Independent:
+def select_independent_rows(matrix: Array) -> RowSelection:
     """Independent rows of (m, n), by a QR factorization with column pivoting of the transpose.
 
     Rows count as they are: scale them first.
@@ -109,18 +113,18 @@ def independent_rows(matrix: Array) -> Independent:
     m = len(matrix)
     if m == 0:
         none = np.zeros(0, int)
-        return Independent(none, none, np.zeros((0, 0)))
+        return RowSelection(none, none, np.zeros((0, 0)))
     triangle, order = la.qr(matrix.T, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.sum(diagonal > _DEPENDENT * max(float(diagonal[0]), 1e-300)))
     kept, dropped = order[:rank], order[rank:]
     shares = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:]).T
     to_kept, to_dropped = np.argsort(kept), np.argsort(dropped)
-    return Independent(kept[to_kept], dropped[to_dropped], shares[to_dropped][:, to_kept])
+    return RowSelection(kept[to_kept], dropped[to_dropped], shares[to_dropped][:, to_kept])
 
 
 @dataclass(frozen=True)
-class ScaledJoints:
+class ConstraintRank:
     """G of a mechanism at one position, and whether its rank is the same beside it.
 
     Attributes
@@ -135,7 +139,7 @@ class ScaledJoints:
 
     matrix: Array
     lengths: Array
-    split: Independent
+    split: RowSelection
 
     @property
     def rank(self) -> int:
@@ -143,24 +147,24 @@ class ScaledJoints:
         return len(self.split.kept)
 
 
-def scaled_joints(starter: Starter, time: Array, q: Array) -> ScaledJoints:
+def analyze_constraint_rank(starter: ConsistencySolver, time: Array, q: Array) -> ConstraintRank:
     """G at `q`, in natural sizes."""
     e = starter.equations
     matrix = starter.constraint_matrix(time, q).toarray() * e.position_scales
     lengths = np.linalg.norm(matrix, axis=1)
     matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return ScaledJoints(matrix, lengths, independent_rows(matrix))
+    return ConstraintRank(matrix, lengths, select_independent_rows(matrix))
 
 
-def dependent_sets(
-    starter: Starter, time: Array, q: Array, v: Array, joints: ScaledJoints
+def find_dependent_sets(
+    starter: ConsistencySolver, time: Array, q: Array, v: Array, joints: ConstraintRank
 ) -> tuple[DependentSet, ...]:
     """A minimal set for each constraint that can be spared, in the order they are stated."""
     e, split = starter.equations, joints.split
     if not len(split.dropped):
         return ()
-    beside = _beside(starter, time, q, joints)
-    levels = starter.levels(time, q, v)[:2]
+    beside = _gradients_nearby(starter, time, q, joints)
+    levels = starter.constraint_levels(time, q, v)[:2]
     return tuple(
         _dependent_set(e, q, joints, levels, row, shares, beside)
         for row, shares in zip(split.dropped, split.shares, strict=True)
@@ -170,7 +174,7 @@ def dependent_sets(
 def _dependent_set(
     e: EquationsOfMotion,
     q: Array,
-    joints: ScaledJoints,
+    joints: ConstraintRank,
     levels: Array,
     row: int,
     shares: Array,
@@ -185,20 +189,22 @@ def _dependent_set(
     gap, rate = (float(x) if x > _AGREE * max(1.0, e.length) else 0.0 for x in off)
     return DependentSet(
         named,
-        tuple(dict.fromkeys(_part(name) for name in named)),
-        _blocked(e, q, joints.matrix, chosen, weights),
+        tuple(dict.fromkeys(_part_name(name) for name in named)),
+        _describe_blocked_motion(e, q, joints.matrix, chosen, weights),
         (gap, rate),
-        _follows(beside, joints.split.kept, row),
+        _depends_on(beside, joints.split.kept, row),
     )
 
 
-def _follows(matrix: Array, kept: Array, row: int) -> bool:
+def _depends_on(matrix: Array, kept: Array, row: int) -> bool:
     """Whether a row is a sum of those kept, of more of them perhaps than where they were chosen."""
-    found = independent_rows(matrix[[*kept, row]])
+    found = select_independent_rows(matrix[[*kept, row]])
     return len(found.kept) <= len(kept)
 
 
-def _beside(starter: Starter, time: Array, q: Array, joints: ScaledJoints) -> Array:
+def _gradients_nearby(
+    starter: ConsistencySolver, time: Array, q: Array, joints: ConstraintRank
+) -> Array:
     """The scaled G beside a position, along motions its constraints allow, if there are any."""
     e = starter.equations
     (held,) = np.nonzero(np.any(joints.matrix, axis=0))
@@ -209,19 +215,19 @@ def _beside(starter: Starter, time: Array, q: Array, joints: ScaledJoints) -> Ar
     way[held] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
     beside = q + _ASIDE * e.position_scales * way / np.max(np.abs(way))
     for _ in range(_ITERATIONS):
-        g = starter.levels(time, beside)[0]
+        g = starter.constraint_levels(time, beside)[0]
         if np.max(np.abs(g)) <= _AGREE * max(1.0, e.length):
-            return scaled_joints(starter, time, beside).matrix
+            return analyze_constraint_rank(starter, time, beside).matrix
         own = starter.constraint_matrix(time, beside).toarray() * e.position_scales
         beside[held] -= (e.position_scales[held]) * la.lstsq(own[:, held], g, cond=1e-8)[0]
     return joints.matrix
 
 
-def _part(name: str) -> str:
+def _part_name(name: str) -> str:
     return name.rpartition(".")[0] or name
 
 
-def _blocked(
+def _describe_blocked_motion(
     equations: EquationsOfMotion, q: Array, matrix: Array, chosen: Array, weights: Array
 ) -> str:
     """The motion that the last part of a set blocks, and the others as well.
@@ -231,8 +237,8 @@ def _blocked(
     constraints outside the set allow.
     """
     names = equations.lam_names
-    last = _part(names[chosen[-1]])
-    own = [k for k in chosen if _part(names[k]) == last]
+    last = _part_name(names[chosen[-1]])
+    own = [k for k in chosen if _part_name(names[k]) == last]
     others = len(own) < len(chosen)
     along = weights[own] @ matrix[own] if others else matrix[own[-1]]
     # Coordinates that no constraint holds have no part in it.
@@ -243,4 +249,76 @@ def _blocked(
     motion[held] = free @ (free.T @ along[held])
     if np.linalg.norm(motion) < 1e-9 * np.linalg.norm(along) or not np.any(along):
         motion = along
-    return f"the {described(equations, q, motion * equations.position_scales)}"
+    return f"the {describe_largest_motion(equations, q, motion * equations.position_scales)}"
+
+
+# A gradient this small, in the scales of the coordinates, is what rounding leaves of zero.
+_ZERO_GRADIENT = 1e-13
+# Constraints depend on each other from this singular value of their scaled gradients on.
+_DEPENDENT_SINGULAR_VALUE = 1e-10
+# So many gradients are looked at by a singular value decomposition, which takes their number cubed;
+# of more of them those alone whose squared singular values may be smaller than this.
+_MAX_SVD_CONSTRAINTS = 100
+_CLEARLY_INDEPENDENT = 1e-8
+_INVERSE_ITERATIONS = 3
+
+
+def require_independent(
+    pattern: sp.csc_array,
+    gradients: Array,
+    names: tuple[str, ...],
+    t: float,
+    what_they_block: Callable[[], str],
+) -> None:
+    """Refuse constraints that hold nothing or depend on each other at time `t` [s].
+
+    `gradients` are the non-zeros on `pattern` of those of the constraints `names`, a row each, in
+    the scales of the coordinates. `what_they_block` is called where they depend on each other.
+
+    Raises
+    ------
+    BeamdaeError
+        Naming them.
+    """
+    count, size = pattern.shape
+    if count == 0:
+        return
+    lengths = np.sqrt(np.bincount(pattern.indices, gradients**2, count))
+    if np.any(lengths <= _ZERO_GRADIENT):
+        name = names[int(np.argmin(lengths))]
+        raise BeamdaeError(
+            f"{name}: this constraint holds nothing at t = {t:g}, its gradient is zero; "
+            "it cannot be met from the start given, or is none."
+        )
+    scaled = gradients / lengths[pattern.indices]
+    if count > _MAX_SVD_CONSTRAINTS and _are_clearly_independent(
+        sp.csr_array(sp.csc_array((scaled, pattern.indices, pattern.indptr), shape=(count, size)))
+    ):
+        return
+    matrix = np.zeros((count, size))
+    matrix[pattern.indices, column_indices(pattern)] = scaled
+    left, singular, _ = la.svd(matrix, full_matrices=False)
+    rank = int(np.sum(singular > _DEPENDENT_SINGULAR_VALUE))
+    if rank == count:
+        return
+    if count > size:
+        left = la.svd(matrix)[0]
+    involved = np.max(np.abs(left[:, rank:]), axis=1) > 1e-6
+    listed = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
+    blocked = what_they_block()
+    raise BeamdaeError(
+        f"{listed}: these constraints depend on each other at t = {t:g}, "
+        f"remove {count - rank} of them{f': {blocked}' if blocked else ''}."
+    )
+
+
+def _are_clearly_independent(rows: sp.csr_array) -> bool:
+    """Whether the smallest eigenvalue of rows @ rows.T, by inverse iteration, is far from zero."""
+    try:
+        factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
+    except RuntimeError:
+        return False
+    x = np.cos(np.arange(rows.shape[0]) ** 2.0)
+    for _ in range(_INVERSE_ITERATIONS):
+        x = factors.solve(x / np.linalg.norm(x))
+    return bool(np.linalg.norm(x) < 1.0 / _CLEARLY_INDEPENDENT)

@@ -9,19 +9,19 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import Structure, once
-from beamdae.equations.sums import (
-    Places,
+from beamdae.equations.formulations.sums import (
+    InputLayout,
     add_joint_matrices,
     add_tangents,
-    holonomic,
-    matrix_builder,
-    reaction_sum,
-    residual_sum,
+    assemble_reactions,
+    assemble_residual,
+    create_matrix_sum,
+    select_holonomic,
 )
-from beamdae.native.vectors import combine, fill
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import Tangents
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
@@ -60,21 +60,21 @@ class StepEquations:
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
 
     @cached_property
-    def _own(self) -> StepSums:
+    def _own(self) -> StepBuffers:
         return self.buffers()
 
-    def residual(self, time: Array, at: Predicted, x: Array) -> Array:
+    def residual(self, time: Array, at: StepPrediction, x: Array) -> Array:
         """The equations at time = (t, branch), for whoever needs them once."""
         result = np.zeros(self.pattern.shape[0])
         t, branch = time
-        step_residual(self._own, t, branch, at, x, result)
+        evaluate_step_residual(self._own, t, branch, at, x, result)
         return result[: self.size]
 
-    def jacobian(self, time: Array, at: Predicted, x: Array) -> Array:
+    def jacobian(self, time: Array, at: StepPrediction, x: Array) -> Array:
         """Non-zeros of the iteration matrix on `pattern`, likewise."""
         result = np.zeros(self.pattern.nnz)
         t, branch = time
-        step_matrix(self._own, t, branch, at, x, result)
+        evaluate_step_matrix(self._own, t, branch, at, x, result)
         return result
 
     @property
@@ -82,12 +82,12 @@ class StepEquations:
         """Whether they can be evaluated in machine code."""
         return all(total.is_native for total in self.sums)
 
-    def buffers(self, native: bool = False) -> StepSums:
+    def buffers(self, native: bool = False) -> StepBuffers:
         """What a run evaluates the equations with, for itself alone."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
         sums = (total.sum(native, self.equations.p) for total in self.sums)
-        return StepSums(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
+        return StepBuffers(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
 
     @property
     def _velocity_rows(self) -> Array:
@@ -97,7 +97,7 @@ class StepEquations:
 
 
 @dataclass(slots=True)
-class StepSums:
+class StepBuffers:
     """Buffers of step equations.
 
     Attributes
@@ -123,7 +123,7 @@ class StepSums:
 
 
 @dataclass(slots=True)
-class Predicted:
+class StepPrediction:
     """Where the increments of a step are counted from, and how it ends.
 
     Attributes
@@ -143,30 +143,30 @@ class Predicted:
     coefficients: Array
 
 
-def step_position(form: StepSums, at: Predicted, x: Array) -> Array:
+def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
     """Positions of x, as a view of `form.motion`."""
     n, m = form.n, form.m
     q = form.motion[:n]
     if form.stabilized == 1:
         combine(form.motion[3 * n + m : 4 * n + m], (1.0,), (at.before,))
         combine(form.motion[4 * n + m :], (1.0,), (x[n + m : n + 2 * m],))
-        evaluate(form.anchor, form.motion, q)
+        evaluate_sum(form.anchor, form.motion, q)
         combine(q, (1.0, 1.0, -1.0), (at.q, x[:n], q))
     else:
         combine(q, (1.0, 1.0), (at.q, x[:n]))
     return q
 
 
-def _set_motion(form: StepSums, at: Predicted, x: Array, lam_factor: float) -> None:
+def _set_motion(form: StepBuffers, at: StepPrediction, x: Array, lam_factor: float) -> None:
     n, m, c = form.n, form.m, at.coefficients
-    step_position(form, at, x)
+    evaluate_step_position(form, at, x)
     combine(form.motion[n : 2 * n], (1.0, c[0]), (at.v, x[:n]))
     combine(form.motion[2 * n : 3 * n], (1.0, c[1]), (at.a, x[:n]))
     combine(form.motion[3 * n : 3 * n + m], (lam_factor,), (x[n : n + m],))
 
 
-def step_residual(
-    form: StepSums, t: float, branch: float, at: Predicted, x: Array, result: Array
+def evaluate_step_residual(
+    form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
     """The equations at x, into `result`, which has zeros for r."""
     n, m, c = form.n, form.m, at.coefficients
@@ -174,7 +174,7 @@ def step_residual(
     form.anchor.shared[0], form.anchor.shared[1] = t, branch
     shared[0], shared[1] = t, branch
     _set_motion(form, at, x, 1.0 / c[2])
-    evaluate(form.residual, form.motion, result)
+    evaluate_sum(form.residual, form.motion, result)
     combine(result[:n], (c[2],), (result[:n],))
     for row in form.velocity_rows:
         result[row] /= c[0]
@@ -184,8 +184,8 @@ def step_residual(
         fill(result[n + 2 * m :], 0.0)
 
 
-def step_matrix(
-    form: StepSums, t: float, branch: float, at: Predicted, x: Array, result: Array
+def evaluate_step_matrix(
+    form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
     """The non-zeros of the iteration matrix at x, into `result`."""
     c, shared = at.coefficients, form.matrix.shared
@@ -195,41 +195,49 @@ def step_matrix(
     shared[2], shared[3], shared[4] = c[2], c[2] * c[0], c[2] * c[1]
     shared[5], shared[6], shared[7] = 1.0, 1.0 / c[0], 1.0 / c[2]
     _set_motion(form, at, x, 1.0)
-    evaluate(form.matrix, form.motion, result)
+    evaluate_sum(form.matrix, form.motion, result)
 
 
-@once
-def step_equations(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
+@cache_on_owner
+def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
     """The step equations on index 3, or on the stabilized index-2 form."""
-    return StepEquations(equations, stabilized, *_step_sums(equations.structure, stabilized))
+    return StepEquations(equations, stabilized, *_plan_step_sums(equations.structure, stabilized))
 
 
-@once
-def _step_sums(
+@cache_on_owner
+def _plan_step_sums(
     structure: Structure, stabilized: bool
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:
     """The pattern of the iteration matrix, and the sums of `StepEquations`."""
     n, m = structure.n, structure.m
-    at = Places(q=0, v=n, a=2 * n, lam=3 * n, mu=4 * n + m)
-    anchor = Places(q=3 * n + m, lam=4 * n + m)
+    at = InputLayout(q=0, v=n, a=2 * n, lam=3 * n, mu=4 * n + m)
+    anchor = InputLayout(q=3 * n + m, lam=4 * n + m)
     levels = (0, 1) if stabilized else (0,)
-    residual = residual_sum(structure, at, levels, stabilized=False)
-    held = np.unique(np.concatenate([[], *(j.operator.indices for j in holonomic(structure))]))
+    residual = assemble_residual(structure, at, levels, stabilized=False)
+    held = np.unique(
+        np.concatenate([[], *(j.operator.indices for j in select_holonomic(structure))])
+    )
     corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
-    pattern, matrix = _matrix_sum(structure, at, anchor, sp.csr_array(corrected), stabilized)
-    sums = (residual.vector(), reaction_sum(structure, anchor, of_positions=True).vector(), matrix)
+    pattern, matrix = _plan_iteration_matrix(
+        structure, at, anchor, sp.csr_array(corrected), stabilized
+    )
+    sums = (
+        residual.vector(),
+        assemble_reactions(structure, anchor, of_positions=True).vector(),
+        matrix,
+    )
     return pattern, sums
 
 
-def _matrix_sum(
+def _plan_iteration_matrix(
     equations: Structure,
-    at: Places,
-    anchor: Places,
+    at: InputLayout,
+    anchor: InputLayout,
     corrected: sp.csr_array,
     stabilized: bool,
 ) -> tuple[sp.csc_array, SumPlan]:
     """The iteration matrix; `corrected` picks r out of corrections of all coordinates."""
-    n, m, total = equations.n, equations.m, matrix_builder()
+    n, m, total = equations.n, equations.m, create_matrix_sum()
     eta, r = n + m, n + 2 * m
     # Stiffness alone answers to r, all else adds up at one place.
     sums: Tangents = ((0,), (1, 2)) if stabilized else ((0, 1, 2),)
@@ -244,7 +252,7 @@ def _matrix_sum(
     levels = (0, 1) if stabilized else (0,)
     for joint, copies in add_joint_matrices(total, equations, at, levels, False):
         on_q, on_g = joint.operator, joint.rows
-        free = not joint.kernel.holonomic
+        free = not joint.kernel.is_holonomic
         if not (free and stabilized):
             total.add_matrix(copies, 0, on_g, on_q, (n, 0))
         total.add_matrix(copies, 0, on_g, on_q, (0, n), transposed=True)
@@ -264,7 +272,7 @@ def _matrix_sum(
     if not stabilized:
         return total.matrix((n + m, n + m))
     for joint, copies in add_joint_matrices(total, equations, anchor, (), False):
-        if not joint.kernel.holonomic:
+        if not joint.kernel.is_holonomic:
             continue
         on_r = sp.csr_array(joint.operator @ corrected)
         total.add_matrix(copies, 0, joint.rows, on_r, (r, eta), transposed=True)

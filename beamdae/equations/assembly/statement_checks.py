@@ -26,7 +26,7 @@ Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 def require_body_fits(part: Part) -> None:
     """Refuse coordinates, their start, laws or an outline that are not what `Part` says."""
-    coordinates = _listing(part.name, "coordinates", part.coordinates, Named)
+    coordinates = _require_list(part.name, "coordinates", part.coordinates, Named)
     for coordinate in coordinates:
         require_unit(part.name, coordinate.unit)
     require_unique(part.name, "coordinates", [coordinate.name for coordinate in coordinates])
@@ -53,7 +53,7 @@ def require_body_fits(part: Part) -> None:
             f"{part.name}: outline must be finite points of shape (k, 2), "
             f"got {short_repr(part.outline)}."
         )
-    for law in _listing(part.name, "laws", part.laws, Law):
+    for law in _require_list(part.name, "laws", part.laws, Law):
         if not np.isfinite(law.breakpoints).all():
             raise BeamdaeError(
                 f"{part.name}: the breakpoints of its law must be finite, got {law.breakpoints}."
@@ -79,11 +79,11 @@ def require_unique(part: str, what: str, names: Iterable[str]) -> None:
 
 def require_columns_fit(part: str, columns: Any) -> None:
     """Refuse columns of a quantity that are not named with a unit each."""
-    for column in _listing(part, "columns", columns, Named):
+    for column in _require_list(part, "columns", columns, Named):
         require_unit(part, column.unit)
 
 
-def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
+def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
     """Forces, constraints and ranges of a part, if they fit.
 
     `sizes` are those of bodies by identity.
@@ -93,13 +93,16 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
     BeamdaeError
         If it has nothing to say, or states something of the wrong kind, name or shape.
     """
-    forces = _listing(
-        part.name, "forces()", asked(part.name, "forces()", part.forces, gravity), ForceStatement
+    forces = _require_list(
+        part.name,
+        "forces()",
+        call_part(part.name, "forces()", part.forces, gravity),
+        ForceStatement,
     )
-    constraints = _listing(
+    constraints = _require_list(
         part.name,
         "constraints()",
-        asked(part.name, "constraints()", part.constraints),
+        call_part(part.name, "constraints()", part.constraints),
         ConstraintStatement,
     )
     if not (forces or constraints or part.coordinates):
@@ -107,15 +110,15 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
             f"{part.name}: the part has nothing to say, it states neither coordinates nor forces() "
             "nor constraints()."
         )
-    ranges = _listing(
-        part.name, "ranges()", asked(part.name, "ranges()", part.ranges), RangeStatement
+    ranges = _require_list(
+        part.name, "ranges()", call_part(part.name, "ranges()", part.ranges), RangeStatement
     )
     copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
     for statement in copied:
         _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
     for held in constraints:
         _require_statement_fits(part, held, (1,), sizes)
-        multipliers = _listing(part.name, "multipliers", held.multipliers, Named)
+        multipliers = _require_list(part.name, "multipliers", held.multipliers, Named)
         if len(multipliers) != held.kernel.local.n_multipliers:
             raise BeamdaeError(
                 f"{part.name}: it names {len(multipliers)} multipliers for "
@@ -124,7 +127,7 @@ def stated(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, l
     return forces, constraints, ranges
 
 
-def asked(part: str, what: str, question: Callable[..., Any], *given: Any) -> Any:
+def call_part(part: str, what: str, question: Callable[..., Any], *given: Any) -> Any:
     """What a part answers, or a sentence on why it failed to."""
     try:
         return question(*given)
@@ -134,7 +137,7 @@ def asked(part: str, what: str, question: Callable[..., Any], *given: Any) -> An
         raise BeamdaeError(f"{part}: its {what} failed, {format_exception(problem)}.") from problem
 
 
-def asked_multipliers(
+def select_multipliers(
     forces: Sequence[ForceStatement], rows: Mapping[str, slice]
 ) -> np.ndarray | None:
     """Which multipliers forces of one kernel depend on, `rows` being those of the parts, if any."""
@@ -158,7 +161,7 @@ def asked_multipliers(
     return np.array(found) if found else None
 
 
-def _listing(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
+def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     """Return `value` as a list if it is one of things of this kind."""
     listed = isinstance(value, (tuple, list))
     # A piece is a tuple itself.
@@ -183,8 +186,8 @@ def _require_statement_fits(
         raise BeamdaeError(
             f"{name}: its statements must bear its name, got {short_repr(statement.part)}."
         )
-    if kernel.misfit:
-        raise BeamdaeError(f"{name}: {kernel.misfit}.")
+    if kernel.expression_error:
+        raise BeamdaeError(f"{name}: {kernel.expression_error}.")
     if kernel.has_branches and not part.laws:
         raise BeamdaeError(
             f"{name}: it follows a law of several pieces, which its property 'laws' must list: "
@@ -197,7 +200,7 @@ def _require_statement_fits(
             f"{name}: its data must be an array of shape ({local.n_data}, number of copies), "
             f"got {short_repr(data)}."
         )
-    pieces = _listing(name, "pieces", statement.pieces, Piece)
+    pieces = _require_list(name, "pieces", statement.pieces, Piece)
     require_pieces_fit(name, pieces, sizes)
     rows = sum(piece.operator.shape[0] for piece in pieces)
     if rows != count * local.size:

@@ -13,22 +13,22 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import Structure, once
-from beamdae.equations.sums import (
-    Places,
+from beamdae.equations.formulations.sums import (
+    InputLayout,
     add_joint_matrices,
     add_tangents,
-    matrix_builder,
-    motion_sum,
+    assemble_motion,
+    create_matrix_sum,
 )
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
-from beamdae.symbolic.sparse_operators import column_of
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Block:
+class ForceBlock:
     """The block of F in the saddle matrix: stiffness, damping and mass.
 
     Attributes
@@ -59,27 +59,27 @@ class Block:
 
 
 @dataclass(frozen=True)
-class StartSums:
-    """Sums over (q, v, a, lam) and patterns, see `StartEquations`."""
+class StateSums:
+    """Sums over (q, v, a, lam) and patterns, see `StateEvaluator`."""
 
     motion: SumPlan
     gradients: SumPlan
     gradient_pattern: sp.csc_array
     saddle: SumPlan
     saddle_pattern: sp.csc_array
-    block: Block
+    block: ForceBlock
 
 
-@once
-def start_sums(structure: Structure) -> StartSums:
+@cache_on_owner
+def plan_state_sums(structure: Structure) -> StateSums:
     """The sums of the start, built once."""
     n, m = structure.n, structure.m
-    at = Places(q=0, v=n, a=2 * n, lam=3 * n)
-    jacobian = matrix_builder()
+    at = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+    jacobian = create_matrix_sum()
     for joint, copies in add_joint_matrices(jacobian, structure, at, (), False):
         jacobian.add_matrix(copies, 0, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
-    total = matrix_builder()
+    total = create_matrix_sum()
     for term, copies in add_tangents(total, structure, at, ((0, 1, 2),)):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
@@ -88,12 +88,14 @@ def start_sums(structure: Structure) -> StartSums:
         total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
         total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
     pattern, saddle = total.matrix((n + m, n + m))
-    motion = motion_sum(structure, at).vector()
-    return StartSums(motion, gradients, gradient_pattern, saddle, pattern, _block(pattern, n))
+    motion = assemble_motion(structure, at).vector()
+    return StateSums(
+        motion, gradients, gradient_pattern, saddle, pattern, _locate_force_block(pattern, n)
+    )
 
 
-def _block(pattern: sp.csc_array, n: int) -> Block:
-    column = column_of(pattern)
+def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
+    column = column_indices(pattern)
     (entries,) = np.nonzero((pattern.indices < n) & (column < n))
     rows, columns = pattern.indices[entries].astype(np.int64), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
@@ -101,19 +103,19 @@ def _block(pattern: sp.csc_array, n: int) -> Block:
     # Ascending, as CSC entries are.
     place, across = columns * n + rows, rows * n + columns
     mirrored = np.minimum(np.searchsorted(place, across), len(place) - 1)
-    return Block(own, entries, columns, np.where(place[mirrored] == across, mirrored, -1))
+    return ForceBlock(own, entries, columns, np.where(place[mirrored] == across, mirrored, -1))
 
 
 @dataclass(frozen=True)
-class StartEquations:
+class StateEvaluator:
     """Constraints, forces and matrices at one state after the other; not for several threads."""
 
     equations: EquationsOfMotion
 
     @property
-    def sums(self) -> StartSums:
+    def sums(self) -> StateSums:
         """What they are built from."""
-        return start_sums(self.equations.structure)
+        return plan_state_sums(self.equations.structure)
 
     @cached_property
     def _motion(self) -> Sum:
@@ -127,7 +129,7 @@ class StartEquations:
     def _saddle(self) -> Sum:
         return self.sums.saddle.sum(False, self.equations.p)
 
-    def levels(
+    def constraint_levels(
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
     ) -> Array:
         """g, g_dot and g_ddot, (3, m)."""
@@ -177,5 +179,5 @@ class StartEquations:
         given.append(np.zeros(m) if lam is None else lam)
         total.shared[:2] = time
         result = np.zeros(size)
-        evaluate(total, np.concatenate(given), result)
+        evaluate_sum(total, np.concatenate(given), result)
         return result
