@@ -163,10 +163,10 @@ GROUPS = (
         "Events",
         (
             Public("Event", "beamdae.parts.events"),
-            Public("activate", "beamdae.parts.events"),
-            Public("deactivate", "beamdae.parts.events"),
-            Public("change_law", "beamdae.parts.events"),
-            Public("impact", "beamdae.parts.events"),
+            Public("activate", "beamdae.parts.event_actions"),
+            Public("deactivate", "beamdae.parts.event_actions"),
+            Public("change_law", "beamdae.parts.event_actions"),
+            Public("impact", "beamdae.parts.event_actions"),
         ),
     ),
     Group(

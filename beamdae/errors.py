@@ -209,3 +209,27 @@ def set_fields(instance: Any, **checked: Any) -> None:
     """Set fields of a frozen dataclass to their checked values: plain floats, tuples and texts."""
     for name, value in checked.items():
         object.__setattr__(instance, name, value)
+
+
+_MAX_NAME_LENGTH = 100
+
+
+def require_name(kind: str, name: Any) -> str:
+    """Return `name` if it is a text that can name a part, a coordinate or an observable.
+
+    Names head the columns of tables, as "name.what [unit]".
+    """
+    if not isinstance(name, str) or not name.strip():
+        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {short_repr(name)}.")
+    # Spreadsheets take what begins with one of these signs for a formula.
+    if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
+        raise BeamdaeError(
+            f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "
+            f"a space, got {short_repr(name)}."
+        )
+    if len(name) > _MAX_NAME_LENGTH or not name.isprintable():
+        raise BeamdaeError(
+            f"{kind}: a name must be a text of at most {_MAX_NAME_LENGTH} letters without line breaks "
+            f"and other control characters, got {short_repr(name)}."
+        )
+    return str(name)

@@ -23,11 +23,12 @@ from beamdae.errors import (
     require_choice,
     require_count,
     require_finite,
+    require_name,
     require_point,
 )
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.parts.part import Drawing, Part
 from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,

@@ -16,6 +16,7 @@ from beamdae.errors import (
     BeamdaeError,
     require_choice,
     require_finite,
+    require_name,
     require_pair,
     require_point,
     set_fields,
@@ -29,7 +30,7 @@ from beamdae.parts.forces.formula_checks import (
 )
 from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import Part, require_name
+from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import (
     Formula,
     FormulaExpression,
@@ -140,7 +141,7 @@ class DistributedForce(Part):
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
-    def acting(self) -> str:
+    def load_distribution(self) -> str:
         """Per length."""
         return "line"
 
@@ -161,7 +162,7 @@ class DistributedForce(Part):
         said = []
         for s, weight in zip((places * self.beam.length).tolist(), weights.tolist(), strict=True):
             on = self.beam.at(s)
-            functions = (on.moved, constant_formula(weight, on.inclination, s), *laws)
+            functions = (on.checked_kinematics, constant_formula(weight, on.inclination, s), *laws)
             kernel, data = self._kernel(kind, functions, on.size, shared)
             said.append(ForceStatement(self.name, kernel, (on.piece,), data))
         return said
@@ -286,7 +287,7 @@ class MovingForce(Part):
         return (Law(pieces, tuple(map(float, times)), lasting),)
 
     @property
-    def acting(self) -> str:
+    def load_distribution(self) -> str:
         """Between the nodes that have shares of it."""
         return "shares"
 

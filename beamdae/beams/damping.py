@@ -13,8 +13,8 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.kinematics import Element
-from beamdae.errors import BeamdaeError, require_non_negative, set_fields, short_repr
-from beamdae.parts.part import Part, require_name
+from beamdae.errors import BeamdaeError, require_name, require_non_negative, set_fields, short_repr
+from beamdae.parts.part import Part
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
 
 

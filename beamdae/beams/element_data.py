@@ -1,4 +1,9 @@
-"""The numbers of one element, and where they stand among its data."""
+"""Numerical data of beam elements: quadrature points, section properties and gravity.
+
+Element kernels contain no numbers. Each element passes one column of `data`: the values of its
+inertia points, those of its stiffness points, the section properties that all points share
+(constant sections only), and gravity.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +21,33 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.statements import SX
 
+Array = np.ndarray
+
+# Properties of a constant section in `ElementData.section`, and where each group of them is.
 SECTION_VALUES = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
-# Behind those of the points, where the section varies.
-INERTIA_VALUES, STIFFNESS_VALUES = ("rhoA", "rhoI"), ("EA", "GA", "EI", "damping")
+_STIFFNESSES = slice(SECTION_VALUES.index("EA"), SECTION_VALUES.index("EI") + 1)
+_INERTIAS = slice(SECTION_VALUES.index("rhoA"), SECTION_VALUES.index("rhoI") + 1)
+_DAMPING = SECTION_VALUES.index("damping")
+# Properties of a varying section, appended to the values of each inertia and stiffness point.
+INERTIA_VALUES = ("rhoA", "rhoI")
+STIFFNESS_VALUES = ("EA", "GA", "EI", "damping")
+_GRAVITY_SIZE = 2
+
+_MAX_INITIAL_STRAIN = 0.01  # axial; the strain measures assume small strains
 
 
 @dataclass(frozen=True)
 class ElementDataLayout:
-    """How many numbers an element has, of what.
+    """Order and number of the values in the data of one element.
 
     Attributes
     ----------
     mass_points, stiffness_points
-        How many there are of each.
+        Numbers of inertia points and of stiffness points.
     mass_point, stiffness_point
-        What the formulation has of each, the weight first.
+        Names of the values that the formulation needs at each point, the weight first.
     varying
-        Whether each point has section values of its own behind these.
+        True if the section varies, so that each point carries section properties.
     """
 
     mass_points: int
@@ -42,43 +57,56 @@ class ElementDataLayout:
     varying: bool
 
     @property
-    def per_mass_point(self) -> int:
-        """Numbers of an inertia point."""
+    def mass_point_size(self) -> int:
+        """Number of values of one inertia point."""
         return len(self.mass_point) + len(INERTIA_VALUES) * self.varying
 
     @property
-    def per_stiffness_point(self) -> int:
-        """Numbers of a stiffness point."""
+    def stiffness_point_size(self) -> int:
+        """Number of values of one stiffness point."""
         return len(self.stiffness_point) + len(STIFFNESS_VALUES) * self.varying
 
     @property
-    def of_points(self) -> tuple[int, int]:
-        """Numbers of all inertia points, and of all stiffness points."""
-        mass = self.mass_points * self.per_mass_point
-        return mass, self.stiffness_points * self.per_stiffness_point
+    def size(self) -> int:
+        """Number of values of one element, gravity included."""
+        section = 0 if self.varying else len(SECTION_VALUES)
+        return self._mass_size + self._stiffness_size + section + _GRAVITY_SIZE
 
     @property
-    def size(self) -> int:
-        """Numbers of an element, gravity included."""
-        return sum(self.of_points) + (0 if self.varying else len(SECTION_VALUES)) + 2
+    def _mass_size(self) -> int:
+        return self.mass_points * self.mass_point_size
+
+    @property
+    def _stiffness_size(self) -> int:
+        return self.stiffness_points * self.stiffness_point_size
 
     def split(self, data: SX) -> ElementData:
-        """The data of a kernel as what they are; `data` may hold more behind them."""
-        mass, stiffness = self.of_points
+        """Split the data vector of a kernel into its parts; values after `size` are ignored."""
+        mass, points = self._mass_size, self._mass_size + self._stiffness_size
         return ElementData(
             self.varying,
-            ca.reshape(data[:mass], self.per_mass_point, self.mass_points),
-            ca.reshape(
-                data[mass : mass + stiffness], self.per_stiffness_point, self.stiffness_points
-            ),
-            data[mass + stiffness : self.size - 2],
-            data[self.size - 2 : self.size],
+            ca.reshape(data[:mass], self.mass_point_size, self.mass_points),
+            ca.reshape(data[mass:points], self.stiffness_point_size, self.stiffness_points),
+            data[points : self.size - _GRAVITY_SIZE],
+            data[self.size - _GRAVITY_SIZE : self.size],
         )
 
 
 @dataclass(frozen=True, eq=False)
 class ElementData:
-    """The numbers of one element: a column a point, values of the section, gravity."""
+    """Symbolic data of one element.
+
+    Attributes
+    ----------
+    varying
+        True if each point carries its own section properties.
+    mass, stiffness
+        Values of the inertia points and of the stiffness points, one column per point.
+    section
+        Properties of a constant section, in the order of `SECTION_VALUES`.
+    gravity
+        Acceleration of gravity (2,) [m/s^2].
+    """
 
     varying: bool
     mass: Any
@@ -87,34 +115,26 @@ class ElementData:
     gravity: Any
 
     def inertia(self, k: int) -> SX:
-        """(rhoA, rhoI) at an inertia point."""
-        return self.mass[-2:, k] if self.varying else self.section[3:5]
+        """Return (rhoA, rhoI) at inertia point `k`."""
+        return self.mass[-2:, k] if self.varying else self.section[_INERTIAS]
 
     def elasticity(self, k: int) -> SX:
-        """(EA, GA, EI) at a stiffness point."""
-        return self.stiffness[-4:-1, k] if self.varying else self.section[:3]
+        """Return (EA, GA, EI) at stiffness point `k`."""
+        return self.stiffness[-4:-1, k] if self.varying else self.section[_STIFFNESSES]
 
     def damping(self, k: int) -> SX:
-        """Retardation time at a stiffness point."""
-        return self.stiffness[-1, k] if self.varying else self.section[5]
-
-
-Array = np.ndarray
-
-# Strain of the drawing up to which it counts as a small one.
-_MAX_INITIAL_STRAIN = 0.01
+        """Return the Kelvin-Voigt retardation time [s] at stiffness point `k`."""
+        return self.stiffness[-1, k] if self.varying else self.section[_DAMPING]
 
 
 def is_damped(section: Section | VaryingSection, mesh: Mesh, points: int) -> bool:
-    """Whether there is Kelvin-Voigt damping at any of so many points an element."""
+    """Return True if the section has Kelvin-Voigt damping at any Gauss point.
+
+    `points` is the number of Gauss points per element.
+    """
     if isinstance(section, Section):
         return section.damping > 0.0
     return any(section.at(s).damping > 0.0 for s in mesh.gauss_arc_lengths(points))
-
-
-def section_values(section: Section | VaryingSection) -> list[float]:
-    """What all points of an element share: nothing where the section varies."""
-    return list(attrgetter(*SECTION_VALUES)(section)) if isinstance(section, Section) else []
 
 
 def assemble_point_data(
@@ -124,14 +144,15 @@ def assemble_point_data(
     mass: Sequence[Array],
     stiffness: Sequence[Array],
 ) -> Array:
-    """What the elements' numbers are of their points, a column an element.
+    """Return the values of all quadrature points, one column per element.
 
-    `mass` and `stiffness` are what the formulation has of its points, one element after the other.
+    `mass` and `stiffness` hold one array for each value of `layout.mass_point` and
+    `layout.stiffness_point`, at the points of one element after the other.
     """
     s = mesh.gauss_arc_lengths(layout.mass_points)
-    mass = [*mass, *_varying_columns(section, s, INERTIA_VALUES)]
+    mass = [*mass, *_sample_varying_section(section, s, INERTIA_VALUES)]
     s = mesh.gauss_arc_lengths(layout.stiffness_points)
-    stiffness = [*stiffness, *_varying_columns(section, s, STIFFNESS_VALUES)]
+    stiffness = [*stiffness, *_sample_varying_section(section, s, STIFFNESS_VALUES)]
     points = [np.stack(x, axis=-1).reshape(mesh.elements, -1).T for x in (mass, stiffness)]
     return np.concatenate(points)
 
@@ -139,23 +160,26 @@ def assemble_point_data(
 def assemble_element_data(
     points: Array, section: Section | VaryingSection, gravity: Array
 ) -> Array:
-    """All numbers of the elements: of their points, of the section, and gravity."""
-    values = np.array([*section_values(section), *gravity])
+    """Return all data of the elements, one column each: points, constant section, gravity."""
+    constant = attrgetter(*SECTION_VALUES)(section) if isinstance(section, Section) else ()
+    values = np.array([*constant, *gravity])
     return np.concatenate([points, np.repeat(values[:, None], points.shape[1], axis=1)])
 
 
-def _varying_columns(
+def _sample_varying_section(
     section: Section | VaryingSection, s: Array, names: tuple[str, ...]
 ) -> list[Array]:
+    """Return one array for each property in `names`; none if the section is constant."""
     if isinstance(section, Section):
         return []
     return list(np.array([attrgetter(*names)(section.at(x)) for x in s.tolist()]).T)
 
 
 def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> list[Array]:
-    """Axial strain and kappa11 of a drawing at arc lengths s [m], of a beam that has a free shape.
+    """Return the axial strain and kappa11 of the reference drawing at arc lengths `s` [m].
 
-    Sections stand normal to the axis in the drawing and in the free shape.
+    Strains count from the stress-free shape `free`; the list is empty without one. Cross-sections
+    are normal to the axis in both shapes.
     """
     if free is None:
         return []
@@ -167,10 +191,10 @@ def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> 
 
 
 def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
-    """Refuse as free shape what is no curve, or one of another length."""
+    """Raise BeamdaeError unless `free` is a curve nearly as long as `curve`."""
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(
-            f"{part}: free_curve must be as long as the curve of {curve.length:.6g} m to within "
-            f"{_MAX_INITIAL_STRAIN:.0%}, it is {free.length:.6g} m long."
+            f"{part}: free_curve is {free.length:.6g} m long; its length must be within "
+            f"{_MAX_INITIAL_STRAIN:.0%} of the curve's {curve.length:.6g} m."
         )

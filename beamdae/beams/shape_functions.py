@@ -1,4 +1,4 @@
-"""Lagrange shape functions on equidistant nodes (eq. 12), and where they are integrated."""
+"""Lagrange shape functions on equidistant nodes (eq. 12) and Gauss quadrature."""
 
 from __future__ import annotations
 
@@ -10,7 +10,22 @@ Array = np.ndarray
 
 
 def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
-    """Shape functions of `nodes` nodes on [-1, 1], or a derivative, shape (len(xi), nodes)."""
+    """Return the Lagrange shape functions, or their derivatives, at local coordinates xi.
+
+    Parameters
+    ----------
+    nodes
+        Number of nodes, equidistant on [-1, 1].
+    xi
+        Local coordinates (n,).
+    derivative
+        Order of the derivative with respect to xi.
+
+    Returns
+    -------
+    ndarray
+        Shape (n, nodes).
+    """
     at = np.asarray(xi, float)[..., None]
     values = np.zeros((*at.shape[:-1], nodes))
     for coefficients in _shape_function_coefficients(nodes, derivative):
@@ -19,7 +34,7 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
 
 
 def lagrange_weights(points: Array, xi: float) -> list[float]:
-    """What a value at `xi` has of those at `points`: Lagrange's polynomial through them."""
+    """Return the weights that interpolate values at `points` to `xi` by Lagrange's polynomial."""
     return [
         float(np.prod((xi - (x := np.delete(points, k))) / (points[k] - x)))
         for k in range(len(points))
@@ -28,20 +43,20 @@ def lagrange_weights(points: Array, xi: float) -> list[float]:
 
 @cache
 def gauss_points(count: int) -> tuple[Array, Array]:
-    """Gauss points on [-1, 1] and their weights; shared, not to be changed."""
+    """Return Gauss points on [-1, 1] and their weights, as read-only shared arrays."""
     points, weights = np.polynomial.legendre.leggauss(count)
-    for shared in (points, weights):
-        shared.setflags(write=False)
+    for array in (points, weights):
+        array.setflags(write=False)
     return points, weights
 
 
 @cache
 def _shape_function_coefficients(nodes: int, derivative: int) -> Array:
-    """Coefficients of all shape functions, a column each, of the highest power first."""
-    at = np.linspace(-1.0, 1.0, nodes)
-    found = []
+    """Return the polynomial coefficients, highest power first, one column per shape function."""
+    node_positions = np.linspace(-1.0, 1.0, nodes)
+    columns = []
     for i in range(nodes):
-        others = np.delete(at, i)
-        polynomial = np.poly(others) / np.prod(at[i] - others)
-        found.append(np.polyder(polynomial, derivative))
-    return np.stack(found, axis=-1)
+        others = np.delete(node_positions, i)
+        polynomial = np.poly(others) / np.prod(node_positions[i] - others)
+        columns.append(np.polyder(polynomial, derivative))
+    return np.stack(columns, axis=-1)

@@ -14,11 +14,11 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import BeamdaeError, require_choice, set_fields, short_repr
+from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields, short_repr
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import load_columns, meeting_tolerance, resolve_load
-from beamdae.parts.part import Part, require_name
+from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -319,14 +319,14 @@ class SlidingOnBeam(Part):
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
         spacing = constant_formula(self.beam.length / (self.beam.mesh.node_count - 1))
-        return (*(at.moved for at in self._points), spacing)
+        return (*(at.checked_kinematics for at in self._points), spacing)
 
     @property
     def _pieces(self) -> tuple[Piece, ...]:
         return (*(at.piece for at in self._points), Piece(self, _SLIDER_OPERATOR))
 
     @property
-    def acting(self) -> str:
+    def load_distribution(self) -> str:
         """Between the nodes that have shares of its reaction."""
         return "shares"
 

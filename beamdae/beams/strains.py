@@ -1,4 +1,7 @@
-"""Virtual work of elasticity and material damping of one element, whatever its strains are."""
+"""Elastic work, strains and section forces, shared by all beam formulations.
+
+The functions that take `numbers` are kinds of a `Formula`: see `symbolic.formulas`.
+"""
 
 from __future__ import annotations
 
@@ -11,46 +14,52 @@ import casadi as ca
 from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.symbolic.statements import SX, Local
 
+# Components of a strain vector (eps11, 2 eps12, kappa11) and of (EA, GA, EI).
+AXIAL = 0
+SHEAR = 1
+BENDING = 2
+STRAIN_SIZE = 3
+
 
 def elastic_work(
     points: Sequence[tuple[SX, SX]], data: ElementData, damped: bool, q: Any, v: Any
 ) -> tuple[SX, SX, SX]:
-    """Generalized forces of D (eps + damping eps'), strain energy and dissipated power.
+    """Return the generalized forces of D (eps + damping eps'), strain energy, dissipated power.
 
     Eq. (21) of Pan & Liu (2012), D = diag(EA, GA, EI).
 
     Parameters
     ----------
     points
-        Weight and (axial strain, shear strain, kappa11) of each stiffness point, from `q`.
+        Weight and (axial strain, shear strain, kappa11) of each stiffness point, functions of `q`.
     data
         Stiffnesses and retardation times of the points.
     damped
-        Whether there is material damping.
+        False leaves out the material damping.
     q, v
-        Coordinates the strains depend on, and their rates.
+        Coordinates on which the strains depend, and their rates.
     """
-    force, stored, dissipated = SX.zeros(q.shape[0]), SX(0), SX(0)
+    force, strain_energy, dissipated = SX.zeros(q.shape[0]), SX(0), SX(0)
     for k, (weight, strain) in enumerate(points):
         stiffness = data.elasticity(k)
         section_forces = stiffness * strain
-        stored += 0.5 * weight * ca.dot(section_forces, strain)
+        strain_energy += 0.5 * weight * ca.dot(section_forces, strain)
         if damped:
             strain_rate = ca.jtimes(strain, q, v)
             viscous = data.damping(k) * stiffness * strain_rate
             section_forces += viscous
             dissipated += weight * ca.dot(viscous, strain_rate)
         force += weight * ca.jtimes(strain, q, section_forces, True)
-    return force, stored, dissipated
+    return force, strain_energy, dissipated
 
 
 def slice_column(numbers: Any, first: int, count: int) -> Any:
-    """So many of the numbers as a column."""
+    """Return `count` numbers from index `first` on as a column vector."""
     return ca.vertcat(*(numbers[first + k] for k in range(count)))
 
 
 class _StrainElement(Protocol):
-    """An element type that tells strains; see `InterpolatedStrains`."""
+    """An element type whose strains `InterpolatedStrains` interpolates."""
 
     @property
     def layout(self) -> ElementDataLayout: ...
@@ -60,46 +69,46 @@ class _StrainElement(Protocol):
 
 @dataclass(frozen=True)
 class InterpolatedStrains:
-    """Strains interpolated between the stiffness points of an element.
+    """Strains at a section, interpolated between the stiffness points of its element.
 
-    Numbers: the share of each point, and one after the other what the formulation has of all points
-    besides their weights.
+    Numbers: the interpolation weight of each point; then, value by value, those of
+    `layout.stiffness_point` at all points, without the quadrature weight.
     """
 
     element: _StrainElement
 
     def __call__(self, local: Local, numbers: Any) -> SX:
-        """From local coordinates."""
         layout = self.element.layout
         count, rows = layout.stiffness_points, range(1, len(layout.stiffness_point))
         points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]
-        found = self.element.strain_points(SX(ca.horzcat(*points)), local.q)
-        total = SX.zeros(3)
-        for k, (_, strain) in enumerate(found):
+        strains = self.element.strain_points(SX(ca.horzcat(*points)), local.q)
+        total = SX.zeros(STRAIN_SIZE)
+        for k, (_, strain) in enumerate(strains):
             total += numbers[k] * strain
         return total
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Longitudinal strain off the axis (eq. 5)."""
+    """Return the longitudinal strain of a fiber off the axis (eq. 5); numbers: offset."""
     strain = strains(local)
-    return strain[0] + offset()[0] * strain[2]
+    return strain[AXIAL] + offset()[0] * strain[BENDING]
 
 
-def fiber_stress(local: Local, strains: Callable[[Local], SX], own: Callable[[], Any]) -> SX:
-    """Longitudinal stress off the axis of (offset, E, damping)."""
-    offset, modulus, damping = (own()[k] for k in range(3))
+def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
+    """Return the longitudinal stress of a fiber off the axis; numbers: offset, E, damping."""
+    offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
 
 
-def section_forces(local: Local, strains: Callable[[Local], SX], own: Callable[[], Any]) -> SX:
-    """Section forces on the axis (eqs. 5-7) of (EA, GA, EI, damping)."""
-    strain, section = strains(local), own()
-    viscous = section[3] * local.dot(strain)
-    return ca.vertcat(*(section[k] * (strain[k] + viscous[k]) for k in range(3)))
+def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
+    """Return (N, Q, M) on the axis (eqs. 5-7); numbers: EA, GA, EI, damping."""
+    *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
+    strain = strains(local)
+    viscous = damping * local.dot(strain)
+    return ca.vertcat(*(stiffness[k] * (strain[k] + viscous[k]) for k in range(STRAIN_SIZE)))
 
 
 def identity(local: Local, values: Callable[[Local], SX]) -> SX:
-    """What the values are."""
+    """Return the values unchanged: the kind of a quantity that needs no further formula."""
     return values(local)

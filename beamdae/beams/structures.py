@@ -15,6 +15,7 @@ from beamdae.errors import (
     BeamdaeError,
     require_choice,
     require_count,
+    require_name,
     require_point,
     require_sequence,
     short_repr,
@@ -23,7 +24,6 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.part import require_name
 
 _MEMBER_FORMAT = "a pair of names of points, or these and a section"
 

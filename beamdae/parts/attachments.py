@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import scipy.sparse as sp
 
 from beamdae.errors import (
@@ -85,7 +86,7 @@ class Attachment:
         return Piece(self.body, self.operator, self.s)
 
     @property
-    def moved(self) -> Callable[[SX], tuple[SX, SX]]:
+    def checked_kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
         """Its kinematics: the formula, or a function that says what is wrong with it."""
         return self.kinematics if isinstance(self.kinematics, Formula) else self._moved
 
@@ -136,3 +137,20 @@ def rotate(angle: Any, vector: Any) -> SX:
     """The plane vector turned by `angle` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
+
+
+Array = np.ndarray
+
+
+def largest_distance(points: Array) -> float:
+    """The largest distance between two of the points (k, 2); 0 of none."""
+    if not len(points):
+        return 0.0
+    # Those far from the middle first: beyond the first ones nothing is as far from anything.
+    far = np.hypot(*(points - points.mean(axis=0)).T)
+    found = 0.0
+    for k in np.argsort(-far):
+        if far[k] + far.max() <= found:
+            break
+        found = max(found, float(np.max(np.hypot(*(points - points[k]).T))))
+    return found

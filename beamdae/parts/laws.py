@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    as_real,
+    format_exception,
     require_finite,
     require_pair,
     require_positive,
@@ -20,15 +23,128 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.parts.law_checks import (
-    called,
-    expression_of,
-    require_formula,
-    require_smooth,
-    require_the_same_of_numbers,
-)
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX
+
+# Operations by which a formula can jump or kink where no integrator would stop.
+_NONSMOOTH_OPERATIONS = {
+    getattr(ca, f"OP_{name}"): name.lower()
+    for name in (
+        "LT",
+        "LE",
+        "EQ",
+        "NE",
+        "IF_ELSE_ZERO",
+        "FLOOR",
+        "CEIL",
+        "FMOD",
+        "FABS",
+        "SIGN",
+        "COPYSIGN",
+        "FMIN",
+        "FMAX",
+    )
+}
+
+
+def require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
+    """Refuse a piece that jumps or kinks where no integrator would stop."""
+    used = {function.instruction_id(i) for i in range(function.n_instructions())}
+    rough = [name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in used]
+    if rough:
+        raise BeamdaeError(
+            f"{part}: {describe_law(piece)} must be smooth, but it uses {', '.join(rough)}; "
+            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
+        )
+
+
+_BRANCHES_ON_TIME = (
+    "but it decides by the value of t (if, while, and, or, min, max); give its pieces to "
+    "bd.piecewise((end time, law), ..., last law)"
+)
+_NEEDS_NUMBER = (
+    "but it needs t as a number, as float, int, random numbers and the functions of math do; use "
+    "numpy functions such as np.sin, and bd.table for tables"
+)
+
+
+def describe_law(piece: Callable[[Any], Any]) -> str:
+    """'the law', with the name of its function if that has one."""
+    name = getattr(piece, "__name__", "<lambda>")
+    return "the law" if "<" in name else f"the law {name}"
+
+
+def evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
+    """What a piece makes of the symbol t, as an expression if it is a number or expression."""
+    with warnings.catch_warnings():
+        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
+        # like give the same scalar expression before and after it.
+        warnings.simplefilter("ignore", FutureWarning)
+        value = piece(t)
+    found = as_real(value)
+    if found is not None:
+        return SX(found)
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()
+    return SX(value) if isinstance(value, (SX, ca.DM)) else value
+
+
+def _evaluate_number(piece: Callable[[Any], Any], t: float) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return piece(t)
+
+
+def _require_time_formula(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
+    """Refuse a piece that does not make one expression of the symbol t."""
+    wanted = f"{part}: {describe_law(piece)} must be a formula in t"
+    try:
+        value = evaluate_piece(piece, t)
+    except Exception as problem:
+        try:
+            _evaluate_number(piece, start)
+        except Exception as own:
+            raise BeamdaeError(
+                f"{wanted} that gives a number, but it failed at t = {start:g}, {format_exception(own)}."
+            ) from own
+        # Of bool() on a symbol; nothing else tells it from other failures.
+        decides = "truth value" in str(problem)
+        raise BeamdaeError(
+            f"{wanted}, {_BRANCHES_ON_TIME if decides else _NEEDS_NUMBER}."
+        ) from None
+    if not isinstance(value, SX) or value.shape != (1, 1):
+        raise BeamdaeError(
+            f"{part}: {describe_law(piece)} must return one number, got {short_repr(value)}."
+        )
+    strange = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
+    if strange:
+        raise BeamdaeError(
+            f"{part}: {describe_law(piece)} must depend on t alone, not on {', '.join(strange[:3])}."
+        )
+
+
+# Times [s] after the start at which a law is asked for numbers.
+_SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
+
+
+def require_numeric_agreement(
+    part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
+) -> None:
+    """Refuse a formula that loses what the function does: float(t) is nan of a symbol."""
+    times = start + np.array(_SAMPLE_TIMES)
+    try:
+        by_number = np.array([as_real(_evaluate_number(piece, t)) for t in times.tolist()], float)
+    except Exception:
+        # It takes symbols alone, or no time so late.
+        return
+    known = np.isfinite(by_number)
+    by_formula = np.array([float(function([t, t])) for t in times[known]])
+    size = np.max(np.abs(by_number[known]), initial=0.0)
+    # What is not a number is not near.
+    if not np.all(np.abs(by_formula - by_number[known]) <= 1e-6 * size):
+        raise BeamdaeError(
+            f"{part}: {describe_law(piece)} must be a formula in t, {_NEEDS_NUMBER}."
+        )
 
 
 @dataclass(frozen=True)
@@ -72,7 +188,7 @@ class Law:
 
     def __call__(self, time: SX) -> SX:
         """The law at time[0], on the branch that time[1] lies in."""
-        return _on_branch(self.pieces, self.breakpoints, time)
+        return _select_branch(self.pieces, self.breakpoints, time)
 
     @property
     def formula(self) -> Callable[[SX], SX]:
@@ -90,11 +206,11 @@ class Law:
         return float(self.pieces[bisect_right(self.breakpoints, t)](t))
 
 
-def _on_branch(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
+def _select_branch(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
     """What the pieces give at time[0], on the branch that time[1] lies in."""
-    value = expression_of(pieces[-1], time[0])
+    value = evaluate_piece(pieces[-1], time[0])
     for k in range(len(pieces) - 2, -1, -1):
-        value = ca.if_else(time[1] < breakpoints[k], expression_of(pieces[k], time[0]), value)
+        value = ca.if_else(time[1] < breakpoints[k], evaluate_piece(pieces[k], time[0]), value)
     return value
 
 
@@ -110,11 +226,11 @@ class _Pieces:
         for kind, count in zip(self.kinds, self.counts, strict=True):
             pieces.append(Formula(kind, numbers[first : first + count]))
             first += count
-        return _on_branch(pieces, numbers, time)
+        return _select_branch(pieces, numbers, time)
 
 
 @dataclass(frozen=True)
-class _Later:
+class _ShiftedPiece:
     """A kind that begins at a time, the first of its numbers."""
 
     kind: Callable[..., Any]
@@ -123,12 +239,12 @@ class _Later:
         return self.kind(t - numbers[0], numbers[1:])
 
 
-def later(law: Law, since: float) -> Law:
+def shift_law(law: Law, since: float) -> Law:
     """A law of the time since `since` [s]."""
 
     def moved(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
-            return Formula(_Later(piece.kind), (since, *piece.numbers))
+            return Formula(_ShiftedPiece(piece.kind), (since, *piece.numbers))
         return lambda t: piece(t - since)
 
     pieces = tuple(moved(piece) for piece in law.pieces)
@@ -150,24 +266,24 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     if isinstance(law.formula, Formula):
         first = law.at(start)
     else:
-        function = _checked(part, law, start)
+        function = _law_function(part, law, start)
         if law is not value:
-            require_the_same_of_numbers(part, value, function, start)
+            require_numeric_agreement(part, value, function, start)
             require_smooth(part, value, function)
         first = float(function([start, start]))
     if not np.isfinite(first):
         raise BeamdaeError(
-            f"{part}: {called(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
+            f"{part}: {describe_law(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
         )
-    require_finite(part, f"{called(law.pieces[0])} at t = {start:g}", first)
+    require_finite(part, f"{describe_law(law.pieces[0])} at t = {start:g}", first)
     return law
 
 
-def _checked(part: str, law: Law, start: float) -> ca.Function:
+def _law_function(part: str, law: Law, start: float) -> ca.Function:
     """The law as a function of (t, branch)."""
     time = SX.sym("t", 2)
     for piece in law.pieces:
-        require_formula(part, piece, time[0], start)
+        _require_time_formula(part, piece, time[0], start)
     return ca.Function("law", [time], [law(time)])
 
 
@@ -188,11 +304,11 @@ def _sine(t: Any, numbers: Any) -> Any:
     return numbers[0] * np.sin(numbers[1] * t + numbers[2])
 
 
-def _rising(t: Any, numbers: Any) -> Any:
+def _accelerating_angle(t: Any, numbers: Any) -> Any:
     return numbers[0] * (0.5 * t**2 + (np.cos(numbers[1] * t) - 1.0) / numbers[1] ** 2)
 
 
-def _risen(t: Any, numbers: Any) -> Any:
+def _steady_angle(t: Any, numbers: Any) -> Any:
     return numbers[0] * (t - numbers[1])
 
 
@@ -206,8 +322,8 @@ def run_up(speed: float, duration: float) -> Law:
     speed = require_finite("run_up", "speed", speed)
     duration = require_positive("run_up", "duration", duration)
     omega = 2.0 * np.pi / duration
-    rising = Formula(_rising, (speed / duration, omega))
-    risen = Formula(_risen, (speed, 0.5 * duration))
+    rising = Formula(_accelerating_angle, (speed / duration, omega))
+    risen = Formula(_steady_angle, (speed, 0.5 * duration))
     return Law((rising, risen), (duration,), duration)
 
 
@@ -236,14 +352,14 @@ def piecewise(*pieces: Any) -> Law:
     return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
 
 
-def _numbers(name: str, values: Any) -> np.ndarray:
+def _require_numbers(name: str, values: Any) -> np.ndarray:
     given = require_sequence("table", name, values, "a list of numbers")
     return np.array([require_finite("table", name, value) for value in given])
 
 
 def table(times: Any, values: Any) -> Law:
     """Natural cubic spline through a table, constant outside it."""
-    t, y = _numbers("times", times), _numbers("values", values)
+    t, y = _require_numbers("times", times), _require_numbers("values", values)
     if t.shape != y.shape or len(t) < 3:
         raise BeamdaeError(
             "table: times and values must be lists of the same length, at least 3, got "

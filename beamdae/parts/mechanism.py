@@ -11,21 +11,40 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
+    require_finite,
+    require_name,
     require_pair,
     require_point,
     short_repr,
     suggest,
 )
-from beamdae.model_functions import Built
+from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
-from beamdae.parts.events import Event, impacts_of
+from beamdae.parts.events import Event, select_impacts
 from beamdae.parts.gravity import GravityLaws
-from beamdae.parts.initial_state import require_start
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.observables import observed
-from beamdae.parts.part import Part, require_name
+from beamdae.parts.observables import as_quantity
+from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Quantity
+
+AS_DRAWN, EQUILIBRIUM = "as drawn", "equilibrium"
+_ALLOWED = (
+    f"{AS_DRAWN!r}, {EQUILIBRIUM!r} or a dict of positions and velocities by name such as "
+    "{'crank.angle': 0.3, 'crank.angle_dot': 5.0}"
+)
+
+
+def require_start(part: str, start: Any, more: str = "") -> Any:
+    """Return `start` if it is one that can be asked for; `more` is what may be besides."""
+    if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
+        return start
+    if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
+        return {
+            name: require_finite(part, f"start[{short_repr(name)}]", start[name]) for name in start
+        }
+    raise BeamdaeError(f"{part}: start must be {_ALLOWED}{more}, got {short_repr(start)}.")
+
 
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"
 # Names of parts in its short text.
@@ -33,7 +52,7 @@ _IN_SHORT = 6
 P = TypeVar("P", bound=Part)
 
 
-class Mechanism(Built):
+class Mechanism(HasOrigin):
     """Ordered, uniquely named parts under uniform gravity.
 
     Parameters
@@ -111,7 +130,7 @@ class Mechanism(Built):
         # The time, and what the energy ledger begins its columns with.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
-        quantity = observed(name, what)
+        quantity = as_quantity(name, what)
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
         if quantity.joint is not None and quantity.joint not in self.parts:
@@ -137,7 +156,7 @@ class Mechanism(Built):
         >>> impact = mech.when("ball.y", crosses=0.0, direction="down", do="stop", name="impact")
         """
         event = Event(what, crosses, direction, do, name)
-        for used in (what, *(x.on for x in impacts_of(event.do))):
+        for used in (what, *(x.on for x in select_impacts(event.do))):
             owners = [piece.owner for piece in used.pieces] if isinstance(used, Quantity) else []
             for owner in [used] if isinstance(used, Part) else owners:
                 self._require_member(str(event.name), owner)

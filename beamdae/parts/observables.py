@@ -12,24 +12,31 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.formulas import MOST_KINDS, Combined, Formula, plain
+from beamdae.symbolic.formulas import (
+    MAX_SHARED_KERNELS,
+    Formula,
+    FormulaExpression,
+    constant_formula,
+)
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 
-def motion(attachment: Attachment) -> Quantity:
+def motion_quantity(attachment: Attachment) -> Quantity:
     """Position, angle and their rates of an attachment, in the inertial frame."""
     has_angle = _turns(attachment)
     place = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] if has_angle else [])]
     columns = (*place, *(column.rate for column in place))
     kind = _section_motion if has_angle else _point_motion
-    inclination = plain(attachment.inclination)
-    values, data = Combined.of(kind, (attachment.moved, *([inclination] if has_angle else [])))
+    inclination = constant_formula(attachment.inclination)
+    values, data = FormulaExpression.of(
+        kind, (attachment.checked_kinematics, *([inclination] if has_angle else []))
+    )
     return Quantity(columns, (attachment.piece,), values, data)
 
 
-def observed(name: str, what: Attachment | Quantity) -> Quantity:
+def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
     """What is to be observed: the motion of an attachment, or any other quantity."""
-    quantity = motion(what) if isinstance(what, Attachment) else what
+    quantity = motion_quantity(what) if isinstance(what, Attachment) else what
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
             f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
@@ -39,13 +46,13 @@ def observed(name: str, what: Attachment | Quantity) -> Quantity:
 
 
 def _turns(attachment: Attachment) -> bool:
-    moved = attachment.moved
+    moved = attachment.checked_kinematics
     if isinstance(moved, Formula):
         return _kind_turns(moved.kind, attachment.size, len(moved.numbers))
     return _depends(moved, attachment.size)
 
 
-@lru_cache(maxsize=MOST_KINDS)
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
 def _kind_turns(kind: Callable[..., Any], size: int, numbers: int) -> bool:
     return _depends(Formula(kind, SX.sym("numbers", numbers)), size)
 
@@ -87,7 +94,9 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     require_attachment("relative_displacement", "on", on)
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
-    arm = plain(*np.subtract(of.point, on.point).tolist())
+    arm = constant_formula(*np.subtract(of.point, on.point).tolist())
     columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
-    values, data = Combined.of(_Relative(of.size), (of.moved, on.moved, arm))
+    values, data = FormulaExpression.of(
+        _Relative(of.size), (of.checked_kinematics, on.checked_kinematics, arm)
+    )
     return Quantity(columns, (of.piece, on.piece), values, data)

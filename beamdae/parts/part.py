@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.attachments import Attachment
+from beamdae.parts.events import Event
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import (
     ConstraintStatement,
@@ -18,12 +18,7 @@ from beamdae.symbolic.statements import (
     RangeStatement,
 )
 
-if TYPE_CHECKING:
-    from beamdae.parts.events import Event
-
 Array = np.ndarray
-
-_LONGEST_NAME = 100
 
 
 class Drawing(NamedTuple):
@@ -60,7 +55,7 @@ class Part:
     def _values(self) -> list[Any]:
         # Fields with slots are not among the variables of an instance.
         slots: tuple[Any, ...] = fields(self) if is_dataclass(self) else ()
-        return _leaves({x.name: getattr(self, x.name) for x in slots} | vars(self))
+        return _flatten({x.name: getattr(self, x.name) for x in slots} | vars(self))
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
@@ -92,7 +87,7 @@ class Part:
         """What each of its laws prescribes, as an input of linear models; empty if it is none."""
         return ()
 
-    def following(self, values: Sequence[float]) -> Part:
+    def with_constant_laws(self, values: Sequence[float]) -> Part:
         """The same part with numbers in place of its laws; asked of what has `inputs`."""
         raise NotImplementedError
 
@@ -105,8 +100,8 @@ class Part:
         return ()
 
     @property
-    def acting(self) -> str:
-        """How its forces on sections of a beam are to be read along it, see `equations.acting`.
+    def load_distribution(self) -> str:
+        """How its forces on sections of a beam are to be read along it, see `equations.load_distribution`.
 
         "points": each acts where it is stated; "line": they are a force per length, stated at the
         points at which inertia is integrated; "shares": they are those of one force in between.
@@ -135,32 +130,11 @@ class Part:
         return None
 
 
-def _leaves(value: Any) -> list[Any]:
+def _flatten(value: Any) -> list[Any]:
     """What a value holds: its entries, if it is a listing or a dictionary, or itself."""
     if isinstance(value, dict):
         value = tuple(value.values())
     # Named tuples such as statements are values, not listings.
     if isinstance(value, (list, set, frozenset)) or type(value) is tuple:
-        return [leaf for entry in value for leaf in _leaves(entry)]
+        return [leaf for entry in value for leaf in _flatten(entry)]
     return [value]
-
-
-def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it is a text that can name a part, a coordinate or an observable.
-
-    Names head the columns of tables, as "name.what [unit]".
-    """
-    if not isinstance(name, str) or not name.strip():
-        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {short_repr(name)}.")
-    # Spreadsheets take what begins with one of these signs for a formula.
-    if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
-        raise BeamdaeError(
-            f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "
-            f"a space, got {short_repr(name)}."
-        )
-    if len(name) > _LONGEST_NAME or not name.isprintable():
-        raise BeamdaeError(
-            f"{kind}: a name must be a text of at most {_LONGEST_NAME} letters without line breaks "
-            f"and other control characters, got {short_repr(name)}."
-        )
-    return str(name)

@@ -80,7 +80,7 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
         ends = []
         for sign in (1.0, -1.0):
             moved = [x + (sign * step if j == k else 0.0) for j, x in enumerate(values)]
-            ends.append(_part_residual(mechanism, part.following(moved), lin))
+            ends.append(_part_residual(mechanism, part.with_constant_laws(moved), lin))
         names = ends[0][0].lam_names
         force, held = np.split((ends[0][1] - ends[1][1]) / (2.0 * step), [lin.equations.n])
         driven = {name: float(x) for name, x in zip(names, held, strict=True) if x != 0.0}
@@ -278,7 +278,7 @@ class _StateReduction:
         free = np.zeros(e.m, bool)
         free[[rows[name] for name in driven]] = True
         moving = lin.nonholonomic
-        held, rates = own.held.toarray(), own.held_rates.toarray()
+        held, rates = own.position_jacobian.toarray(), own.velocity_jacobian.toarray()
         scales = e.position_scales
         self.x_at, self.z = _independent_coordinates(held[~free & ~moving], scales)
         all_rates = np.where(moving[:, None], rates, held)[~free]
@@ -291,7 +291,7 @@ class _StateReduction:
             self.w = la.lstsq(all_rates, asked)[0]
         self.w = self.w - self.y @ self.w[self.w_at]
         self.rows, self.held, self.moving = rows, held, moving
-        solve = factorize_saddle_point(own.mass, own.reactions, own.held_accelerations(e))
+        solve = factorize_saddle_point(own.mass, own.reactions, own.acceleration_jacobian(e))
         if solve is None:
             raise BeamdaeError("linearize: something moves without inertia, give it a mass.")
         self.solve = solve

@@ -18,17 +18,16 @@ import scipy.sparse as sp
 
 from beamdae.analysis.linear_dynamics.steady_rotation import Rotation, find_steady_rotation
 from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.initial_conditions import started
-from beamdae.equations.starts.reduced_equations import reduced
+from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.linear.saddle_point import factorize_saddle_point
-from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.instant import Instant
+from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -52,7 +51,7 @@ def linearize_at_rest(
     """
     starter = ConsistencySolver(e)
     starter.require_inertia()
-    state = _release(e, tangent, starter.at_rest(starter.state(time, e.q0, np.zeros(e.n)).q))
+    state = _release(e, tangent, starter.rest_state(starter.state(time, e.q0, np.zeros(e.n)).q))
     found, rest = tangent(state), state._replace(a=np.zeros(e.n))
     if not _is_unbalanced(e, found, state, tangent(rest).residual[: e.n]):
         return rest, tangent(rest), (), 0.0
@@ -70,7 +69,7 @@ def linearize_at_rest(
 def _release(e: EquationsOfMotion, tangent: TangentAt, rest: State) -> State:
     """Accelerations and reactions at rest: M a + F + G^T lam = 0, J a = 0."""
     found = tangent(rest)
-    solve = factorize_saddle_point(found.mass, found.reactions, found.held_accelerations(e))
+    solve = factorize_saddle_point(found.mass, found.reactions, found.acceleration_jacobian(e))
     if solve is None:
         raise BeamdaeError("modes: something can move without inertia, give it a mass or a joint.")
     solved = solve(np.concatenate([-found.residual[: e.n], np.zeros(e.m)]))
@@ -193,7 +192,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
             f"solution.at(t) or what bd.equilibrium gives, got {short_repr(about)}."
         )
     require_start("about", about)
-    whole = started(as_equations(name, model, AS_DRAWN), about, t)
+    whole = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
     told = EQUILIBRIUM if about == EQUILIBRIUM else f"rest at {whole.start.told}"  # type: ignore[union-attr]
     return _linearize_rest(whole, told, t)
 
@@ -206,11 +205,15 @@ def _active_equations(
     known = whole.configurations
     if known is not None:
         now = None if instant is None else instant.configuration
-        own = (known.of(whole, now.inactive, now.found) if now else known.begin(whole)).equations
+        own = (
+            known.configuration_without(whole, now.inactive, now.frozen_gaps)
+            if now
+            else known.initial_configuration(whole)
+        ).equations
     own = replace(own, q0=whole.q0, v0=whole.v0)
     after = min((b for b in own.breakpoints if b > t), default=t + 1.0)
     time = np.array([t, 0.5 * (t + after)]) if instant is None else instant.time
-    spared = reduced(own, time) if own.redundant else None
+    spared = remove_redundant_constraints(own, time) if own.redundant else None
     return (own if spared is None else spared.equations), time
 
 

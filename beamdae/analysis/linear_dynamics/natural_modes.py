@@ -51,9 +51,9 @@ def is_conservative(lin: Linearization) -> bool:
         return True
     # At rest constraints on velocities hold the shape of whatever vibrates.
     moving = lin.nonholonomic
-    if moving.any() and abs(own.held[moving]).max() > 0.0:
+    if moving.any() and abs(own.position_jacobian[moving]).max() > 0.0:
         return False
-    rows = own.held_accelerations(lin.equations)
+    rows = own.acceleration_jacobian(lin.equations)
     off = abs(own.reactions.T - rows)
     return bool(off.max() <= _EXACT * abs(rows).max())
 

@@ -44,7 +44,7 @@ class QuadraticProblem:
         solve = factorize_saddle_point(
             own.stiffness + s * own.damping + s**2 * own.mass,
             own.reactions,
-            own.held + s * own.held_rates,
+            own.position_jacobian + s * own.velocity_jacobian,
         )
         if solve is None:
             raise BeamdaeError("modes: the linearized equations are singular.")
@@ -60,7 +60,7 @@ class QuadraticProblem:
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.rate
         if n <= ALL_AT_ONCE or wanted >= n:
-            basis = scaled_null_space(self.own.held_accelerations(e), e.position_scales)
+            basis = scaled_null_space(self.own.acceleration_jacobian(e), e.position_scales)
             if len(e.nonholonomic_rows):
                 basis = np.diag(e.position_scales)
             whole = la.block_diag(basis, self.rate * basis)
@@ -88,7 +88,7 @@ class QuadraticProblem:
         own, n, s = self.own, self.e.n, self.rate
         x, w = y[:n], y[n:]
         right = -(own.mass @ (w + s * x) + own.damping @ x)
-        found = self.solve(np.concatenate([right, -(own.held_rates @ x)]))[:n]
+        found = self.solve(np.concatenate([right, -(own.velocity_jacobian @ x)]))[:n]
         return np.concatenate([found, x + s * found])
 
     def _told(self, values: Array, shapes: Array) -> tuple[Array, Array]:

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError, require_finite, require_point
@@ -208,7 +207,7 @@ def _to_rotating_frame(own: Tangent, turning: RotatingCoordinates, speed: float)
         stiffness=sp.csc_array(
             own.stiffness + speed * (own.damping @ s) + speed**2 * (own.mass @ (s @ s))
         ),
-        held=sp.csc_array(own.held + speed * (own.held_rates @ s)),
+        position_jacobian=sp.csc_array(own.position_jacobian + speed * (own.velocity_jacobian @ s)),
     )
 
 
@@ -231,7 +230,9 @@ def _solve_steady_state(
         fastest = np.max(np.abs(own.stiffness.diagonal()[has]) / inertia[has], initial=0.0)
         free = _FREE * speed**2 + _STIFF * fastest
         block = seen.stiffness + (free or 1.0) * own.mass
-        solve = factorize_saddle_point(block, seen.reactions, seen.held + seen.held_rates)
+        solve = factorize_saddle_point(
+            block, seen.reactions, seen.position_jacobian + seen.velocity_jacobian
+        )
         if solve is None or not np.all(np.isfinite(own.residual)):
             return None
         change = -solve(own.residual)

@@ -17,8 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from beamdae.analysis.linear_dynamics.linearization import Linearization
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -61,7 +60,7 @@ class SymmetricProblem:
         self.e = lin.equations
         self.stiffness = _symmetric_part(own.stiffness)
         self.mass = _symmetric_part(own.mass)
-        self.rows = own.held_accelerations(lin.equations)
+        self.rows = own.acceleration_jacobian(lin.equations)
         self.free, self.still = self.e.n - self.e.m, lin.still
 
     def lowest(self, count: int | None) -> UndampedModes:

@@ -8,14 +8,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.configurations import Struck
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.assembly.configurations import ImpactEquations
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 Array = np.ndarray
 
 
-def impulses_of(
+def solve_impulses(
     names: tuple[str, ...], mass: sp.csc_array, gradient: sp.csc_array, rates: Array
 ) -> tuple[Array, Mapping[str, float]]:
     """The change of velocities that changes the rates of constraints, and its impulses by name.
@@ -30,7 +30,9 @@ def impulses_of(
     return found[:n], dict(zip(names, found[n:].tolist(), strict=True))
 
 
-def thrown_back(struck: Struck, time: Array, state: State) -> tuple[Array, Mapping[str, float]]:
+def apply_impact(
+    struck: ImpactEquations, time: Array, state: State
+) -> tuple[Array, Mapping[str, float]]:
     """Velocities after an impact at time = (t, branch), and its impulses by multiplier.
 
     Raises
@@ -38,8 +40,8 @@ def thrown_back(struck: Struck, time: Array, state: State) -> tuple[Array, Mappi
     BeamdaeError
         If joints do not leave what is struck any motion.
     """
-    e, starter = struck.equations, Starter(struck.equations)
-    rates = starter.levels(time, state.q, state.v)[1]
+    e, starter = struck.equations, ConsistencySolver(struck.equations)
+    rates = starter.constraint_levels(time, state.q, state.v)[1]
     restitution = np.array([struck.restitution.get(name, 0.0) for name in e.lam_names])
     opens = np.array([name in struck.gaps for name in e.lam_names]) & (rates <= 0.0)
     (held,) = np.nonzero(~opens)
@@ -48,9 +50,9 @@ def thrown_back(struck: Struck, time: Array, state: State) -> tuple[Array, Mappi
     starter.require_independent(time, state.q)
     own = State(state.q, state.v, np.zeros(e.n), np.zeros(e.m))
     gradient = sp.csc_array(starter.constraint_matrix(time, state.q)[held])
-    change, impulses = impulses_of(
+    change, impulses = solve_impulses(
         tuple(e.lam_names[k] for k in held),
-        starter.linearized(time, own)[2],
+        starter.linearize_forces(time, own)[2],
         gradient,
         -(1.0 + restitution[held]) * rates[held],
     )

@@ -9,32 +9,31 @@ from itertools import pairwise
 
 import numpy as np
 
-from beamdae.equations.configurations import Configuration
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
-from beamdae.equations.formulations import State
-from beamdae.equations.natural_frequencies import fastest_modes
+from beamdae.equations.assembly.configurations import Configuration
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, State
+from beamdae.equations.natural_frequencies import estimate_fastest_modes
 from beamdae.equations.singular_laws import require_no_pole
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.events.impacts import impulses_of, thrown_back
+from beamdae.integrators.events.impacts import apply_impact, solve_impulses
 from beamdae.integrators.method import Method
-from beamdae.integrators.run_plan import Route, branch_of, ends_of
-from beamdae.parts.events import impacts_of, switches_of
+from beamdae.integrators.run_plan import RunPlan, branch_time, interval_ends
+from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
 # A joint that is switched on may be open by this share of the mechanism: an event is located to
 # the accuracy of the run.
-_OPEN = 1e-3
+_MAX_GAP = 1e-3
 # So many switches within this share of the run are no progress.
-_MOST_SWITCHES, _WITHIN = 200, 1e-4
+_MAX_SWITCHES, _SWITCH_WINDOW = 200, 1e-4
 # Impacts nearer to each other than this share of the run have no end.
-_SHORTEST_FLIGHT = 1e-9
+_MIN_FLIGHT = 1e-9
 
 
 @dataclass(frozen=True)
-class Switched:
+class SwitchResult:
     """What a switch did.
 
     Attributes
@@ -50,7 +49,7 @@ class Switched:
     """
 
     configuration: Configuration
-    route: Route
+    plan: RunPlan
     state: State
     ends: tuple[float, ...]
     branch: float
@@ -58,21 +57,21 @@ class Switched:
     energy_lost: float
 
 
-def first_configuration(equations: EquationsOfMotion) -> Configuration | None:
+def initial_configuration(equations: EquationsOfMotion) -> Configuration | None:
     """What is active at the start of a run; None where nothing is switched."""
     known = equations.configurations
-    return None if known is None else known.begin(equations)
+    return None if known is None else known.initial_configuration(equations)
 
 
-def switched(
+def apply_event(
     whole: EquationsOfMotion,
     now: Configuration,
-    route: Route,
+    plan: RunPlan,
     event: EventTerm,
     time: Array,
     ends: tuple[float, ...],
     before: State,
-) -> Switched:
+) -> SwitchResult:
     """Throw back and switch what an event asks for, at time = (t, branch).
 
     Raises
@@ -84,47 +83,47 @@ def switched(
     known = whole.configurations
     assert known is not None
     v, impulses = before.v, dict[str, float]()
-    if impacts := impacts_of(event.do):
-        struck = known.struck(whole, now, event.name, impacts)
-        v, own = thrown_back(struck, time, before)
+    if impacts := select_impacts(event.do):
+        struck = known.impact_equations(whole, now, event.name, impacts)
+        v, own = apply_impact(struck, time, before)
         impulses |= own
-    then = known.after(whole, now, event, time, before.q)
-    if any(switch.laws for switch in switches_of(event.do)):
-        ends, time = _newly_cut(then.equations, time, ends)
-    starter = Starter(then.equations)
+    then = known.configuration_after(whole, now, event, time, before.q)
+    if any(switch.laws for switch in select_switches(event.do)):
+        ends, time = _restrict_intervals(then.equations, time, ends)
+    starter = ConsistencySolver(then.equations)
     _require_closed(starter, time, before.q)
     state = starter.state(time, before.q, v)
-    mass = starter.linearized(time, state)[2]
+    mass = starter.linearize_forces(time, state)[2]
     gradient = starter.constraint_matrix(time, state.q)
-    _, more = impulses_of(then.equations.lam_names, mass, gradient, gradient @ (state.v - v))
+    _, more = solve_impulses(then.equations.lam_names, mass, gradient, gradient @ (state.v - v))
     lost = 0.5 * float(before.v @ (mass @ before.v) - state.v @ (mass @ state.v))
     onward = replace(
-        route,
+        plan,
         starter=starter,
         state=state,
-        fastest_modes=cache(partial(fastest_modes, starter, time, state)),
+        fastest_modes=cache(partial(estimate_fastest_modes, starter, time, state)),
         matrices={},
     )
     told = {name: impulses.get(name, 0.0) + more.get(name, 0.0) for name in {**more, **impulses}}
-    return Switched(then, onward, state, ends, float(time[1]), told, lost)
+    return SwitchResult(then, onward, state, ends, float(time[1]), told, lost)
 
 
-def _newly_cut(
+def _restrict_intervals(
     equations: EquationsOfMotion, time: Array, ends: tuple[float, ...]
 ) -> tuple[tuple[float, ...], Array]:
     """The `ends` of intervals that are left and time = (t, branch), with laws that begin here."""
     t = float(time[0])
-    left = ends_of(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
+    left = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
     require_no_pole(equations.laws, tuple(pairwise((t, *left))))
     if t == ends[0]:
         return (t, *left), time
-    return left, np.array([t, branch_of(t, left[0])])
+    return left, np.array([t, branch_time(t, left[0])])
 
 
-def _require_closed(starter: Starter, time: Array, q: Array) -> None:
+def _require_closed(starter: ConsistencySolver, time: Array, q: Array) -> None:
     e = starter.equations
-    gaps = np.abs(starter.gaps(time, q))
-    if e.m and not np.max(gaps) <= _OPEN * min(1.0, e.length):
+    gaps = np.abs(starter.position_gaps(time, q))
+    if e.m and not np.max(gaps) <= _MAX_GAP * min(1.0, e.length):
         worst = int(np.argmax(gaps))
         raise BeamdaeError(
             f"{e.lam_names[worst]}: it is open by {gaps[worst]:.3g}, a joint must be closed where "
@@ -133,10 +132,10 @@ def _require_closed(starter: Starter, time: Array, q: Array) -> None:
 
 
 @dataclass
-class Methods:
+class MethodCache:
     """The methods of a run, one a configuration, made when they are first needed."""
 
-    make: Callable[[Route], Method]
+    make: Callable[[RunPlan], Method]
     first: Method
     configuration: Configuration | None
     _made: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
@@ -150,22 +149,22 @@ class Methods:
 
     def __post_init__(self) -> None:
         now = self.configuration
-        if now is not None and now.found:
+        if now is not None and now.frozen_gaps:
             self._latest = (now.equations, self.first)
         else:
             self._made[frozenset() if now is None else now.inactive] = self.first
 
-    def on(self, route: Route, now: Configuration) -> Method:
+    def on(self, plan: RunPlan, now: Configuration) -> Method:
         """The method of a configuration."""
-        if not now.found:
+        if not now.frozen_gaps:
             if now.inactive not in self._made:
-                self._made[now.inactive] = self.make(route)
+                self._made[now.inactive] = self.make(plan)
             return self._made[now.inactive]
         equations, method = self._latest
         if method is None or equations is not now.equations:
             if method is not None:
                 self._past.append(method.counts)
-            method = self.make(route)
+            method = self.make(plan)
             self._latest = (now.equations, method)
         return method
 
@@ -177,22 +176,22 @@ class Methods:
         counts = [vars(one) for one in (*(method.counts for method in own), *self._past)]
         return Statistics(**{name: sum(one[name] for one in counts) for name in counts[0]})
 
-    def stall(self, event: EventTerm, t: float, duration: float) -> str | None:
+    def stall_reason(self, event: EventTerm, t: float, duration: float) -> str | None:
         """Why there is no point in going on after another event at time `t` [s], or None."""
-        if impacts_of(event.do):
+        if select_impacts(event.do):
             flight = t - self._impacts.get(event.name, -np.inf)
             self._impacts[event.name] = t
-            if flight < _SHORTEST_FLIGHT * duration:
+            if flight < _MIN_FLIGHT * duration:
                 return (
                     f"impacts of event {event.name} accumulate, the last two are {flight:.2g} s "
                     "apart; have it rest from here on by a joint that is switched on, or take a "
                     "Contact"
                 )
         self._switches.append(t)
-        within = t - self._switches[-_MOST_SWITCHES:][0]
-        if len(self._switches) < _MOST_SWITCHES or within > _WITHIN * duration:
+        within = t - self._switches[-_MAX_SWITCHES:][0]
+        if len(self._switches) < _MAX_SWITCHES or within > _SWITCH_WINDOW * duration:
             return None
         return (
-            f"no end in sight, event {event.name} and others have switched parts {_MOST_SWITCHES} "
+            f"no end in sight, event {event.name} and others have switched parts {_MAX_SWITCHES} "
             f"times within {within:.2g} s; let them cross values that are apart from each other"
         )

@@ -11,7 +11,7 @@ from beamdae.errors import BeamdaeError, require_point, require_positive, requir
 Array = np.ndarray
 
 # Corners a circle is drawn through.
-_CORNERS = 48
+_CIRCLE_SEGMENTS = 48
 
 
 class Shape(NamedTuple):
@@ -23,7 +23,7 @@ class Shape(NamedTuple):
     outline: tuple[tuple[float, float], ...]
 
 
-def mass_of(
+def resolve_mass(
     part: str, mass: Any, density: Any, thickness: Any, area: float, needed: str = "thickness"
 ) -> float:
     """The mass given, or density times volume; `needed` is what the volume takes beside the area.
@@ -50,7 +50,7 @@ def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) 
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
         raise BeamdaeError(f"{part}: a and b must differ, both are {start}.")
-    whole = mass_of(part, mass, density, area, length, "area")
+    whole = resolve_mass(part, mass, density, area, length, "area")
     center = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
     return Shape(whole, whole * length**2 / 12.0, center, (start, end))
 
@@ -60,8 +60,8 @@ def disk(
 ) -> Shape:
     """A solid disk: m r^2 / 2."""
     (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
-    whole = mass_of(part, mass, density, thickness, np.pi * radius**2)
-    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    whole = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
+    turn = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
     rim = np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=-1)
     # The radius to the first corner shows how far the disk has turned.
     outline = ((x, y), *map(tuple, rim.tolist()), tuple(rim[0].tolist()))
@@ -81,7 +81,7 @@ def plate(
     """A rectangle turned by `angle`: m (w^2 + h^2) / 12."""
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
-    whole = mass_of(part, mass, density, thickness, width * height)
+    whole = resolve_mass(part, mass, density, thickness, width * height)
     c, s = np.cos(angle), np.sin(angle)
     corners = 0.5 * np.array(
         [(-width, -height), (width, -height), (width, height), (-width, height)]
@@ -109,7 +109,7 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
     _require_simple(part, corners)
     center = np.array([((x + nx) * cross).sum(), ((y + ny) * cross).sum()]) / (6.0 * area)
     polar = float(((x * x + x * nx + nx * nx + y * y + y * ny + ny * ny) * cross).sum()) / 12.0
-    whole = mass_of(part, mass, density, thickness, abs(area))
+    whole = resolve_mass(part, mass, density, thickness, abs(area))
     inertia = whole * (polar / area - float(center @ center))
     cx, cy = (center + middle).tolist()
     return Shape(whole, inertia, (cx, cy), tuple(map(tuple, corners.tolist())))
@@ -127,32 +127,41 @@ def _require_simple(part: str, corners: Array) -> None:
         for j in range(i + 1, n):
             c, d = corners[j], corners[(j + 1) % n]
             apart = 1 < j - i < n - 1
-            if (apart and _meet(a, b, c, d)) or (not apart and _folded(a, b, c, d, j == i + 1)):
+            if (apart and _edges_cross(a, b, c, d)) or (
+                not apart and _edges_overlap(a, b, c, d, j == i + 1)
+            ):
                 raise BeamdaeError(
                     f"{part}: points must go around the polygon, its edges from "
                     f"({a[0]:g}, {a[1]:g}) and from ({c[0]:g}, {c[1]:g}) cross."
                 )
 
 
-def _side(a: Array, b: Array, p: Array) -> float:
+def _side_of_line(a: Array, b: Array, p: Array) -> float:
     """On which side of the line through a and b the point lies."""
     return float(np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])))
 
 
-def _within(a: Array, b: Array, p: Array) -> bool:
+def _is_between(a: Array, b: Array, p: Array) -> bool:
     """Whether a point of the line through a and b lies between them."""
     return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
 
 
-def _meet(a: Array, b: Array, c: Array, d: Array) -> bool:
-    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+def _edges_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+    sides = (
+        _side_of_line(a, b, c),
+        _side_of_line(a, b, d),
+        _side_of_line(c, d, a),
+        _side_of_line(c, d, b),
+    )
     if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:
         return True
     ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
-    return any(side == 0.0 and _within(*end) for side, end in zip(sides, ends, strict=True))
+    return any(side == 0.0 and _is_between(*end) for side, end in zip(sides, ends, strict=True))
 
 
-def _folded(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
+def _edges_overlap(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
     """Whether two edges that share a corner lie on each other."""
     shared, one, other = (b, a, d) if follows else (a, b, c)
-    return _side(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0
+    return (
+        _side_of_line(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0
+    )

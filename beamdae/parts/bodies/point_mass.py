@@ -12,14 +12,15 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
+    require_name,
     require_non_negative,
     require_point,
     require_positive,
     set_fields,
 )
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable
-from beamdae.parts.part import Drawing, Part, require_name
-from beamdae.symbolic.formulas import Formula, combined_kernel, plain
+from beamdae.parts.part import Drawing, Part
+from beamdae.symbolic.formulas import Formula, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
 
 Array = np.ndarray
@@ -108,8 +109,8 @@ class PointMass(Part):
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Inertia and weight."""
         where = self.point
-        own = plain(self.mass, *map(float, gravity))
-        kernel, data = combined_kernel(_particle, (where.moved, own), where.size)
+        own = constant_formula(self.mass, *map(float, gravity))
+        kernel, data = build_formula_kernel(_particle, (where.checked_kinematics, own), where.size)
         return [ForceStatement(self.name, kernel, (where.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:

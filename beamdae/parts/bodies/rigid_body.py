@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from beamdae.errors import (
     BeamdaeError,
     require_finite,
+    require_name,
     require_point,
     require_positive,
     require_sequence,
@@ -21,7 +22,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.bodies import plane_shapes as body_shapes
-from beamdae.parts.part import Drawing, Part, require_name
+from beamdae.parts.part import Drawing, Part
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 

@@ -11,20 +11,26 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.forces.elastic import Elastic, Lawful, Linear, Measure, Response
+from beamdae.parts.forces.elastic import (
+    Deformation,
+    ElementResponse,
+    ForceElement,
+    LinearLaw,
+    UserLaw,
+)
 from beamdae.symbolic.statements import SX, Named, Quantity
 
 _NUMBERS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
 
-def _offset(a: Any, b: Any, numbers: Any) -> SX:
+def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
     """Displacement since the drawing in axes that turn with the first body, and relative turn."""
     way = rotate(-a[1] - numbers[0], b[0] - a[0])
     return ca.vertcat(way - ca.vertcat(numbers[1], numbers[2]), b[1] - a[1])
 
 
 @dataclass(frozen=True, eq=False)
-class Bushing(Elastic):
+class Bushing(ForceElement):
     """Stiffness and damping between two points along and across an axis, and about them.
 
     Its measure is the displacement (x, y) of the point `b` since the drawing, seen from the body of
@@ -93,18 +99,18 @@ class Bushing(Elastic):
                 f"{self.name}: give either a law or {', '.join(_NUMBERS)}, not both."
             )
         else:
-            Lawful(self.name, 3, self.law, self.energy).require_sound(1e-2)
+            UserLaw(self.name, 3, self.law, self.energy).require_sound(1e-2)
 
     @property
     def _measure(self) -> Callable[..., SX]:
-        return _offset
+        return _bushing_displacement
 
     @property
-    def _response(self) -> tuple[Callable[..., Response], tuple[float, ...]]:
+    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         if self.law is not None:
-            return Lawful(self.name, 3, self.law, self.energy), ()
+            return UserLaw(self.name, 3, self.law, self.energy), ()
         numbers = tuple(float(getattr(self, number)) for number in _NUMBERS)
-        return Linear(3), (*numbers, 0.0, 0.0, 0.0)
+        return LinearLaw(3), (*numbers, 0.0, 0.0, 0.0)
 
     @property
     def _drawn(self) -> tuple[float, ...]:
@@ -117,4 +123,4 @@ class Bushing(Elastic):
     def displacement(self) -> Quantity:
         """Displacement (x, y) [m] in the axes of `a`, and turn [rad]."""
         columns = (Named("x", "m"), Named("y", "m"), Named("turn", "rad"))
-        return self.observed(Measure, columns)
+        return self.observed(Deformation, columns)

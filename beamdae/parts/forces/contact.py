@@ -13,6 +13,7 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     require_finite,
+    require_name,
     require_non_negative,
     require_positive,
     set_fields,
@@ -22,8 +23,8 @@ from beamdae.parts.attachments import Attachment, require_angle, require_attachm
 from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, combined_kernel, plain
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -33,13 +34,13 @@ from beamdae.symbolic.statements import (
     Quantity,
 )
 
-_LEAST_RESTITUTION = 0.05
+_MIN_RESTITUTION = 0.05
 # From here on the series of the hysteresis factor is as near as rounding lets the equation be.
-_NEARLY_ELASTIC = 1e-5
+_ELASTIC_LIMIT = 1e-5
 
 
 @dataclass(frozen=True)
-class _Touching:
+class _ContactLaw:
     """A point, the first of so many local coordinates, and a surface of some kind.
 
     Without friction nothing of it is left in the formulas.
@@ -70,7 +71,7 @@ class _Touching:
 
 
 @dataclass(frozen=True)
-class _Pushing(_Touching):
+class _ContactKernel(_ContactLaw):
     def __call__(self, local: Local, a: Any, b: Any, drawn: Any, own: Any) -> ForceKernel:
         """The kernel."""
         gap, slip = self.gap_and_slip(local, a, b, drawn)
@@ -82,7 +83,7 @@ class _Pushing(_Touching):
 
 
 @dataclass(frozen=True)
-class _Forces(_Touching):
+class _ContactForces(_ContactLaw):
     def __call__(self, local: Local, a: Any, b: Any, drawn: Any, own: Any) -> SX:
         gap, slip = self.gap_and_slip(local, a, b, drawn)
         _, normal, rubbing = self.forces(local, gap, slip, own)
@@ -97,7 +98,7 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
     Dynamics 11, 2004); near e = 1 that is Hunt and Crossley's X = 3 (1 - e) / (2 v).
     """
     e = restitution
-    if 1.0 - e < _NEARLY_ELASTIC:
+    if 1.0 - e < _ELASTIC_LIMIT:
         return 1.5 * (1.0 - e) / speed
     low, high = 0.5 * (1.0 - e), 1.0 / e
     for _ in range(200):
@@ -189,9 +190,9 @@ class Contact(Part):
             require_angle(self.name, self.surface.on)
         if not 1.0 <= self.exponent <= 10.0:
             raise BeamdaeError(f"{self.name}: exponent must lie in [1, 10], got {self.exponent:g}.")
-        if not _LEAST_RESTITUTION <= self.restitution <= 1.0:
+        if not _MIN_RESTITUTION <= self.restitution <= 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution must lie in [{_LEAST_RESTITUTION:g}, 1], got "
+                f"{self.name}: restitution must lie in [{_MIN_RESTITUTION:g}, 1], got "
                 f"{self.restitution:g}."
             )
         if self.longest_step is not None:
@@ -234,9 +235,9 @@ class Contact(Part):
     def _functions(self) -> tuple[Any, ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
         rubbing = (self.friction, self.friction_speed) if self.friction else ()
-        own = plain(*numbers, *rubbing)
-        drawn = plain(*self.surface.numbers)
-        return (self.point.moved, self.surface.on.moved, drawn, own)
+        own = constant_formula(*numbers, *rubbing)
+        drawn = constant_formula(*self.surface.numbers)
+        return (self.point.checked_kinematics, self.surface.on.checked_kinematics, drawn, own)
 
     @property
     def _pieces(self) -> tuple[Any, Any]:
@@ -244,16 +245,16 @@ class Contact(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Normal force and friction."""
-        kind = _Pushing(*self._kind)
+        kind = _ContactKernel(*self._kind)
         size = self.point.size + self.surface.on.size
-        kernel, data = combined_kernel(kind, self._functions, size)
+        kernel, data = build_formula_kernel(kind, self._functions, size)
         return [ForceStatement(self.name, kernel, self._pieces, data)]
 
     @property
     def force(self) -> Quantity:
         """Normal force N and friction T [N] on the point; T to the right of the outward normal."""
-        kind = _Forces(*self._kind)
-        values, data = Combined.of(kind, self._functions)
+        kind = _ContactForces(*self._kind)
+        values, data = FormulaExpression.of(kind, self._functions)
         return Quantity((Named("N", "N"), Named("T", "N")), self._pieces, values, data)
 
     @property

@@ -13,18 +13,18 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, set_fields
+from beamdae.errors import BeamdaeError, require_name, set_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
-    as_column,
     as_vector,
-    evaluated,
-    own_kernel,
-    require_formula_of,
+    build_kernel,
+    evaluate_formula,
+    require_column,
+    require_continuous_formula,
     require_function,
 )
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, combined_kernel, plain
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -35,7 +35,7 @@ from beamdae.symbolic.statements import (
 )
 
 
-class Response(NamedTuple):
+class ElementResponse(NamedTuple):
     """Forces of a measure and what the books say of them.
 
     Attributes
@@ -57,12 +57,12 @@ class Response(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearLaw:
     """Stiffness, damping and preload, numbers of each of so many entries of the measure."""
 
     rows: int
 
-    def __call__(self, x: SX, rate: SX, numbers: Any) -> Response:
+    def __call__(self, x: SX, rate: SX, numbers: Any) -> ElementResponse:
         """At this measure and its rate."""
         listed = [numbers[k] for k in range(3 * self.rows)]
         stiffness, damping, preload = (
@@ -70,11 +70,11 @@ class Linear:
         )
         force = stiffness * x + damping * rate + preload
         energy = ca.dot(0.5 * stiffness * x + preload, x)
-        return Response(force, energy, SX(0), ca.dot(damping * rate, rate))
+        return ElementResponse(force, energy, SX(0), ca.dot(damping * rate, rate))
 
 
 @dataclass(frozen=True)
-class Lawful:
+class UserLaw:
     """A law of the user's own: the part that is left without motion, and its damping beside it.
 
     Without an `energy` the former is booked as the work of a load.
@@ -88,22 +88,22 @@ class Lawful:
     def force(self, x: SX, rate: SX) -> SX:
         """The law as a column."""
         given = (x, rate) if self.rows == 1 else (as_vector(x), as_vector(rate))
-        said = evaluated(self.part, "law", self.law, *given)
-        return as_column(self.part, "law", said, self.rows)
+        said = evaluate_formula(self.part, "law", self.law, *given)
+        return require_column(self.part, "law", said, self.rows)
 
     def stored(self, x: SX) -> SX:
         """The energy, or nothing."""
         if self.energy is None:
             return SX(0)
         given = x if self.rows == 1 else as_vector(x)
-        said = evaluated(self.part, "energy", self.energy, given)
-        return as_column(self.part, "energy", said, 1)
+        said = evaluate_formula(self.part, "energy", self.energy, given)
+        return require_column(self.part, "energy", said, 1)
 
-    def __call__(self, x: SX, rate: SX, numbers: Any) -> Response:
+    def __call__(self, x: SX, rate: SX, numbers: Any) -> ElementResponse:
         """At this measure and its rate."""
         force, still = self.force(x, rate), self.force(x, SX.zeros(self.rows))
         power = -ca.dot(still, rate) if self.energy is None else SX(0)
-        return Response(force, self.stored(x), power, ca.dot(force - still, rate))
+        return ElementResponse(force, self.stored(x), power, ca.dot(force - still, rate))
 
     def require_sound(self, size: float) -> None:
         """Refuse what is no formula, or an energy that is not that of the law.
@@ -112,12 +112,12 @@ class Lawful:
         """
         x, rate = SX.sym("x", self.rows), SX.sym("rate", self.rows)
         require_function(self.part, "law", self.law)
-        require_formula_of(self.part, "law", self.force(x, rate), (x, rate))
+        require_continuous_formula(self.part, "law", self.force(x, rate), (x, rate))
         if self.energy is None:
             return
         require_function(self.part, "energy", self.energy)
         stored = self.stored(x)
-        require_formula_of(self.part, "energy", stored, (x,))
+        require_continuous_formula(self.part, "energy", stored, (x,))
         still = self.force(x, SX.zeros(self.rows))
         both = ca.Function("both", [x], [ca.densify(ca.gradient(stored, x)), ca.densify(still)])
         for share in (-0.31, -0.03, 0.04, 0.37):
@@ -133,7 +133,7 @@ class Lawful:
 
 
 @dataclass(frozen=True)
-class Measured:
+class _ElementLaw:
     """The measure of two points, the first of so many local coordinates, and its response.
 
     `rows` is how many numbers are observed of it.
@@ -141,22 +141,22 @@ class Measured:
 
     size: int
     measure: Callable[..., SX]
-    response: Callable[..., Response]
+    response: Callable[..., ElementResponse]
     rows: int
 
-    def at(self, local: Local, a: Any, b: Any, own: Any, drawn: Any) -> tuple[SX, Response]:
+    def at(self, local: Local, a: Any, b: Any, own: Any, drawn: Any) -> tuple[SX, ElementResponse]:
         """The measure, and what it leads to."""
         moved_a, moved_b = a(local.q[: self.size]), b(local.q[self.size :])
         x = self.measure(moved_a, moved_b, drawn())
         return x, self.response(x, local.dot(x), own())
 
 
-def _amount(column: SX, rows: int) -> SX:
+def _magnitude(column: SX, rows: int) -> SX:
     return column if column.numel() == rows else ca.norm_2(column)
 
 
 @dataclass(frozen=True)
-class Acting(Measured):
+class _ElementKernel(_ElementLaw):
     """The forces on both bodies, with their books."""
 
     def __call__(self, local: Local, *functions: Any) -> ForceKernel:
@@ -171,25 +171,25 @@ class Acting(Measured):
 
 
 @dataclass(frozen=True)
-class Measure(Measured):
+class Deformation(_ElementLaw):
     """The measure, as it is observed."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
         """The measure, or how far apart what is measured in two directions is."""
-        return _amount(self.at(local, *functions)[0], self.rows)
+        return _magnitude(self.at(local, *functions)[0], self.rows)
 
 
 @dataclass(frozen=True)
-class Force(Measured):
+class ElementForce(_ElementLaw):
     """The forces, as they are observed."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
         """The forces, or how large a force of two components is."""
-        return _amount(self.at(local, *functions)[1].force, self.rows)
+        return _magnitude(self.at(local, *functions)[1].force, self.rows)
 
 
 @dataclass(frozen=True, eq=False)
-class Elastic(Part):
+class ForceElement(Part):
     """Two attachments between which forces act that depend on how they lie and move.
 
     A part of this kind states its `measure`, the numbers that takes, and its `response`.
@@ -216,7 +216,7 @@ class Elastic(Part):
         raise NotImplementedError
 
     @property
-    def _response(self) -> tuple[Callable[..., Response], tuple[float, ...]]:
+    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         """What the measure leads to, and its numbers."""
         raise NotImplementedError
 
@@ -227,29 +227,34 @@ class Elastic(Part):
 
     @cached_property
     def _stated(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """What a `Measured` is made of, and the formulas it takes."""
+        """What a `_ElementLaw` is made of, and the formulas it takes."""
         response, numbers = self._response
-        functions = (self.a.moved, self.b.moved, plain(*numbers), plain(*self._drawn))
+        functions = (
+            self.a.checked_kinematics,
+            self.b.checked_kinematics,
+            constant_formula(*numbers),
+            constant_formula(*self._drawn),
+        )
         return (self.a.size, self._measure, response, len(type(self)._forces)), functions
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The forces on both bodies."""
         made, functions = self._stated
         size = self.a.size + self.b.size
-        make = own_kernel if isinstance(made[2], Lawful) else combined_kernel
-        kernel, data = make(Acting(*made), functions, size)
+        make = build_kernel if isinstance(made[2], UserLaw) else build_formula_kernel
+        kernel, data = make(_ElementKernel(*made), functions, size)
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     def observed(self, kind: Callable[..., Any], columns: tuple[Named, ...]) -> Quantity:
-        """A `Measured` of some kind as a quantity."""
+        """A `_ElementLaw` of some kind as a quantity."""
         made, functions = self._stated
-        values, data = Combined.of(kind(*made), functions)
+        values, data = FormulaExpression.of(kind(*made), functions)
         pieces = (self.a.piece, self.b.piece)
-        if isinstance(made[2], Lawful):
+        if isinstance(made[2], UserLaw):
             return Quantity(columns, pieces, lambda local: values(local), data)
         return Quantity(columns, pieces, values, data)
 
     @property
     def force(self) -> Quantity:
         """What it resists the growth of its measure with: tension is positive."""
-        return self.observed(Force, type(self)._forces)
+        return self.observed(ElementForce, type(self)._forces)

@@ -10,19 +10,19 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_sequence, set_fields, short_repr
+from beamdae.errors import BeamdaeError, require_name, require_sequence, set_fields, short_repr
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
-    as_column,
     as_vector,
-    evaluated,
-    listed,
-    own_kernel,
-    require_formula_of,
+    build_kernel,
+    evaluate_formula,
+    list_entries,
+    require_column,
+    require_continuous_formula,
     require_function,
 )
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Moved:
+class _AttachedLaw:
     """Attachments in the local coordinates of a kernel, and the law between them."""
 
     part: str
@@ -70,18 +70,18 @@ class _Moved:
         for on, kinematics in zip(self.on, moved, strict=True):
             place, turn = kinematics(local.q[first : first + on.size])
             first += on.size
-            motions.append(_motion(local, on, place, turn))
+            motions.append(_point_motion(local, on, place, turn))
             places += [place, turn]
-        said = loads_of(self.part, self.law, motions, local.time[0])
+        said = evaluate_loads(self.part, self.law, motions, local.time[0])
         stored = SX(0)
         if self.energy is not None:
-            value = evaluated(self.part, "energy", self.energy, *motions)
-            stored = as_column(self.part, "energy", value, 1)
+            value = evaluate_formula(self.part, "energy", self.energy, *motions)
+            stored = require_column(self.part, "energy", value, 1)
         return ca.vertcat(*places), said, stored
 
 
 @dataclass(frozen=True)
-class _Acting(_Moved):
+class _LoadKernel(_AttachedLaw):
     def __call__(self, local: Local, *moved: Any) -> ForceKernel:
         """The kernel: virtual work of the loads, and what the books say of it."""
         places, said, stored = self.loads(local, *moved)
@@ -93,36 +93,36 @@ class _Acting(_Moved):
 
 
 @dataclass(frozen=True)
-class _Loads(_Moved):
+class _LoadValues(_AttachedLaw):
     def __call__(self, local: Local, *moved: Any) -> SX:
         return self.loads(local, *moved)[1]
 
 
-def _motion(local: Local, on: Attachment, place: SX, turn: SX) -> Motion:
+def _point_motion(local: Local, on: Attachment, place: SX, turn: SX) -> Motion:
     velocity = local.dot(place)
     angle = SX(turn) + on.inclination
     return Motion(as_vector(place), angle, as_vector(velocity), local.dot(SX(turn)))
 
 
-def loads_of(part: str, law: Callable[..., Any], motions: Sequence[Motion], t: SX) -> SX:
+def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[Motion], t: SX) -> SX:
     """(Fx, Fy, M) on each attachment, from what the law says of their motion."""
-    said = evaluated(part, "law", law, *motions, t)
+    said = evaluate_formula(part, "law", law, *motions, t)
     each = [said] if len(motions) == 1 else list(said) if isinstance(said, (tuple, list)) else []
     if len(each) != len(motions):
         raise BeamdaeError(
             f"{part}: law must return a list of {len(motions)} loads, (Fx, Fy) or (Fx, Fy, M) for "
             f"each attachment, got {short_repr(said)}."
         )
-    return ca.vertcat(*(_load(part, load) for load in each))
+    return ca.vertcat(*(_load_column(part, load) for load in each))
 
 
-def _load(part: str, load: Any) -> SX:
-    count = len(listed(load))
+def _load_column(part: str, load: Any) -> SX:
+    count = len(list_entries(load))
     if count not in (2, 3):
         raise BeamdaeError(
             f"{part}: a load of the law must be (Fx, Fy) or (Fx, Fy, M), got {short_repr(load)}."
         )
-    column = as_column(part, "law", load, count)
+    column = require_column(part, "law", load, count)
     return column if count == 3 else ca.vertcat(column, 0)
 
 
@@ -198,8 +198,8 @@ class ForceLaw(Part):
         ]
         t = SX.sym("t")
         given = [ca.vertcat(*m.position, m.angle, *m.velocity, m.rate) for m in motions]
-        said = loads_of(self.name, self.law, motions, t)
-        require_formula_of(self.name, "law", said, [*given, t])
+        said = evaluate_loads(self.name, self.law, motions, t)
+        require_continuous_formula(self.name, "law", said, [*given, t])
         for k, on in enumerate(self.on):
             if not on.has_angle and not said[3 * k + 2].is_zero():
                 raise BeamdaeError(
@@ -208,11 +208,11 @@ class ForceLaw(Part):
                 )
         if self.energy is not None:
             require_function(self.name, "energy", self.energy)
-            value = evaluated(self.name, "energy", self.energy, *motions)
-            stored = as_column(self.name, "energy", value, 1)
+            value = evaluate_formula(self.name, "energy", self.energy, *motions)
+            stored = require_column(self.name, "energy", value, 1)
             places = [ca.vertcat(*m.position, m.angle) for m in motions]
             what = "positions and angles"
-            require_formula_of(self.name, "energy", stored, places, what)
+            require_continuous_formula(self.name, "energy", stored, places, what)
 
     @cached_property
     def _moved(self) -> tuple[Any, ...]:
@@ -220,8 +220,8 @@ class ForceLaw(Part):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The loads."""
-        moved, size = [one.moved for one in self.on], sum(one.size for one in self.on)
-        kernel, data = own_kernel(_Acting(*self._moved), moved, size)
+        moved, size = [one.checked_kinematics for one in self.on], sum(one.size for one in self.on)
+        kernel, data = build_kernel(_LoadKernel(*self._moved), moved, size)
         return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
 
     @property
@@ -233,6 +233,8 @@ class ForceLaw(Part):
             for k in range(count)
             for what, unit in (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
         )
-        values, data = Combined.of(_Loads(*self._moved), [one.moved for one in self.on])
+        values, data = FormulaExpression.of(
+            _LoadValues(*self._moved), [one.checked_kinematics for one in self.on]
+        )
         pieces = tuple(one.piece for one in self.on)
         return Quantity(columns, pieces, lambda local: values(local), data)

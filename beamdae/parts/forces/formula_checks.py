@@ -10,15 +10,17 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, format_exception, short_repr
-from beamdae.symbolic.formulas import Combined
+from beamdae.symbolic.formulas import FormulaExpression
 from beamdae.symbolic.statements import SX, Local
 
 # Operations by which a force can jump; kinks such as those of np.maximum and np.abs are no jumps.
-_JUMPS = {
+_JUMP_OPERATIONS = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in ("LT", "LE", "EQ", "NE", "IF_ELSE_ZERO", "FLOOR", "CEIL", "FMOD", "SIGN")
 }
-_INSTEAD = "bd.positive_part(x) for what acts on one side, bd.smooth_sign(x, scale) for a sign"
+_SMOOTH_ALTERNATIVES = (
+    "bd.positive_part(x) for what acts on one side, bd.smooth_sign(x, scale) for a sign"
+)
 
 
 def as_vector(column: SX) -> np.ndarray:
@@ -26,7 +28,7 @@ def as_vector(column: SX) -> np.ndarray:
     return np.array([column[k] for k in range(column.numel())], dtype=object)
 
 
-def listed(value: Any) -> list[Any]:
+def list_entries(value: Any) -> list[Any]:
     """The entries of what a formula gave, itself where it is a single one."""
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
@@ -35,10 +37,10 @@ def listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, (tuple, list)) else [value]
 
 
-def as_column(part: str, what: str, value: Any, rows: int) -> SX:
+def require_column(part: str, what: str, value: Any, rows: int) -> SX:
     """What a formula gave as a column, or say that it has not so many entries."""
     try:
-        column = ca.vertcat(*(SX(entry) for entry in listed(value)))
+        column = ca.vertcat(*(SX(entry) for entry in list_entries(value)))
     except Exception:
         column = SX(0, 1)
     if column.shape != (rows, 1):
@@ -47,7 +49,7 @@ def as_column(part: str, what: str, value: Any, rows: int) -> SX:
     return column
 
 
-def evaluated(part: str, what: str, function: Callable[..., Any], *given: Any) -> Any:
+def evaluate_formula(part: str, what: str, function: Callable[..., Any], *given: Any) -> Any:
     """What a user's function makes of symbols, or a sentence that says why it failed."""
     try:
         with warnings.catch_warnings():
@@ -60,7 +62,7 @@ def evaluated(part: str, what: str, function: Callable[..., Any], *given: Any) -
         if "truth value" in str(problem):
             raise BeamdaeError(
                 f"{part}: {what} must be a formula, but it decides by the value of a symbol (if, "
-                f"while, and, or, min, max); take {_INSTEAD}."
+                f"while, and, or, min, max); take {_SMOOTH_ALTERNATIVES}."
             ) from None
         raise BeamdaeError(
             f"{part}: {what} must be a formula of numpy functions such as np.sin, it failed, "
@@ -68,7 +70,7 @@ def evaluated(part: str, what: str, function: Callable[..., Any], *given: Any) -
         ) from problem
 
 
-def require_formula_of(
+def require_continuous_formula(
     part: str, what: str, value: SX, symbols: Sequence[SX], given: str = "what it is given"
 ) -> None:
     """Refuse an expression that jumps, or depends on other symbols than these, `given` in words."""
@@ -91,10 +93,10 @@ def require_formula_of(
             "own."
         )
     used = {formula.instruction_id(k) for k in steps}
-    jumps = [name for operation, name in _JUMPS.items() if operation in used]
+    jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in used]
     if jumps:
         raise BeamdaeError(
-            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; take {_INSTEAD}."
+            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; take {_SMOOTH_ALTERNATIVES}."
         )
 
 
@@ -104,7 +106,7 @@ def require_function(part: str, what: str, function: Any) -> None:
         raise BeamdaeError(f"{part}: {what} must be a function, got {short_repr(function)}.")
 
 
-def own_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:
+def build_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:
     """As `combined_kernel` of a user's function, which nothing is kept for beyond its part."""
-    combined, numbers = Combined.of(build, functions)
+    combined, numbers = FormulaExpression.of(build, functions)
     return combined(Local(size, len(numbers))), numbers[:, None]

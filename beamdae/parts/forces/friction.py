@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     require_finite,
+    require_name,
     require_non_negative,
     require_positive,
     set_fields,
@@ -19,29 +20,34 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.joint import Joint, Revolute
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import (
+    Formula,
+    FormulaExpression,
+    build_formula_kernel,
+    constant_formula,
+)
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Quantity
 
 
-def _turned(a: Any, b: Any, own: Any) -> SX:
+def _rim_travel(a: Any, b: Any, own: Any) -> SX:
     """What the rim of a bearing has traveled; `own` is its radius."""
     return own[0] * (b[1] - a[1])
 
 
-def _slid(a: Any, b: Any, own: Any) -> SX:
+def _guide_travel(a: Any, b: Any, own: Any) -> SX:
     """How far a point has slid along a line fixed to the first body."""
     return ca.dot(rotate(a[1], (own[1], own[2])), b[0] - a[0])
 
 
-def _smooth_size(values: SX, eps: Any) -> SX:
+def _smooth_magnitude(values: SX, eps: Any) -> SX:
     """|values|, smooth and zero at zero, off by eps^2 / (2 |values|) where that is small."""
     square = ca.sumsqr(values)
     return square / ca.sqrt(square + eps**2)
 
 
 @dataclass(frozen=True)
-class _Rubbing:
+class _FrictionLaw:
     """Travel, its rate and the friction against it.
 
     Attributes
@@ -63,11 +69,11 @@ class _Rubbing:
         moved = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), own())
         coefficient, excess, stribeck, regularization, smoothing = (law()[k] for k in range(5))
         speed = local.dot(moved)
-        load = _smooth_size(local.lam[list(self.pressing)], smoothing)
+        load = _smooth_magnitude(local.lam[list(self.pressing)], smoothing)
         if self.tilting:
             radius = own()[0]
             moments = local.lam[list(self.tilting)]
-            load += _smooth_size(moments, smoothing * radius) / radius
+            load += _smooth_magnitude(moments, smoothing * radius) / radius
         shape = ca.tanh(speed / regularization) * (
             1.0 + excess * ca.exp(-((speed / stribeck) ** 2))
         )
@@ -75,8 +81,8 @@ class _Rubbing:
 
 
 @dataclass(frozen=True)
-class _Resisting:
-    rubbing: _Rubbing
+class _FrictionKernel:
+    rubbing: _FrictionLaw
 
     def __call__(self, local: Local, *functions: Any) -> ForceKernel:
         moved, speed, friction = self.rubbing(local, *functions)
@@ -85,8 +91,8 @@ class _Resisting:
 
 
 @dataclass(frozen=True)
-class _Observed:
-    rubbing: _Rubbing
+class _FrictionReaction:
+    rubbing: _FrictionLaw
     is_bearing: bool
 
     def __call__(self, local: Local, a: Any, b: Any, own: Any, law: Any) -> SX:
@@ -206,9 +212,9 @@ class Friction(Part):
         return tuple(k for k, multiplier in enumerate(held) if multiplier.unit == unit)
 
     @property
-    def _rubbing(self) -> _Rubbing:
-        travel = _turned if self._is_bearing else _slid
-        return _Rubbing(self.joint.a.size, travel, self._which("N"), self._which("N m"))
+    def _rubbing(self) -> _FrictionLaw:
+        travel = _rim_travel if self._is_bearing else _guide_travel
+        return _FrictionLaw(self.joint.a.size, travel, self._which("N"), self._which("N m"))
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
@@ -218,23 +224,28 @@ class Friction(Part):
         if self.static is not None and self.stribeck is not None:
             excess, stribeck = self.static / self.coefficient - 1.0, self.stribeck
         law = (self.coefficient, excess, stribeck, self.regularization, self.smoothing)
-        own: Formula = plain(1.0 if self.radius is None else self.radius, tx, ty)
-        return (self.joint.a.moved, self.joint.b.moved, own, plain(*law))
+        own: Formula = constant_formula(1.0 if self.radius is None else self.radius, tx, ty)
+        return (
+            self.joint.a.checked_kinematics,
+            self.joint.b.checked_kinematics,
+            own,
+            constant_formula(*law),
+        )
 
     @property
     def reaction(self) -> Quantity:
         """Force F [N] (in a bearing moment M [N m]) on the body of the joint's b, and speed v."""
         first = Named("M", "N m") if self._is_bearing else Named("F", "N")
-        kind = _Observed(self._rubbing, self._is_bearing)
-        values, data = Combined.of(kind, self._functions)
+        kind = _FrictionReaction(self._rubbing, self._is_bearing)
+        values, data = FormulaExpression.of(kind, self._functions)
         pieces = (self.joint.a.piece, self.joint.b.piece)
         return Quantity((first, Named("v", "m/s")), pieces, values, data, self.joint.name)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The friction."""
         joint = self.joint
-        kernel, data = combined_kernel(
-            _Resisting(self._rubbing),
+        kernel, data = build_formula_kernel(
+            _FrictionKernel(self._rubbing),
             self._functions,
             joint.a.size + joint.b.size,
             len(joint.multipliers),

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import require_choice, require_pair, set_fields
+from beamdae.errors import require_choice, require_name, require_pair, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -19,12 +19,12 @@ from beamdae.parts.attachments import (
     rotate,
 )
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import combined_kernel
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
 
 
-def kernel_of(local: Local, work: SX, load: SX) -> ForceKernel:
+def load_kernel(local: Local, work: SX, load: SX) -> ForceKernel:
     """The generalized force `load` that does work on the rate of `work`."""
     force = -ca.jtimes(work, local.q, load, True)
     power = ca.dot(local.dot(work), load)
@@ -34,24 +34,24 @@ def kernel_of(local: Local, work: SX, load: SX) -> ForceKernel:
 def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
     """A force of these components in the inertial frame."""
     place, _ = on(local.q)
-    return kernel_of(local, place, ca.vertcat(*(law(local.time) for law in laws)))
+    return load_kernel(local, place, ca.vertcat(*(law(local.time) for law in laws)))
 
 
 def _follower_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
     place, turn = on(local.q)
-    return kernel_of(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
+    return load_kernel(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
 
 
-def _turning_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
-    return kernel_of(local, on(local.q)[1], law(local.time))
+def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
+    return load_kernel(local, on(local.q)[1], law(local.time))
 
 
 def load_statement(
     part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> ForceStatement:
     """A load of some kind on an attachment, of these laws of time."""
-    functions = (on.moved, *(law.formula for law in laws))
-    kernel, data = combined_kernel(kind, functions, on.size)
+    functions = (on.checked_kinematics, *(law.formula for law in laws))
+    kernel, data = build_formula_kernel(kind, functions, on.size)
     return ForceStatement(part, kernel, (on.piece,), data)
 
 
@@ -103,7 +103,7 @@ class Force(Part):
         """Both components."""
         return (Named("Fx", "N"), Named("Fy", "N"))
 
-    def following(self, values: Sequence[float]) -> Force:
+    def with_constant_laws(self, values: Sequence[float]) -> Force:
         """The same with these components."""
         return replace(self, law=tuple(values))
 
@@ -138,10 +138,10 @@ class Moment(Part):
         """The moment."""
         return (Named("M", "N m"),)
 
-    def following(self, values: Sequence[float]) -> Moment:
+    def with_constant_laws(self, values: Sequence[float]) -> Moment:
         """The same with this moment."""
         return replace(self, law=values[0])
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """The load."""
-        return [load_statement(self.name, self.on, _turning_load, self.laws)]
+        return [load_statement(self.name, self.on, _moment_load, self.laws)]

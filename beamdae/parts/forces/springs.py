@@ -11,12 +11,18 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle
-from beamdae.parts.forces.elastic import Elastic, Lawful, Linear, Measure, Response
+from beamdae.parts.forces.elastic import (
+    Deformation,
+    ElementResponse,
+    ForceElement,
+    LinearLaw,
+    UserLaw,
+)
 from beamdae.symbolic.statements import SX, Named, Quantity
 
 # Of the drawn length: where two points meet their distance has no slope, and this much under the
 # root gives it one; it is below rounding wherever they are apart.
-_MET = 1e-8
+_COINCIDENT_RATIO = 1e-8
 
 
 def _elongation(a: Any, b: Any, numbers: Any) -> SX:
@@ -24,17 +30,17 @@ def _elongation(a: Any, b: Any, numbers: Any) -> SX:
     return ca.sqrt(ca.sumsqr(b[0] - a[0]) + numbers[1] ** 2) - numbers[0]
 
 
-def _apart(a: Any, b: Any, numbers: Any) -> SX:
+def _displacement(a: Any, b: Any, numbers: Any) -> SX:
     """The way from one point to the other."""
     return b[0] - a[0]
 
 
-def _turned(a: Any, b: Any, numbers: Any) -> SX:
+def _relative_angle(a: Any, b: Any, numbers: Any) -> SX:
     """The turn of the second body relative to the first, less the free one."""
     return b[1] - a[1] - numbers[0]
 
 
-class _Sprung(Elastic):
+class _SpringLaw(ForceElement):
     """A stiffness, a damping and a preload, or a law in their place."""
 
     stiffness: float
@@ -58,17 +64,17 @@ class _Sprung(Elastic):
                 f"{self.name}: give either a law or stiffness, damping and preload, not both."
             )
         else:
-            Lawful(self.name, 1, self.law, self.energy).require_sound(size)
+            UserLaw(self.name, 1, self.law, self.energy).require_sound(size)
 
     @property
-    def _response(self) -> tuple[Callable[..., Response], tuple[float, ...]]:
+    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         if self.law is not None:
-            return Lawful(self.name, 1, self.law, self.energy), ()
-        return Linear(1), (self.stiffness, self.damping, self.preload)
+            return UserLaw(self.name, 1, self.law, self.energy), ()
+        return LinearLaw(1), (self.stiffness, self.damping, self.preload)
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDamper(_Sprung):
+class SpringDamper(_SpringLaw):
     """Spring and damper side by side on the line between two points.
 
     The tension is stiffness e + damping e' + preload, e the elongation beyond the free length;
@@ -135,23 +141,23 @@ class SpringDamper(_Sprung):
 
     @property
     def _measure(self) -> Callable[..., SX]:
-        return _apart if self._needs_no_line else _elongation
+        return _displacement if self._needs_no_line else _elongation
 
     @property
-    def _response(self) -> tuple[Callable[..., Response], tuple[float, ...]]:
+    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         if self._needs_no_line:
-            return Linear(2), (self.stiffness, self.stiffness, 0.0, 0.0, 0.0, 0.0)
+            return LinearLaw(2), (self.stiffness, self.stiffness, 0.0, 0.0, 0.0, 0.0)
         return super()._response
 
     @property
     def _drawn(self) -> tuple[float, ...]:
         assert self.free_length is not None
-        return (self.free_length, _MET * math.dist(self.a.point, self.b.point))
+        return (self.free_length, _COINCIDENT_RATIO * math.dist(self.a.point, self.b.point))
 
     @property
     def elongation(self) -> Quantity:
         """How much longer than free it is [m]."""
-        return self.observed(Measure, (Named("", "m"),))
+        return self.observed(Deformation, (Named("", "m"),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +181,7 @@ class Damper(SpringDamper):
 
 
 @dataclass(frozen=True, eq=False)
-class TorsionSpring(_Sprung):
+class TorsionSpring(_SpringLaw):
     """Spring and damper between the angles of two bodies.
 
     The moment stiffness phi + damping phi' + preload resists the growth of phi, the turn of the
@@ -226,7 +232,7 @@ class TorsionSpring(_Sprung):
 
     @property
     def _measure(self) -> Callable[..., SX]:
-        return _turned
+        return _relative_angle
 
     @property
     def _drawn(self) -> tuple[float, ...]:
@@ -235,7 +241,7 @@ class TorsionSpring(_Sprung):
     @property
     def angle(self) -> Quantity:
         """How far it is turned from where it is free [rad]."""
-        return self.observed(Measure, (Named("", "rad"),))
+        return self.observed(Deformation, (Named("", "rad"),))
 
 
 @dataclass(frozen=True, eq=False)

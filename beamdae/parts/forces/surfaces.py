@@ -11,11 +11,11 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.formulas import Combined, plain
+from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 # Of the radius: the center has no nearest point of the circle, this much under the root gives one.
-_CENTERED = 1e-8
+_CENTER_RATIO = 1e-8
 
 
 def perpendicular(vector: SX) -> SX:
@@ -31,12 +31,12 @@ def _line(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
 
 def _circle(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
     """As `_line`, from the center; numbers: the radius, 1 outside and -1 inside."""
-    distance = ca.sqrt(ca.sumsqr(way) + (_CENTERED * numbers[0]) ** 2)
+    distance = ca.sqrt(ca.sumsqr(way) + (_CENTER_RATIO * numbers[0]) ** 2)
     return numbers[1] * (distance - numbers[0]), perpendicular(way) / distance
 
 
 @dataclass(frozen=True)
-class _Gap:
+class _SurfaceGap:
     """Distance from a surface of some kind; `size` is of the point's local coordinates."""
 
     size: int
@@ -62,8 +62,12 @@ class _Surface:
     def gap(self, point: Attachment) -> Quantity:
         """Distance of a point from the surface [m], negative where it penetrates."""
         require_attachment("gap", "point", point)
-        functions = (point.moved, self.on.moved, plain(*self.numbers))
-        values, data = Combined.of(_Gap(point.size, type(self).kind), functions)
+        functions = (
+            point.checked_kinematics,
+            self.on.checked_kinematics,
+            constant_formula(*self.numbers),
+        )
+        values, data = FormulaExpression.of(_SurfaceGap(point.size, type(self).kind), functions)
         return Quantity((Named("", "m"),), (point.piece, self.on.piece), values, data)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_positive, set_fields
 from beamdae.parts.joints.drivers import Driven
-from beamdae.parts.joints.joint import allowed_gap
+from beamdae.parts.joints.joint import meeting_tolerance
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import SX, Named
 
@@ -55,7 +55,7 @@ class Distance(Driven):
     def __post_init__(self) -> None:
         super().__post_init__()
         drawn = self._drawn
-        if drawn <= allowed_gap(self.a, self.b):
+        if drawn <= meeting_tolerance(self.a, self.b):
             raise BeamdaeError(
                 f"{self.name}: a link needs two points that lie apart in the reference drawing, "
                 f"{self.a} and {self.b} do not; join them by a Revolute."
@@ -63,7 +63,7 @@ class Distance(Driven):
         law = self.length
         if not (isinstance(law, Law) or callable(law) or law is None):
             set_fields(self, length=require_positive(self.name, "length", law))
-            if abs(self.length - drawn) > allowed_gap(self.a, self.b):
+            if abs(self.length - drawn) > meeting_tolerance(self.a, self.b):
                 raise BeamdaeError(
                     f"{self.name}: length must be that of the reference drawing, {drawn:.6g} m, "
                     f"or a law of time, got {self.length:.6g}."

@@ -14,7 +14,7 @@ from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.guides import along, direction_of
 from beamdae.parts.joints.joint import Drive, JointByFormula
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.formulas import Combined, plain
+from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Named, Quantity
 
 
@@ -46,7 +46,9 @@ class Driven(JointByFormula):
     @property
     def drive(self) -> Quantity:
         """The reaction, force [N] or moment [N m], and the power [W] that the law brings in."""
-        values, data = Combined.of(Drive(self._sizes, self._gap, self.is_relative), self._functions)
+        values, data = FormulaExpression.of(
+            Drive(self._sizes, self._gap, self.is_relative), self._functions
+        )
         columns = (*self.reaction.columns, Named("power", "W"))
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
@@ -100,7 +102,7 @@ class Driver(Driven):
         """The angle."""
         return (Named("angle", "rad"),)
 
-    def following(self, values: Sequence[float]) -> Driver:
+    def with_constant_laws(self, values: Sequence[float]) -> Driver:
         """The same, held there."""
         return replace(self, law=values[0])
 
@@ -142,7 +144,7 @@ class TranslationalDriver(Driven):
         """The travel."""
         return (Named("travel", "m"),)
 
-    def following(self, values: Sequence[float]) -> TranslationalDriver:
+    def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:
         """The same, held there."""
         return replace(self, law=values[0])
 
@@ -153,4 +155,4 @@ class TranslationalDriver(Driven):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*along(self.direction, self.a, self.b)), *super()._own)
+        return (constant_formula(*along(self.direction, self.a, self.b)), *super()._own)

@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError, require_finite, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.joints.guides import along, direction_of
 from beamdae.parts.joints.joint import JointByFormula
-from beamdae.symbolic.formulas import plain
+from beamdae.symbolic.formulas import constant_formula
 from beamdae.symbolic.statements import SX, Named
 
 
@@ -89,7 +89,7 @@ class Gear(JointByFormula):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(self.ratio),)
+        return (constant_formula(self.ratio),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,4 +131,4 @@ class RackAndPinion(JointByFormula):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*along(self.direction, self.a, self.b), self.radius),)
+        return (constant_formula(*along(self.direction, self.a, self.b), self.radius),)

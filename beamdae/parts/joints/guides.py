@@ -11,8 +11,8 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_point, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, rotate
-from beamdae.parts.joints.joint import JointByFormula, allowed_gap
-from beamdae.symbolic.formulas import plain
+from beamdae.parts.joints.joint import JointByFormula, meeting_tolerance
+from beamdae.symbolic.formulas import constant_formula
 from beamdae.symbolic.statements import SX, Named
 
 
@@ -75,7 +75,7 @@ class PointOnLine(JointByFormula):
         set_fields(self, direction=direction_of(self.name, self.direction))
         *_, offset = across(self.direction, self.a, self.b)
         gap = abs(offset)
-        if gap > allowed_gap(self.a, self.b):
+        if gap > meeting_tolerance(self.a, self.b):
             raise BeamdaeError(
                 f"{self.name}: the point must lie on the line in the reference drawing, but "
                 f"{self.b} is {gap:.6g} m off the line through {self.a}."
@@ -83,7 +83,7 @@ class PointOnLine(JointByFormula):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*across(self.direction, self.a, self.b)[:2]),)
+        return (constant_formula(*across(self.direction, self.a, self.b)[:2]),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,4 +115,4 @@ class Prismatic(JointByFormula):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*across(self.direction, self.a, self.b)),)
+        return (constant_formula(*across(self.direction, self.a, self.b)),)

@@ -10,11 +10,16 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_choice, set_fields
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.parts.drawing_size import extent_of
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, combined_kernel
+from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields
+from beamdae.parts.attachments import (
+    Attachment,
+    largest_distance,
+    require_angle,
+    require_attachment,
+    rotate,
+)
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -29,16 +34,18 @@ from beamdae.symbolic.statements import (
 _MEETING_TOLERANCE = 1e-6
 
 
-def allowed_gap(a: Attachment, b: Attachment) -> float:
+def meeting_tolerance(a: Attachment, b: Attachment) -> float:
     """How far apart two points that meet may be drawn [m]: rounding, by their bodies' size."""
     points = np.concatenate([[a.point, b.point], a.body.outline, b.body.outline])
-    return _MEETING_TOLERANCE * (extent_of(points) or max(1.0, float(np.max(np.abs(points)))))
+    return _MEETING_TOLERANCE * (
+        largest_distance(points) or max(1.0, float(np.max(np.abs(points))))
+    )
 
 
 def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
     """Refuse two points that do not meet in the drawing."""
     gap = float(np.hypot(*np.subtract(b.point, a.point)))
-    if gap > allowed_gap(a, b):
+    if gap > meeting_tolerance(a, b):
         raise BeamdaeError(
             f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
             f"are {gap:.6g} m apart."
@@ -50,7 +57,7 @@ def load_columns(at: Attachment) -> tuple[Named, ...]:
     return (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[: 3 if at.has_angle else 2]
 
 
-def load_in(axes: str, turn: SX, force: SX, moment: Any = None) -> SX:
+def resolve_load(axes: str, turn: SX, force: SX, moment: Any = None) -> SX:
     """A load in inertial axes, or in those of a body that has turned; without moment: a force."""
     seen = rotate(-turn, force) if axes == "body" else force
     return seen if moment is None else ca.vertcat(seen, moment)
@@ -91,7 +98,7 @@ class Joint(Part):
             Named(name, held.unit)
             for name, held in zip(self.reactions, self.multipliers, strict=True)
         )
-        held, _ = Combined.of(_reaction, ())
+        held, _ = FormulaExpression.of(_reaction, ())
         return Quantity(columns, (), held, joint=self.name)
 
     @property
@@ -170,7 +177,7 @@ class _ReactionOn(_Gap):
         g = self.gap(local.time, *moved, *self.own(functions))
         load = -ca.jtimes(g, free, local.lam, True)
         load = ca.densify(ca.substitute(load, free, ca.vertcat(place, turn)))
-        return load_in(self.axes, turn, load[:2], load[2] if self.has_angle else None)
+        return resolve_load(self.axes, turn, load[:2], load[2] if self.has_angle else None)
 
 
 @dataclass(frozen=True)
@@ -220,11 +227,13 @@ class JointByFormula(Joint):
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
-        return (*(place.moved for place in self._points.values()), *self._own)
+        return (*(place.checked_kinematics for place in self._points.values()), *self._own)
 
     def constraint(self, local: Local, q_a: SX, q_b: SX) -> SX:
         """The constraint from the local coordinates of both attachments."""
-        return self._gap(local.time, self.a.moved(q_a), self.b.moved(q_b), *self._own)
+        return self._gap(
+            local.time, self.a.checked_kinematics(q_a), self.b.checked_kinematics(q_b), *self._own
+        )
 
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
@@ -233,7 +242,7 @@ class JointByFormula(Joint):
         sizes = self._sizes
         held = _Held(sizes, self._gap)
         count = len(self.multipliers)
-        kernel, data = combined_kernel(held, self._functions, sum(sizes), count)
+        kernel, data = build_formula_kernel(held, self._functions, sum(sizes), count)
         return [ConstraintStatement(self.name, kernel, self._pieces, self.multipliers, data)]
 
     def _place(self, place: str, axes: str) -> Attachment:
@@ -257,7 +266,7 @@ class JointByFormula(Joint):
         at = self._place(place, axes)
         which = list(self._points).index(place)
         build = _ReactionOn(self._sizes, self._gap, which, axes, at.has_angle)
-        values, data = Combined.of(build, self._functions)
+        values, data = FormulaExpression.of(build, self._functions)
         return Quantity(load_columns(at), self._pieces, values, data, joint=self.name)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from beamdae.errors import BeamdaeError, require_pair, require_positive, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.guides import left_normal
-from beamdae.parts.joints.joint import JointByFormula, load_columns, load_in
-from beamdae.symbolic.formulas import Combined, combined_kernel, plain
+from beamdae.parts.joints.joint import JointByFormula, load_columns, resolve_load
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -81,8 +81,8 @@ class _CircleReaction:
         push, rub = -local.lam[0], -local.lam[1]
         force = push * arm + rub * ca.vertcat(-arm[1], arm[0])
         if self.on_disk:
-            return load_in(self.axes, turn, force, arms()[1] * rub)
-        return load_in(self.axes, turned, -force, -arms()[0] * rub)
+            return resolve_load(self.axes, turn, force, arms()[1] * rub)
+        return resolve_load(self.axes, turned, -force, -arms()[0] * rub)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ class RollingOnLine(_Rolling):
     def _own(self) -> tuple[Callable[..., Any], ...]:
         nx, ny = left_normal(self.name, self.direction)
         dx, dy = self._drawn.tolist()
-        return (plain(nx, ny, nx * dx + ny * dy, ny * dx - nx * dy),)
+        return (constant_formula(nx, ny, nx * dx + ny * dy, ny * dx - nx * dy),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,14 +189,14 @@ class RollingOnCircle(_Rolling):
 
     @property
     def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (plain(*self._arms),)
+        return (constant_formula(*self._arms),)
 
     def constraints(self) -> list[ConstraintStatement]:
         """Contact, and rolling."""
         found = []
         builds: tuple[Callable[..., Any], ...] = (_Apart(self.a.size), _OnCircle(self.a.size))
         for held, build in zip(self.multipliers, builds, strict=True):
-            kernel, data = combined_kernel(build, self._functions, sum(self._sizes), 1)
+            kernel, data = build_formula_kernel(build, self._functions, sum(self._sizes), 1)
             found.append(ConstraintStatement(self.name, kernel, self._pieces, (held,), data))
         return found
 
@@ -212,5 +212,5 @@ class RollingOnCircle(_Rolling):
         """
         columns = load_columns(self._place(place, axes))
         build = _CircleReaction(self.a.size, place == "b", axes)
-        values, data = Combined.of(build, self._functions)
+        values, data = FormulaExpression.of(build, self._functions)
         return Quantity(columns, self._pieces, values, data, joint=self.name)

@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import require_choice, set_fields
+from beamdae.errors import require_choice, require_name, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -17,9 +17,9 @@ from beamdae.parts.attachments import (
     rotate,
 )
 from beamdae.parts.joints.guides import left_normal
-from beamdae.parts.joints.joint import load_columns, load_in
-from beamdae.parts.part import Part, require_name
-from beamdae.symbolic.formulas import Combined, combined_kernel, plain
+from beamdae.parts.joints.joint import load_columns, resolve_load
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
@@ -45,7 +45,7 @@ class _SkateReaction:
 
     def __call__(self, local: Local, on: Any, normal: Callable[[], Any]) -> SX:
         _, turn = on(local.q)
-        return load_in(self.axes, turn, -local.lam * rotate(turn, normal()), 0)
+        return resolve_load(self.axes, turn, -local.lam * rotate(turn, normal()), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Skate(Part):
     @property
     def reaction(self) -> Quantity:
         """Force [N] on the body along the left normal of the blade."""
-        held, _ = Combined.of(_side_force, ())
+        held, _ = FormulaExpression.of(_side_force, ())
         return Quantity((Named("F", "N"),), (), held, joint=self.name)
 
     def reaction_on(self, place: str = "on", axes: str = "inertial") -> Quantity:
@@ -94,14 +94,17 @@ class Skate(Part):
         """
         require_choice(self.name, "place", place, ("on",))
         require_choice(self.name, "axes", axes, ("inertial", "body"))
-        values, data = Combined.of(_SkateReaction(axes), self._functions)
+        values, data = FormulaExpression.of(_SkateReaction(axes), self._functions)
         return Quantity(load_columns(self.on), (self.on.piece,), values, data, joint=self.name)
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
-        return (self.on.moved, plain(*left_normal(self.name, self.direction)))
+        return (
+            self.on.checked_kinematics,
+            constant_formula(*left_normal(self.name, self.direction)),
+        )
 
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
-        kernel, data = combined_kernel(_skating, self._functions, self.on.size, 1)
+        kernel, data = build_formula_kernel(_skating, self._functions, self.on.size, 1)
         return [ConstraintStatement(self.name, kernel, (self.on.piece,), self.multipliers, data)]

@@ -1,5 +1,5 @@
-"""What is seen of a mechanism: lines and symbols on points of its bodies, told once.
+"""Scenes: the lines and symbols that show a mechanism in drawings, animations, modes and pages.
 
-Drawings, moving pictures, modes and the page of a study show the same `Scene`: `symbols` and
-`loads` say what a part looks like, `poses` where its points are.
+May import: results, analysis and what lies below them; matplotlib only in `artists`, `beam_colors`.
+Next: the symbol of a new part goes into one of the `*_symbols` modules and the table in `symbols`.
 """

@@ -13,7 +13,11 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import count_beam_sections
-from beamdae.results.section_forces.section_motions import SectionFunction, evaluate_sections, strains_and_rates
+from beamdae.results.section_forces.section_motions import (
+    SectionFunction,
+    evaluate_sections,
+    strains_and_rates,
+)
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Where points of bodies are: in the reference drawing, at rows of coordinates, in a mode."""
+"""Poses of attachments: in the reference drawing, at given coordinates, in a natural mode."""
 
 from __future__ import annotations
 
@@ -10,61 +10,91 @@ import numpy as np
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.section_forces.section_motions import SectionFunction, evaluate_sections, position_and_angle
+from beamdae.results.section_forces.section_motions import (
+    SectionFunction,
+    evaluate_sections,
+    position_and_angle,
+)
 
 Array = np.ndarray
 
-# Step of the derivative of places by coordinates, in their natural sizes.
-_STEP = 1e-5
+# Step of the central differences of positions, for a mode scaled to a largest coordinate of 1.
+_DIFFERENCE_STEP = 1e-5
+# Guards against division by zero for a mode without motion.
+_SMALLEST_SHAPE = 1e-300
 
 
 class Poses(Protocol):
-    """Places -> (frames, places, 3): x, y [m] and turn since the drawing [rad]."""
+    """Maps attachments to poses: x, y [m] and rotation since the reference drawing [rad]."""
 
-    def __call__(self, places: Sequence[Attachment]) -> Array:
-        """Where they are."""
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
 
 
-def reference_poses(places: Sequence[Attachment]) -> Array:
-    """One frame: the reference drawing."""
-    return np.array([[(*place.point, 0.0) for place in places]], float).reshape(1, -1, 3)
+def reference_poses(attachments: Sequence[Attachment]) -> Array:
+    """Return the poses in the reference drawing, as one frame."""
+    poses = [[(*attachment.point, 0.0) for attachment in attachments]]
+    return np.array(poses, float).reshape(1, -1, 3)
 
 
 class CoordinatePoses:
-    """A frame for each row of coordinates of a mechanism."""
+    """Poses of a mechanism with one frame for each row of coordinates.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    q
+        Its coordinates, (frames, n).
+    """
 
     def __init__(self, mechanism: Mechanism, q: Array) -> None:
-        self._owners, self._q = map_coordinates(mechanism), q
+        self._coordinates, self._q = map_coordinates(mechanism), q
 
-    def __call__(self, places: Sequence[Attachment]) -> Array:
-        """Where they are."""
-        found = np.repeat(reference_poses(places), len(self._q), axis=0)
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        poses = np.repeat(reference_poses(attachments), len(self._q), axis=0)
         bodies: dict[int, list[int]] = {}
-        for k, place in enumerate(places):
-            # What has no coordinates stays where it is drawn.
-            if place.size:
-                bodies.setdefault(id(place.body), []).append(k)
+        for k, attachment in enumerate(attachments):
+            # Attachments without coordinates stay at their reference position.
+            if attachment.size:
+                bodies.setdefault(id(attachment.body), []).append(k)
         for members in bodies.values():
-            q = self._q[:, self._owners.slice(places[members[0]].body)]
-            at = [SectionFunction(places[k].operator, places[k].moved) for k in members]
-            still = np.zeros_like(q)
-            found[:, members] = evaluate_sections(position_and_angle, at, q, still, still)
-        return found
+            q = self._q[:, self._coordinates.slice(attachments[members[0]].body)]
+            functions = [
+                SectionFunction(attachments[k].operator, attachments[k].checked_kinematics)
+                for k in members
+            ]
+            at_rest = np.zeros_like(q)
+            poses[:, members] = evaluate_sections(
+                position_and_angle, functions, q, at_rest, at_rest
+            )
+        return poses
 
 
 class VibrationPoses:
-    """Frames of small motions about a state: its poses and Re(phase d/dq poses . shape) more."""
+    """Poses of a small vibration about a state: rest + Re(phase * d(pose)/dq . shape).
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    q
+        Coordinates of the state, (n,).
+    shape
+        Complex mode shape, (n,).
+    phases
+        Complex phases, one per frame.
+    """
 
     def __init__(self, mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> None:
-        self._step = _STEP / max(float(np.max(np.abs(shape))), 1e-300)
+        self._step = _DIFFERENCE_STEP / max(float(np.max(np.abs(shape))), _SMALLEST_SHAPE)
         ends = [self._step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
-        self._moved, self._phases = (
-            CoordinatePoses(mechanism, np.concatenate([q[None], q + ends])),
-            phases,
-        )
+        self._displaced = CoordinatePoses(mechanism, np.concatenate([q[None], q + ends]))
+        self._phases = phases
 
-    def __call__(self, places: Sequence[Attachment]) -> Array:
-        """Where they are."""
-        rest, *found = self._moved(places)
-        way = (found[0] - found[1] + 1j * (found[2] - found[3])) / (2.0 * self._step)
-        return rest + (way * self._phases[:, None, None]).real
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        rest, *ends = self._displaced(attachments)
+        slope = (ends[0] - ends[1] + 1j * (ends[2] - ends[3])) / (2.0 * self._step)
+        return rest + (slope * self._phases[:, None, None]).real

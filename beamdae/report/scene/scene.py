@@ -1,4 +1,4 @@
-"""A scene: poses over frames, curves, and symbols that are attached to the poses."""
+"""Scenes: poses over frames, curves, and symbols attached to the poses."""
 
 from __future__ import annotations
 
@@ -9,25 +9,27 @@ import numpy as np
 
 Array = np.ndarray
 
-# Symbols that fit into what is seen.
-_LEAST = 20.0
+# Smallest extent of a scene, in sizes of a symbol: symbols fit and stay small.
+_MIN_EXTENT = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class MovingCurve:
-    """A line through points that move each on its own.
+    """A line through points that move independently.
 
     Attributes
     ----------
-    part, kind
-        Name of the part, and how it looks, see `looks`.
-    places
-        (frames, k, 2) [m].
+    part
+        Name of the part.
+    kind
+        Key of the style, see `line_styles`.
+    positions
+        Positions of the k points, (frames, k, 2) [m].
     """
 
     part: str
     kind: str
-    places: Array
+    positions: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +38,24 @@ class Symbol:
 
     Attributes
     ----------
-    part, kind
-        Name of the part, and how it looks, see `looks`.
-    at, to
-        Two poses of the scene, perhaps the same.
+    part
+        Name of the part.
+    kind
+        Key of the style, see `line_styles`.
+    start, end
+        Indices of two poses of the scene, which may be the same.
     along
-        Whether the axes are those of the way from one to the other. Otherwise they turn as the
-        poses do, or as much in between as the point is.
+        If True, the first axis points from the start to the end. Otherwise the axes rotate with
+        the poses, interpolated in the same way as the position of each point.
     points
-        (k, 3): how far from the one (0) to the other (1) a point is, and what is added to that
-        along and across the axes [m]. Lines break where it is not finite.
+        (k, 3): position between start (0) and end (1), and the offsets along and across the axes
+        [m]. The line is interrupted at points that are not finite.
     """
 
     part: str
     kind: str
-    at: int
-    to: int
+    start: int
+    end: int
     along: bool
     points: Array
 
@@ -61,20 +65,20 @@ Glyph = MovingCurve | Symbol
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is seen of a mechanism over frames.
+    """The visible lines of a mechanism over frames.
 
     Attributes
     ----------
     poses
-        (poses, frames, 3): x, y [m] and turn [rad].
+        (poses, frames, 3): x, y [m] and rotation [rad].
     glyphs
         Curves and symbols, in the order of the parts.
     names
-        A pose, and the name of the part that is there.
+        Pairs of the index of a pose and the name of the part shown there.
     size
-        Of a symbol [m].
+        Size of a symbol [m].
     absent
-        Of parts that are not always active: in which frames they are not, (frames,).
+        For parts that are inactive in some frames: True in these frames, (frames,).
     """
 
     poses: Array
@@ -84,7 +88,7 @@ class Scene:
     absent: Mapping[str, Array] = field(default_factory=dict)
 
     def line(self, glyph: Glyph) -> Array:
-        """Where the points of a glyph are in each frame, (frames, k, 2); nan where it is not."""
+        """Return the points of a glyph in each frame, (frames, k, 2); nan where it is absent."""
         line = self._line(glyph)
         if glyph.part in self.absent:
             return np.where(self.absent[glyph.part][:, None, None], np.nan, line)
@@ -92,34 +96,29 @@ class Scene:
 
     def _line(self, glyph: Glyph) -> Array:
         if isinstance(glyph, MovingCurve):
-            return glyph.places
+            return glyph.positions
         share, along, across = glyph.points.T
-        start, way = self.poses[glyph.at][:, None], self.poses[glyph.to] - self.poses[glyph.at]
-        pose = start + share[:, None] * way[:, None]
-        angle = np.arctan2(way[:, 1], way[:, 0])[:, None] if glyph.along else pose[..., 2]
+        start, change = self.poses[glyph.start][:, None], self.poses[glyph.end]
+        change = change - self.poses[glyph.start]
+        pose = start + share[:, None] * change[:, None]
+        angle = np.arctan2(change[:, 1], change[:, 0])[:, None] if glyph.along else pose[..., 2]
         c, s = np.cos(angle), np.sin(angle)
         arm = np.stack([c * along - s * across, s * along + c * across], axis=-1)
         return pose[..., :2] + arm
 
     def lines(self) -> Iterator[tuple[Glyph, Array]]:
-        """All glyphs, and where their points are."""
+        """Iterate over the glyphs and their points, see `line`."""
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """The lower left and the upper right corner of all that is seen [m]; symbols stay small."""
-        seen = [line.reshape(-1, 2) for _, line in self.lines()]
-        low, high = bounding_box(np.concatenate(seen or [self.poses[..., :2].reshape(-1, 2)]))
-        more = 0.5 * max(_LEAST * self.size - float(np.max(high - low)), 0.0)
-        return low - more, high + more
+        """Return the lower left and the upper right corner of the scene [m]."""
+        points = [line.reshape(-1, 2) for _, line in self.lines()]
+        low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
+        margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)
+        return low - margin, high + margin
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:
-    """Lower left and upper right corner of those of the points (k, 2) that are finite."""
-    known = points[np.isfinite(points).all(axis=1)]
-    return known.min(axis=0), known.max(axis=0)
-
-
-def join_lines(*lines: Array) -> Array:
-    """Several lines (k, n) as one."""
-    gap = np.full((1, lines[0].shape[1]), np.nan)
-    return np.concatenate([x for line in lines for x in (line, gap)][:-1])
+    """Return the lower left and the upper right corner of the finite points among (k, 2)."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    return finite.min(axis=0), finite.max(axis=0)

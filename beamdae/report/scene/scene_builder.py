@@ -1,8 +1,7 @@
-"""What scenes are made with: poses by attachment, symbols in sizes of the drawing."""
+"""Builder of scenes: collects poses, curves and symbols of the parts of a mechanism."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,148 +10,130 @@ import numpy as np
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
 from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Glyph, MovingCurve, Scene, Symbol, join_lines
+from beamdae.report.scene.scene import Glyph, MovingCurve, Scene, Symbol
+from beamdae.report.scene.shapes import join_lines
 from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
-# Quantity -> its columns (frames, k), where velocities and reactions are known.
+# Evaluates a quantity in the frames, (frames, columns).
 Measure = Callable[[Quantity], Array]
+
+# Support of a ground point, in sizes of a symbol: depth below the point, half width of the hatching.
+_SUPPORT_DEPTH = 1.1
+_SUPPORT_HALF_WIDTH = 0.9
+_SUPPORT_HATCHES = 5
 
 
 class SceneBuilder:
-    """Collects what is seen of the parts, one after the other.
+    """Collects the curves, symbols and names of one part after the other.
 
     Parameters
     ----------
     poses
-        Where points are in the frames.
+        Poses of attachments in the frames.
     times
-        Of the frames [s].
+        Times of the frames [s].
     measure
-        What quantities are in the frames; None: only poses are known.
+        Evaluates quantities in the frames; None if only poses are known.
+
+    Attributes
+    ----------
+    size
+        Size of a symbol [m].
+    part
+        Name of the part that is being added.
     """
 
     def __init__(self, poses: Poses, times: Array, measure: Measure | None = None) -> None:
         self.times, self.measure, self.size, self.part = times, measure, 0.0, ""
-        self._of, self._poses = poses, list[Array]()
+        self._attachment_poses, self._poses = poses, list[Array]()
         self._rows: dict[Any, int] = {}
         self._glyphs, self._names = list[Glyph](), list[tuple[int, str]]()
         self._supported: set[tuple[float, float]] = set()
 
-    def at(self, place: Attachment) -> int:
-        """The pose of an attachment."""
-        key = (id(place.body), place.point, place.s)
+    def attach(self, attachment: Attachment) -> int:
+        """Return the index of the pose of an attachment, which is added at the first call."""
+        key = (id(attachment.body), attachment.point, attachment.s)
         if key not in self._rows:
-            self._rows[key] = self.follow(self._of([place])[:, 0])
+            self._rows[key] = self.add_pose(self._attachment_poses([attachment])[:, 0])
         return self._rows[key]
 
-    def through(self, places: Sequence[Attachment]) -> Array:
-        """Where points are, (frames, points, 2)."""
-        return self._of(places)[..., :2]
+    def positions(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the positions of attachments, (frames, attachments, 2) [m]."""
+        return self._attachment_poses(attachments)[..., :2]
 
-    def follow(self, pose: Array) -> int:
-        """A pose (frames, 3) that is that of no attachment."""
+    def add_pose(self, pose: Array) -> int:
+        """Add a pose (frames, 3) that belongs to no attachment; return its index."""
         self._poses.append(np.broadcast_to(pose, (len(self.times), 3)))
         return len(self._poses) - 1
 
+    def add_midpoint(self, a: int, b: int) -> int:
+        """Add the pose halfway between two poses; return its index."""
+        return self.add_pose(0.5 * (self.pose(a) + self.pose(b)))
+
     def pose(self, row: int) -> Array:
-        """A pose, (frames, 3)."""
+        """Return a pose by its index, (frames, 3)."""
         return self._poses[row]
 
-    def way(self, a: int, b: int) -> Array:
-        """From one pose to another in the axes of the first, (frames, 2)."""
+    def relative_position(self, a: int, b: int) -> Array:
+        """Return the position of pose b relative to pose a in the axes of a, (frames, 2) [m]."""
         x, y, _ = (self._poses[b] - self._poses[a]).T
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
-    def curve(self, kind: str, places: Array) -> None:
-        """A line through points (frames, k, 2)."""
-        self._glyphs.append(MovingCurve(self.part, kind, places))
+    def add_curve(self, kind: str, positions: Array) -> None:
+        """Add a line through points (frames, k, 2) [m]."""
+        self._glyphs.append(MovingCurve(self.part, kind, positions))
 
-    def carried(self, kind: str, at: int, points: Array) -> None:
-        """Points (k, 2) [m] that turn with a pose; drawn as they are where it has no turn."""
-        self._add(kind, at, points)
+    def add_rigid(self, kind: str, at: int, points: Array) -> None:
+        """Add a line through points (k, 2) [m] that are fixed in the axes of a pose."""
+        self._add_symbol(kind, at, points)
 
-    def between(self, kind: str, at: int, to: int, points: Array) -> None:
-        """Points (k, 3) of a `Symbol` whose axes turn as the poses do."""
-        self._add(kind, at, points, to)
+    def add_between(self, kind: str, start: int, end: int, points: Array) -> None:
+        """Add points (k, 3) of a `Symbol` whose axes rotate with the two poses."""
+        self._add_symbol(kind, start, points, end)
 
-    def stretched(self, kind: str, at: int, to: int, points: Array) -> None:
-        """Points (k, 3) of a `Symbol` along the way between two poses."""
-        self._add(kind, at, points, to, along=True)
+    def add_stretched(self, kind: str, start: int, end: int, points: Array) -> None:
+        """Add points (k, 3) of a `Symbol` whose first axis points from one pose to the other."""
+        self._add_symbol(kind, start, points, end, along=True)
 
-    def link(self, kind: str, at: int, to: int) -> None:
-        """A straight line between two poses."""
-        self.stretched(kind, at, to, np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
+    def add_link(self, kind: str, start: int, end: int) -> None:
+        """Add a straight line between two poses."""
+        self.add_stretched(kind, start, end, np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
 
-    def _add(
+    def _add_symbol(
         self,
         kind: str,
-        at: int,
+        start: int,
         points: Array,
-        to: int | None = None,
+        end: int | None = None,
         along: bool = False,
         part: str = "",
     ) -> None:
         points = np.asarray(points, float)
-        if to is None:
-            to, points = at, np.column_stack([np.zeros(len(points)), points])
-        self._glyphs.append(Symbol(part or self.part, kind, at, to, along, points))
+        if end is None:
+            end, points = start, np.column_stack([np.zeros(len(points)), points])
+        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, points))
 
-    def name(self, row: int) -> None:
-        """Have the name of the part at a pose."""
+    def add_name(self, row: int) -> None:
+        """Show the name of the part at a pose."""
         self._names.append((row, self.part))
 
-    def support(self, place: Attachment) -> None:
-        """The ground under a place, once, if it is one of the ground."""
-        if not isinstance(place.body, Ground) or place.point in self._supported:
+    def add_support(self, attachment: Attachment) -> None:
+        """Add the support below an attachment of the ground, once per point."""
+        if not isinstance(attachment.body, Ground) or attachment.point in self._supported:
             return
-        self._supported.add(place.point)
-        half, below = 0.9 * self.size, -1.1 * self.size
-        feet = np.linspace(-1.0, 1.2, 5) * half
-        hatch = [np.array([(x, below), (x - 0.4 * half, below - 0.4 * half)]) for x in feet]
+        self._supported.add(attachment.point)
+        half, below = _SUPPORT_HALF_WIDTH * self.size, -_SUPPORT_DEPTH * self.size
+        feet = np.linspace(-1.0, 1.2, _SUPPORT_HATCHES) * half
+        hatches = [np.array([(x, below), (x - 0.4 * half, below - 0.4 * half)]) for x in feet]
         base = np.array([(-1.2 * half, below), (1.2 * half, below)])
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
-        # It stays where a part is no longer active.
-        self._add("ground", self.at(place), join_lines(cone, base, *hatch), part=place.body.name)
+        # The support belongs to the ground: it stays visible while the part is inactive.
+        support = join_lines(cone, base, *hatches)
+        self._add_symbol("ground", self.attach(attachment), support, part=attachment.body.name)
 
-    def scene(self) -> Scene:
-        """All that was collected."""
+    def build(self) -> Scene:
+        """Return the scene of all parts added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
         return Scene(poses, tuple(self._glyphs), tuple(self._names), self.size)
-
-
-def unit_vector(direction: Sequence[float] | Array) -> Array:
-    """The direction in length one, downward where it has none."""
-    length = math.hypot(*direction)
-    return np.array(direction, float) / length if length > 0.0 else np.array([0.0, -1.0])
-
-
-def rotate_points(points: Any, direction: Sequence[float] | Array) -> Array:
-    """Points (k, 2) with the x axis in a direction."""
-    c, s = unit_vector(direction)
-    return np.asarray(points, float) @ np.array([(c, s), (-s, c)])
-
-
-def circle(radius: float, corners: int = 16) -> Array:
-    """A closed circle."""
-    angle = np.linspace(0.0, 2.0 * math.pi, corners + 1)
-    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def wheel(radius: float) -> Array:
-    """A circle with a spoke, which shows how it turns."""
-    return join_lines(circle(radius, 60), np.array([(0.0, 0.0), (radius, 0.0)]))
-
-
-def box(width: float, height: float) -> Array:
-    """A closed rectangle."""
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], float)
-    return 0.5 * corners * (width, height)
-
-
-def hatched_line(low: float, high: float, size: float) -> Array:
-    """A line along the x axis with hatches below it."""
-    feet = np.linspace(low, high, max(round((high - low) / (0.6 * size)), 2) + 1)[1:]
-    hatch = [np.array([(x, 0.0), (x - 0.4 * size, -0.4 * size)]) for x in feet]
-    return join_lines(np.array([(low, 0.0), (high, 0.0)]), *hatch)

@@ -17,8 +17,7 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.results.section_forces.section_motions import (
@@ -227,7 +226,7 @@ class _OnBeam:
     def _at_section(self, part: Part, s: float, force: Array) -> None:
         """Add a force on the local coordinates of a section."""
         wrench = self._wrenches_at(self._sections(np.array([s])), force)[:, 0]
-        if part.acting == "points":
+        if part.load_distribution == "points":
             self._places.append(np.full(self._rows, s))
             self._wrenches.append(wrench)
         else:
@@ -259,7 +258,7 @@ class _OnBeam:
         weights = gauss_points(mesh.nodes)[1]
         for part, stated in self._spread.items():
             wrenches = np.stack([wrench for _, wrench in stated], axis=1)
-            if part.acting == "line":
+            if part.load_distribution == "line":
                 self._lines += wrenches.reshape(self._lines.shape) / weights[:, None]
             else:
                 self._places.append(_center(np.array([s for s, _ in stated]), wrenches))

@@ -14,9 +14,9 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import DIRECTIONS
-from beamdae.parts.joints.frozen_constraint import Held
-from beamdae.results.outcome import OF_SCOUT
-from beamdae.results.storage.files import file_path, write_text
+from beamdae.parts.joints.event_constraints import FrozenGap
+from beamdae.results.outcome import PILOT_RUN_SUFFIX
+from beamdae.results.storage.files import require_file_path, write_text
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -32,8 +32,8 @@ def state_hash(t: float, q: Any, v: Any) -> str:
 
 def _doubt(solution: Solution) -> str:
     """Why the end of a run is not to be trusted, or nothing."""
-    status, due = solution.status, any(not one.done for one in solution.occurred)
-    doubtful = status.leaves_doubt(due) or OF_SCOUT in status.sentence
+    status, due = solution.status, any(not one.done for one in solution.event_records)
+    doubtful = status.leaves_doubt(due) or PILOT_RUN_SUFFIX in status.sentence
     return status.sentence if doubtful else ""
 
 
@@ -72,7 +72,7 @@ class Checkpoint:
     doubt
         Why the state is not to be trusted, a sentence on how the run ended, or nothing.
     sides
-        On which sides of their values the quantities of events were, see `Solution.sides`.
+        On which sides of their values the quantities of events were, see `Solution.event_signs`.
     identity
         Of its equations, see `hash_model`; none where the state is an equilibrium, from which any
         model may begin that has the coordinates.
@@ -84,11 +84,11 @@ class Checkpoint:
     events: tuple[str, ...] = ()
     due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
-    found: dict[str, Held] = field(default_factory=dict)
+    found: dict[str, FrozenGap] = field(default_factory=dict)
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
-    sides: dict[str, int] = field(default_factory=dict)
+    event_signs: dict[str, int] = field(default_factory=dict)
     doubt: str = ""
 
     @classmethod
@@ -98,7 +98,7 @@ class Checkpoint:
         last = solution.trajectory.intervals[-1]
         q, v = (x[-1].tolist() for x in last.state[:2])
         active = last.configuration
-        at_end = [one for one in solution.occurred if one.t == end]
+        at_end = [one for one in solution.event_records if one.t == end]
         return cls(
             end,
             dict(zip(names, q, strict=True)),
@@ -106,11 +106,11 @@ class Checkpoint:
             tuple(one.name for one in at_end if one.done),
             {one.name: one.direction for one in at_end if not one.done},
             () if active is None else tuple(sorted(active.inactive)),
-            {} if active is None else dict(active.found),
+            {} if active is None else dict(active.frozen_gaps),
             str(solution.model.get("name", "")),
             {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
             hash_model(solution.equations),
-            dict(solution.sides),
+            dict(solution.event_signs),
             _doubt(solution),
         )
 
@@ -151,16 +151,16 @@ class Checkpoint:
             events, inactive = (tuple(_listed(told[x])) for x in ("events", "inactive"))
             due = {str(k): str(x) for k, x in told["due"].items()}
             found = {
-                str(k): Held(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
+                str(k): FrozenGap(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
                 for k, x in told["found"].items()
             }
-            sides = {str(k): int(x) for k, x in told["sides"].items()}
+            event_signs = {str(k): int(x) for k, x in told["sides"].items()}
             model, identity, doubt = (str(told[x]) for x in ("model", "identity", "doubt"))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
         if not np.isfinite([t, *q.values(), *v.values()]).all():
             raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity, sides, doubt)
+        known = (events, due, inactive, found, model, parameters, identity, event_signs, doubt)
         return cls(t, q, v, *known)
 
     def write(self, path: str | Path) -> Path:
@@ -171,8 +171,9 @@ class Checkpoint:
         BeamdaeError
             If it cannot be written.
         """
-        file = file_path("checkpoint", path)
+        file = require_file_path("checkpoint", path)
         told = asdict(self)
+        told["sides"] = told.pop("event_signs")
         q, v = told.pop("q"), told.pop("v")
         states = {name: [q[name], v[name]] for name in q}
         whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
@@ -201,7 +202,7 @@ class Checkpoint:
                 term,
                 begins_there=term.name in self.events,
                 due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
-                side=self.sides.get(term.name, 0),
+                side=self.event_signs.get(term.name, 0),
             )
             for term in equations.events
         )
@@ -209,7 +210,9 @@ class Checkpoint:
         known = equations.configurations
         switched = sorted({*self.inactive, *self.found})
         if known is not None:
-            known = replace(known, first=frozenset(self.inactive), found=self.found)
+            known = replace(
+                known, initially_inactive=frozenset(self.inactive), frozen_gaps=self.found
+            )
         elif switched:
             raise BeamdaeError(
                 f"start: events had switched {', '.join(switched)}, and in this model none do; "

@@ -15,7 +15,7 @@ from beamdae.equations.measures import ENERGIES, LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.files import plain_cell, write, write_bytes
+from beamdae.results.storage.files import unescape_cell, write_bytes, write_table
 
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 # What goes on from run to run: works, and what the books are off by.
-ADDED_UP = LEDGER_COLUMNS[len(ENERGIES) :]
+CUMULATIVE_COLUMNS = LEDGER_COLUMNS[len(ENERGIES) :]
 _STATUS = "status"
 # What runs cost adds up, how far they are off is the most of them.
 _MOST = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
 
 
 @dataclass(frozen=True)
-class Parts:
+class RunParts:
     """Runs that went on from each other, in one folder.
 
     Attributes
@@ -45,7 +45,7 @@ class Parts:
     before: tuple[Path, ...] = ()
 
     @classmethod
-    def ending_at(cls, table: Path, checkpoint: Checkpoint) -> Parts:
+    def ending_at(cls, table: Path, checkpoint: Checkpoint) -> RunParts:
         """Those that end at a checkpoint; none where there is no table.
 
         Raises
@@ -98,7 +98,7 @@ class Parts:
         whole, told = dict(columns), _told([(part.name, _beside(part)) for part in parts])
         if told["status"] != "ok":
             columns[_STATUS] = [told["status"]] * len(columns[TIME])
-        write(self.table, columns, told)
+        write_table(self.table, columns, told)
         tables = dict.fromkeys([*parts, self.table])
         return whole, [file for table in tables for file in (table, table.with_suffix(".json"))]
 
@@ -122,7 +122,7 @@ def _read(table: Path) -> dict[str, Array]:
         with open(table, encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
         cells = zip(*rows, strict=True)
-        columns = dict(zip(map(plain_cell, header), cells, strict=True))
+        columns = dict(zip(map(unescape_cell, header), cells, strict=True))
         columns.pop(_STATUS, None)
         return {
             name: np.array([float(x) if x else np.nan for x in column])
@@ -144,9 +144,9 @@ def _joined(tables: Sequence[dict[str, Array]], beside: Sequence[dict[str, Any]]
                 f"run: the runs have other columns and make no common table, {other} differs."
             )
     found = {name: [tables[0][name]] for name in latest}
-    works = dict.fromkeys(ADDED_UP, 0.0)
+    works = dict.fromkeys(CUMULATIVE_COLUMNS, 0.0)
     for told, table in zip(beside[:-1], tables[1:], strict=True):
-        for name in ADDED_UP:
+        for name in CUMULATIVE_COLUMNS:
             works[name] += float(told["end"][name])
         for name, column in table.items():
             # The first row is the end of the run before.
@@ -176,7 +176,7 @@ def _told(parts: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
         ):
             result[name] = sum(one[name] for one in results)
     events = [one for _, told in parts[:-1] for one in told["events"] if one.get("done", True)]
-    works = {name: sum(told["end"][name] for _, told in parts) for name in ADDED_UP}
+    works = {name: sum(told["end"][name] for _, told in parts) for name in CUMULATIVE_COLUMNS}
     status = _ended([told for _, told in parts])
     own = {k: x for k, x in latest.items() if k not in ("versions", "written", "errors")}
     return own | {

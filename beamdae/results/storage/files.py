@@ -32,10 +32,10 @@ _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
 
-def write(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> Path:
+def write_table(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> Path:
     """Write a table as CSV and what it is the table of, with versions, as JSON beside it.
 
-    Headers and texts go through `safe_cell`; what is no number is left empty. Returns the path of
+    Headers and texts go through `escape_cell`; what is no number is left empty. Returns the path of
     the CSV file.
 
     Raises
@@ -47,9 +47,9 @@ def write(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> 
         raise BeamdaeError(f"{path}: the table is CSV, .json is for what is written beside it.")
     text = _json(beside)
     # The two change places one right after the other, once both are on the disk.
-    with replacing(path.with_suffix(".json")) as sidecar:
+    with atomic_write(path.with_suffix(".json")) as sidecar:
         sidecar.write_text(text, encoding="utf-8")
-        with replacing(path) as scratch:
+        with atomic_write(path) as scratch:
             _write_columns(scratch, columns)
     return path
 
@@ -57,21 +57,21 @@ def write(path: Path, columns: Mapping[str, Any], beside: Mapping[str, Any]) -> 
 def write_result(
     path: Any, columns: Mapping[str, Any], status: Status, beside: Mapping[str, Any]
 ) -> Path:
-    """Write what `to_csv` of a result does: `write`, with a column more where it did not succeed.
+    """Write what `to_csv` of a result does: `write_table`, with a column more where it did not succeed.
 
     Raises
     ------
     BeamdaeError
         If `path` is none of a file, or a file cannot be written.
     """
-    file = file_path("to_csv", path)
+    file = require_file_path("to_csv", path)
     if not status.success:
         rows = len(next(iter(columns.values())))
         columns = {**columns, "status": np.full(rows, status.kind)}
-    return write(file, columns, beside)
+    return write_table(file, columns, beside)
 
 
-def file_path(name: str, path: Any) -> Path:
+def require_file_path(name: str, path: Any) -> Path:
     """The path of a file, as an argument of `name`."""
     text = str(path) if isinstance(path, (str, Path)) else ""
     if not (is_valid_path(text) and Path(text).name):
@@ -79,8 +79,8 @@ def file_path(name: str, path: Any) -> Path:
     return Path(text)
 
 
-def write_beside(path: Path, beside: Mapping[str, Any]) -> None:
-    """Write anew what `write` wrote as JSON beside the table at `path`; likewise."""
+def write_metadata(path: Path, beside: Mapping[str, Any]) -> None:
+    """Write anew what `write_table` wrote as JSON beside the table at `path`; likewise."""
     write_text(path.with_suffix(".json"), _json(beside))
 
 
@@ -92,7 +92,7 @@ def _json(beside: Mapping[str, Any]) -> str:
 def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     """As pandas writes a table, without the time it takes to import."""
     with open(path, "w", encoding="utf-8", errors="backslashreplace", newline="") as file:
-        csv.writer(file, lineterminator=os.linesep).writerow(map(safe_cell, columns))
+        csv.writer(file, lineterminator=os.linesep).writerow(map(escape_cell, columns))
         # Its writer takes twice as long over numbers as these take to be told.
         rows = zip(*(_cells(columns[name]) for name in columns), strict=True)
         file.writelines(",".join(row) + os.linesep for row in rows)
@@ -101,7 +101,7 @@ def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 def _cells(values: Any) -> list[str]:
     column = np.asarray(values)
     if column.dtype.kind != "f":
-        return [_quoted(safe_cell(value)) for value in column.tolist()]
+        return [_quoted(escape_cell(value)) for value in column.tolist()]
     return ["" if value != value else repr(value) for value in column.tolist()]
 
 
@@ -115,7 +115,7 @@ def _quoted(value: Any) -> str:
 def write_text(path: Path, text: str) -> Path:
     """Write a text as UTF-8, as it is, so that the file appears whole or not at all.
 
-    As `replacing`, which see; what UTF-8 cannot say (lone surrogates) is written as its escape.
+    As `atomic_write`, which see; what UTF-8 cannot say (lone surrogates) is written as its escape.
     Returns the path.
 
     Raises
@@ -128,13 +128,13 @@ def write_text(path: Path, text: str) -> Path:
 
 def write_bytes(path: Path, content: bytes) -> Path:
     """Write bytes so that the file appears whole or not at all; see `write_text`."""
-    with replacing(path) as scratch:
+    with atomic_write(path) as scratch:
         scratch.write_bytes(content)
     return path
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A scratch file beside `path` that takes its place when the block ends.
 
     The folder is made if need be. A block that ends by an exception, an interrupt included, leaves
@@ -167,7 +167,7 @@ def replacing(path: Path) -> Iterator[Path]:
         raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
 
 
-def sweep(folder: Path) -> None:
+def remove_stale_scratch_files(folder: Path) -> None:
     """Remove what processes of this machine that have ended left unfinished in a folder."""
     for path in folder.glob(".*.scratch"):
         made = _SCRATCH.fullmatch(path.name)
@@ -206,18 +206,18 @@ def _take_place(scratch: Path, target: Path) -> None:
     os.replace(scratch, target)
 
 
-def guarded(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with `safe_cell` done to its headers and its cells of text; the index is left."""
+def escape_table(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with `escape_cell` done to its headers and its cells of text; the index is left."""
     import pandas as pd
 
-    safe = table.rename(columns=safe_cell)
+    safe = table.rename(columns=escape_cell)
     for k, kind in enumerate(table.dtypes):
         if not pd.api.types.is_numeric_dtype(kind):
-            safe.isetitem(k, [safe_cell(value) for value in table.iloc[:, k]])
+            safe.isetitem(k, [escape_cell(value) for value in table.iloc[:, k]])
     return safe
 
 
-def safe_cell(value: Any) -> Any:
+def escape_cell(value: Any) -> Any:
     """The value as a cell of a CSV file which no spreadsheet takes for a formula.
 
     A text that begins with = + - or @ and is no number gets an apostrophe in front; any other
@@ -227,9 +227,9 @@ def safe_cell(value: Any) -> Any:
     return f"'{value}" if formula else value
 
 
-def plain_cell(value: Any) -> Any:
-    """What `safe_cell` made a cell of."""
-    guarded = isinstance(value, str) and value[:1] == "'" and safe_cell(value[1:]) == value
+def unescape_cell(value: Any) -> Any:
+    """What `escape_cell` made a cell of."""
+    guarded = isinstance(value, str) and value[:1] == "'" and escape_cell(value[1:]) == value
     return value[1:] if guarded else value
 
 

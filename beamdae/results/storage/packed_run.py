@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.assembly.configurations import Configuration
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
-from beamdae.equations.formulations.first_order import State
-from beamdae.parts.joints.frozen_constraint import Held
-from beamdae.results.event_records import Occurrence
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
+from beamdae.parts.joints.event_constraints import FrozenGap
+from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -23,14 +22,14 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-class Packed(NamedTuple):
+class PackedRun(NamedTuple):
     """Arrays and plain values (of JSON) a solution can be made of anew, given its equations."""
 
     arrays: dict[str, Array]
     plain: dict[str, Any]
 
 
-def packed(solution: Solution) -> Packed:
+def pack_run(solution: Solution) -> PackedRun:
     """All of a solution but its equations."""
     e, intervals = solution.equations, solution.trajectory.intervals
     sizes = (e.n, e.n, e.n, e.m)
@@ -41,9 +40,9 @@ def packed(solution: Solution) -> Packed:
         "nodes": np.concatenate([x.nodes for x in intervals]),
         "ends": np.cumsum([0, *(len(x.nodes) for x in intervals)]),
         "branches": np.array([x.branch for x in intervals]),
-        "event times": np.array([(x.t, x.branch) for x in solution.occurred]).reshape(-1, 2),
+        "event times": np.array([(x.t, x.branch) for x in solution.event_records]).reshape(-1, 2),
         **_rows("", [x.rows for x in intervals], sizes),
-        **_rows("event ", [[row[None] for row in x.state] for x in solution.occurred], sizes),
+        **_rows("event ", [[row[None] for row in x.state] for x in solution.event_records], sizes),
     }
     plain = {
         "status": asdict(solution.status),
@@ -52,18 +51,18 @@ def packed(solution: Solution) -> Packed:
         "model": solution.model,
         "per step": [x.per_step for x in intervals],
         "active": [_active(x.configuration) for x in intervals],
-        "events": [_event(x) for x in solution.occurred],
-        "sides": solution.sides,
-        "begun": list(solution.begun),
+        "events": [_event(x) for x in solution.event_records],
+        "sides": solution.event_signs,
+        "begun": list(solution.resume_warnings),
         "start": None,
     }
     if e.start is not None:
         arrays |= {"start q": e.start.q, "start v": e.start.v}
         plain["start"] = {"told": e.start.told, "moves": e.start.moves}
-    return Packed(arrays, plain)
+    return PackedRun(arrays, plain)
 
 
-def unpacked(equations: EquationsOfMotion, kept: Packed, made_by: Any = None) -> Solution:
+def unpack_run(equations: EquationsOfMotion, kept: PackedRun, made_by: Any = None) -> Solution:
     """The solution again, of equations that are the same but for their start."""
     from beamdae.results.solution import Solution
 
@@ -88,8 +87,8 @@ def unpacked(equations: EquationsOfMotion, kept: Packed, made_by: Any = None) ->
             strict=True,
         )
     ]
-    occurred = tuple(
-        Occurrence(
+    event_records = tuple(
+        EventRecord(
             t=float(t),
             branch=float(branch),
             state=State(*(arrays[f"event {name}"][k] for name in State._fields)),
@@ -108,9 +107,9 @@ def unpacked(equations: EquationsOfMotion, kept: Packed, made_by: Any = None) ->
         integrator=plain["integrator"],
         model=plain["model"],
         made_by=made_by,
-        occurred=occurred,
-        sides=plain["sides"],
-        begun=tuple(plain["begun"]),
+        event_records=event_records,
+        event_signs=plain["sides"],
+        resume_warnings=tuple(plain["begun"]),
     )
 
 
@@ -127,7 +126,7 @@ def _rows(
 def _active(configuration: Configuration | None) -> dict[str, Any] | None:
     if configuration is None:
         return None
-    found = {name: asdict(held) for name, held in configuration.found.items()}
+    found = {name: asdict(held) for name, held in configuration.frozen_gaps.items()}
     return {"inactive": sorted(configuration.inactive), "found": found}
 
 
@@ -136,11 +135,12 @@ def _configuration(equations: EquationsOfMotion, active: Any) -> Configuration |
     if active is None or known is None:
         return None
     found = {
-        name: Held(tuple(x["found"]), x["event"], x["since"]) for name, x in active["found"].items()
+        name: FrozenGap(tuple(x["found"]), x["event"], x["since"])
+        for name, x in active["found"].items()
     }
-    return known.of(equations, frozenset(active["inactive"]), found)
+    return known.configuration_without(equations, frozenset(active["inactive"]), found)
 
 
-def _event(one: Occurrence) -> dict[str, Any]:
+def _event(one: EventRecord) -> dict[str, Any]:
     told = {name: getattr(one, name) for name in ("name", "direction", "energy_lost", "done")}
     return {**told, "impulses": dict(one.impulses)}

@@ -16,9 +16,9 @@ import numpy as np
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.storage.files import file_path, replacing, versions, write_result
-from beamdae.results.storage.packed_run import packed
-from beamdae.results.time_series import Tabulated
+from beamdae.results.storage.files import atomic_write, require_file_path, versions, write_result
+from beamdae.results.storage.packed_run import pack_run
+from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +37,7 @@ _TOLD, _TABLE, _COORDINATES = "told", "table", "coordinates"
 
 
 @dataclass(frozen=True, repr=False)
-class SavedRun(Tabulated):
+class SavedRun(TimeSeries):
     """What a file keeps of a run: its tables, how it ended and how good it is.
 
     It is looked at as a `Solution` is, `run["tip.y"]`, `run.plot("tip")`, `run.to_csv(path)`;
@@ -101,7 +101,7 @@ class SavedRun(Tabulated):
         )
 
 
-def save(solution: Solution, path: str | Path) -> Path:
+def save_run(solution: Solution, path: str | Path) -> Path:
     """Write all of a run to one file, see `load`: a zip archive of NumPy arrays and JSON.
 
     Raises
@@ -109,8 +109,8 @@ def save(solution: Solution, path: str | Path) -> Path:
     BeamdaeError
         If it cannot be written.
     """
-    file = file_path("save", path)
-    kept, coordinates = packed(solution), solution.coordinates()
+    file = require_file_path("save", path)
+    kept, coordinates = pack_run(solution), solution.coordinates()
     table = solution.all_columns()
     told = {
         "format": _FORMAT,
@@ -128,18 +128,18 @@ def save(solution: Solution, path: str | Path) -> Path:
         _COORDINATES: coordinates.to_numpy().T,
         _TOLD: np.frombuffer(json.dumps(told).encode(), np.uint8),
     }
-    with replacing(file) as scratch, open(scratch, "wb") as opened:
+    with atomic_write(file) as scratch, open(scratch, "wb") as opened:
         np.savez_compressed(opened, **arrays)
     return file
 
 
-def read(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
+def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """The arrays of a file, and what is told with them.
 
     Raises
     ------
     BeamdaeError
-        If there is no such file, or it is none of `save` of this version.
+        If there is no such file, or it is none of `save_run` of this version.
     """
     wrong = BeamdaeError(f"{file}: it is no saved run of version {_VERSION}, or not all of one.")
     try:
@@ -162,8 +162,8 @@ def read(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     return arrays, told
 
 
-def tables_of(file: Path, arrays: dict[str, Array], told: dict[str, Any]) -> SavedRun:
-    """What `read` found as tables."""
+def saved_run_from_arrays(file: Path, arrays: dict[str, Array], told: dict[str, Any]) -> SavedRun:
+    """What `read_saved_run` found as tables."""
     plain = told["plain"]
     return SavedRun(
         Status(**plain["status"]),

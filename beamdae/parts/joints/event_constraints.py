@@ -14,14 +14,26 @@ from beamdae.parts.joints.joint import JointByFormula, Revolute, Weld, _Gap, _He
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MOST_KINDS, Combined, combined_kernel, plain
-from beamdae.symbolic.statements import SX, ConstraintStatement, Local, Named
+from beamdae.symbolic.formulas import (
+    MAX_SHARED_KERNELS,
+    FormulaExpression,
+    build_formula_kernel,
+    constant_formula,
+)
+from beamdae.symbolic.statements import (
+    SX,
+    ConstraintKernel,
+    ConstraintStatement,
+    Local,
+    Named,
+    Quantity,
+)
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Held:
+class FrozenGap:
     """What a joint holds since an event had it hold what it found.
 
     Attributes
@@ -45,7 +57,7 @@ def _carrier(joint: JointByFormula) -> int | None:
 
 
 @dataclass(frozen=True)
-class _Shifted:
+class _OffsetGap:
     """A gap less so many numbers, the first two in axes of the point `carrier`, if there is one."""
 
     gap: Any
@@ -61,7 +73,7 @@ class _Shifted:
 
 
 @dataclass(frozen=True)
-class _Found(_Gap):
+class _GapOffsets(_Gap):
     """The numbers at which the shifted gap is closed."""
 
     carrier: int | None
@@ -74,24 +86,24 @@ class _Found(_Gap):
         return ca.vertcat(rotate(-points[self.carrier][1], gap), gap[2:])
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _evaluated(found: Combined, size: int, n_data: int) -> RowFunction:
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _offset_function(found: FormulaExpression, size: int, n_data: int) -> RowFunction:
     local = Local(size, n_data)
     inputs = [local.time, local.q, local.data]
     return RowFunction(ca.Function("found", inputs, [ca.densify(found(local))]))
 
 
-def found_by(
+def evaluate_frozen_gap(
     joint: JointByFormula, law: Law | None, time: Array, local: Array
 ) -> tuple[float, ...]:
     """What a joint finds at time = (t, branch) and the local coordinates of its points.
 
     `law` is what it is to follow from there on, if that is not its own.
     """
-    combined, data = Combined.of(
-        _Found(joint._sizes, joint._gap, _carrier(joint)), _functions(joint, law)
+    combined, data = FormulaExpression.of(
+        _GapOffsets(joint._sizes, joint._gap, _carrier(joint)), _functions(joint, law)
     )
-    values = _evaluated(combined, len(local), len(data))(time[None], local[None], data)
+    values = _offset_function(combined, len(local), len(data))(time[None], local[None], data)
     return tuple(values[0].tolist())
 
 
@@ -102,7 +114,7 @@ def _functions(joint: JointByFormula, law: Law | None) -> tuple[Any, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class AsFound(Part):
+class FrozenConstraint(Part):
     """A joint that holds what was `found`, by a `law` that is not its own if there is one."""
 
     joint: JointByFormula
@@ -132,9 +144,37 @@ class AsFound(Part):
     def constraints(self) -> list[ConstraintStatement]:
         """The constraint as a local statement."""
         joint, sizes = self.joint, self.joint._sizes
-        shifted = _Shifted(joint._gap, _carrier(joint), len(self.found))
-        functions = [*_functions(joint, self.law), plain(*self.found)]
-        kernel, data = combined_kernel(
+        shifted = _OffsetGap(joint._gap, _carrier(joint), len(self.found))
+        functions = [*_functions(joint, self.law), constant_formula(*self.found)]
+        kernel, data = build_formula_kernel(
             _Held(sizes, shifted), functions, sum(sizes), len(self.multipliers)
         )
         return [ConstraintStatement(self.name, kernel, joint._pieces, self.multipliers, data)]
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedGap(Part):
+    """A gap that is held closed: g = -gap, so that multipliers that push it open are positive."""
+
+    name: str
+    gap: Quantity
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """None of its own: the quantity says where it is."""
+        return ()
+
+    def constraints(self) -> list[ConstraintStatement]:
+        """The constraint as a local statement."""
+        size = sum(piece.operator.shape[0] for piece in self.gap.pieces)
+        local = Local(size, len(self.gap.data), 1)
+        unit = {"rad": "N m"}.get(self.gap.columns[0].unit, "N")
+        return [
+            ConstraintStatement(
+                self.name,
+                ConstraintKernel(local, -self.gap.expression(local)),
+                self.gap.pieces,
+                (Named("gap", unit),),
+                self.gap.data[:, None],
+            )
+        ]
