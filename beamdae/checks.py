@@ -272,9 +272,9 @@ def _constraint_residuals(
     starter: ConsistencySolver, time: Array, state: Any
 ) -> tuple[ConstraintResidual, ...]:
     e = starter.equations
-    g, rate, _ = np.abs(starter.levels(time, e.q0, e.v0))
+    g, rate, _ = np.abs(starter.constraint_levels(time, e.q0, e.v0))
     if state is not None:
-        last = np.abs(starter.levels(time, state.q, state.v, state.a)[2])
+        last = np.abs(starter.constraint_levels(time, state.q, state.v, state.a)[2])
     parts = [name.rpartition(".")[0] or name for name in e.lam_names]
     found = []
     for part in dict.fromkeys(parts):

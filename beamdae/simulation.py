@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.assemble import equations_of_motion
-from beamdae.equations.constrained_system import ConstrainedSystem
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.assembly.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.given_start import started
+from beamdae.equations.model_hash import hash_model
+from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -25,13 +26,15 @@ from beamdae.errors import (
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.memory import require_memory
-from beamdae.model_functions import Built, Model
-from beamdae.parts.initial_state import AS_DRAWN, require_start
-from beamdae.parts.mechanism import Mechanism
+from beamdae.model_functions import HasOrigin, Model
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.files import require_file_path
+from beamdae.results.storage.packed_run import PackedRun, unpack_run
+from beamdae.results.storage.saved_run import SavedRun, read_saved_run, saved_run_from_arrays
 
 _MOST_ROWS = 1e7
 _SAME_TIME = 1e-12
@@ -100,7 +103,7 @@ def simulate(
     """
     information: dict[str, Any] = {}
     name = "simulate"
-    origin = model.origin if isinstance(model, (Model, Built)) else None
+    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
     if origin is not None:
         t_end = origin.t_end if t_end is None else t_end
         name = origin.name
@@ -136,7 +139,7 @@ def simulate(
             f"simulate: {method.method}.integrate must return a Solution, got {short_repr(solution)}."
         )
     information["t_end"] = float(times[-1])
-    solution = replace(solution, model=information, begun=tuple(told))
+    solution = replace(solution, model=information, resume_warnings=tuple(told))
     solution, sentences = _looked_through(name, solution)
     for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
@@ -249,5 +252,47 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     if isinstance(model, ConstrainedSystem):
         model = model.equations
     if isinstance(model, EquationsOfMotion):
-        return model if start is None else started(model, start)
+        return model if start is None else apply_initial_conditions(model, start)
     raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")
+
+
+def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
+    """A run from a file of `Solution.save`.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    model
+        The model function, mechanism, system or equations that ran. With it the run is a `Solution`
+        again, all steps of it; without it there are its tables, see `SavedRun`.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no such file, it is damaged or of another version, or the run is one of another
+        model.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> mech.observe("ball", ball.point)
+    >>> path = bd.simulate(mech, t_end=1.0).save("fall.beamdae")
+    >>> print(f"{bd.load(path)['ball.y'].min():.3f} m")
+    -2.905 m
+    >>> print(f"{bd.load(path, mech).at(0.5).state.q[1]:.3f} m")
+    0.774 m
+    """
+    file = require_file_path("load", path)
+    arrays, told = read_saved_run(file)
+    equations = None if model is None else as_equations("load", model, AS_DRAWN)
+    if equations is not None and hash_model(equations) != told.get("identity"):
+        raise BeamdaeError(f"{file}: it is a run of another model, of other parts or numbers.")
+    try:
+        if equations is None:
+            return saved_run_from_arrays(file, arrays, told)
+        return unpack_run(equations, PackedRun(arrays, told["plain"]))
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise BeamdaeError(f"{file}: the saved run is damaged.") from None

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
-from beamdae.results.headers import Header
+from beamdae.results.columns import Header
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -36,10 +36,10 @@ _TIGHTEST = 1e-10
 # less beside its own size.
 _AT_REST, _ROUNDING = 1e-9, 1e-12
 
-AMPLITUDE, ERROR = "half the range", "error over half the range"
+HALF_RANGE, RELATIVE_ERROR = "half the range", "error over half the range"
 
 # Columns of a table with a row for each observed column.
-Measured = dict[str, Any]
+ErrorColumns = dict[str, Any]
 
 
 def error_estimate(solution: Solution) -> pd.DataFrame:
@@ -78,10 +78,10 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     >>> bool(errors["error over half the range"].max() < 1e-3)
     True
     """
-    return _table(solution, estimated(solution))
+    return _table(solution, estimate_errors(solution))
 
 
-def estimated(solution: Solution, progress: Progress | None = None) -> Measured:
+def estimate_errors(solution: Solution, progress: Progress | None = None) -> ErrorColumns:
     """The columns of `error_estimate`, as arrays; `progress` is that of the other run."""
     integrator = _integrator_of("error_estimate", solution)
     name, value = integrator.accuracy
@@ -100,7 +100,7 @@ def _alike(steps: int, others: int) -> bool:
     return min(steps, others) > _ALIKE * max(steps, others)
 
 
-def exceeded(solution: Solution, errors: Mapping[str, Any]) -> str:
+def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
     """A sentence on the position or angle whose error exceeds 100 rtol, if there is one.
 
     `errors` are those of `error_estimate`, a row for each observed column in their order.
@@ -109,7 +109,7 @@ def exceeded(solution: Solution, errors: Mapping[str, Any]) -> str:
     name, value = _integrator_of("exceeded", solution).accuracy
     if not solution.status.success:
         return ""
-    told = zip(np.asarray(errors[ERROR]).tolist(), solution.columns, strict=True)
+    told = zip(np.asarray(errors[RELATIVE_ERROR]).tolist(), solution.columns, strict=True)
     promised = [(error, column) for error, column in told if _is_promised(column)]
     beyond = [both for both in promised if both[0] > _PROMISED * value]
     if name != "rtol" or not beyond:
@@ -155,12 +155,12 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     KeyboardInterrupt
         If the other run is interrupted.
     """
-    return _table(solution, verified(solution, by))
+    return _table(solution, compare_methods(solution, by))
 
 
-def verified(
+def compare_methods(
     solution: Solution, by: Integrator | None = None, progress: Progress | None = None
-) -> Measured:
+) -> ErrorColumns:
     """The columns of `verify`, as arrays; `progress` is that of the other run."""
     name, value = _integrator_of("verify", solution).accuracy
     allowed = _PROMISED * value if name == "rtol" else 1e-3
@@ -176,7 +176,9 @@ def verified(
     whole = solution.status.success
     promised = [whole and _is_promised(column) for column in solution.columns]
     most = np.where(promised, allowed, np.nan)
-    verdicts = [_verdict(error, bound) for error, bound in zip(found[ERROR], most, strict=True)]
+    verdicts = [
+        _verdict(error, bound) for error, bound in zip(found[RELATIVE_ERROR], most, strict=True)
+    ]
     return {**found, "allowed": most, "verdict": verdicts}
 
 
@@ -185,7 +187,7 @@ def _is_promised(column: str) -> bool:
     return Header.of(column).unit in ("m", "rad")
 
 
-def _table(solution: Solution, found: Measured) -> pd.DataFrame:
+def _table(solution: Solution, found: ErrorColumns) -> pd.DataFrame:
     # Here, for importing it takes as long as a short run, which does without.
     import pandas as pd
 
@@ -226,7 +228,7 @@ def _again(
     return other if other.status.success else None
 
 
-def _difference(solution: Solution, other: Solution | None, fraction: float) -> Measured:
+def _difference(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
     """Half the range of each column, and this fraction of the largest difference over it."""
     if other is not None and other.t[-1] < solution.t[-1]:
         # An event ended it a little earlier.
@@ -241,7 +243,7 @@ def _difference(solution: Solution, other: Solution | None, fraction: float) -> 
         at_rest = amplitude <= _rest(solution, amplitude, np.max(np.abs(rows), axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             error = np.where(at_rest, 0.0, fraction * most / amplitude)
-    return {AMPLITUDE: amplitude, ERROR: error}
+    return {HALF_RANGE: amplitude, RELATIVE_ERROR: error}
 
 
 def _rows(solution: Solution) -> Array:

@@ -13,15 +13,15 @@ Array = np.ndarray
 
 # What moves less than this share of what moves most is taken to move so much: a part, or a
 # coordinate of a constrained system, which may mean anything.
-_LEAST_SHARE = 1e-3
-_LEAST_SHARE_ALONE = 1e-5
+_MIN_PART_SHARE = 1e-3
+_MIN_COORDINATE_SHARE = 1e-5
 # The largest amplitude of an angle [rad]: a quarter of a turn to each side carries points as far
 # apart as any turning does.
-_QUARTER = 0.5 * np.pi
+_MAX_ANGLE_AMPLITUDE = 0.5 * np.pi
 # The mean square of an angle about its mean [rad^2] over one turn.
-_SPREAD = np.pi**2 / 3.0
+_MAX_ANGLE_VARIANCE = np.pi**2 / 3.0
 # What moves less than this share of its size does not move.
-_AT_REST = 1e-9
+_REST_AMPLITUDE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -54,57 +54,57 @@ class Amplitudes:
         of a constrained system 1e-5 of it; where nothing moves, sizes are the scales.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
-        sizes = _sizes(equations, angles)
+        sizes = _coordinate_sizes(equations, angles)
         q, v = (
             np.concatenate([getattr(i.state, x) for i in trajectory.intervals]) / sizes
             for x in ("q", "v")
         )
         swings = 0.5 * np.ptp(q, axis=0)
-        swings[angles] = np.minimum(swings[angles], _QUARTER)
+        swings[angles] = np.minimum(swings[angles], _MAX_ANGLE_AMPLITUDE)
         found = {part.name: float(np.max(swings[part.rows])) for part in equations.parts}
         most = max(found.values())
-        rests = most <= _AT_REST
+        rests = most <= _REST_AMPLITUDE
         if rests:
             found = dict.fromkeys(found, 1.0)
         by_part = {
-            part.name: _rounded(max(found[part.name], _least_share(part) * most))
+            part.name: _round_to_two_digits(max(found[part.name], _min_share(part) * most))
             for part in equations.parts
         }
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
-        weights = _durations(trajectory)
+        weights = _step_weights(trajectory)
         spread = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
-        spread[angles] = np.minimum(spread[angles], _SPREAD)
+        spread[angles] = np.minimum(spread[angles], _MAX_ANGLE_VARIANCE)
         speed = np.average(v**2, 0, weights)
         rates = [
             float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))
             for part in equations.parts
             if not rests
-            and found[part.name] > _LEAST_SHARE * most
+            and found[part.name] > _MIN_PART_SHARE * most
             and np.any(spread[part.rows] > 0.0)
         ]
-        return cls(by_part, scales, _rounded(max(rates, default=0.0)))
+        return cls(by_part, scales, _round_to_two_digits(max(rates, default=0.0)))
 
 
-def _least_share(part: PartCoordinates) -> float:
+def _min_share(part: PartCoordinates) -> float:
     alone = part.rows.stop - part.rows.start == 1
-    return _LEAST_SHARE_ALONE if alone else _LEAST_SHARE
+    return _MIN_COORDINATE_SHARE if alone else _MIN_PART_SHARE
 
 
-def _rounded(value: float) -> float:
+def _round_to_two_digits(value: float) -> float:
     """To two digits: what rounding does to a scout is not to be seen in the run after it."""
     return float(f"{value:.1e}")
 
 
-def _durations(trajectory: Trajectory) -> Array:
+def _step_weights(trajectory: Trajectory) -> Array:
     """How long each step stands for [s], or shares of nothing."""
     times = [interval.t for interval in trajectory.intervals]
     found = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
     return found if found.any() else np.ones(len(found))
 
 
-def _sizes(equations: EquationsOfMotion, angles: Array) -> Array:
+def _coordinate_sizes(equations: EquationsOfMotion, angles: Array) -> Array:
     """Size of the part of each length, 1 for an angle."""
     size = np.ones(equations.n)
     for part in equations.parts:

@@ -8,19 +8,19 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida.ida import Bdf, Ida
-from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
+from beamdae.integrators.ida.ida import Ida, IdaStepper
+from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
 from beamdae.integrators.method import Method
-from beamdae.integrators.pilot_run import SCOUTING_RTOL
+from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
-from beamdae.integrators.run_plan import Route
+from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Auto(ByTolerance):
+class Auto(AdaptiveIntegrator):
     """Ida or Radau, whichever takes less at this tolerance.
 
     Ida, but where lightly damped modes keep BDF at order 2 and rtol is below 3e-6, for errors then
@@ -53,11 +53,11 @@ class Auto(ByTolerance):
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
         return drive(self, equations, times, self._chosen, progress, self._scouting)
 
-    def _scouting(self, route: Route) -> Method:
-        return Bdf(Ida(SCOUTING_RTOL, max_step=self.max_step), route)
+    def _scouting(self, plan: RunPlan) -> Method:
+        return IdaStepper(Ida(PILOT_RTOL, max_step=self.max_step), plan)
 
-    def _chosen(self, route: Route) -> Method:
-        bdf = Bdf(Ida(self.rtol, max_step=self.max_step), route)
-        if not bdf.loses:
+    def _chosen(self, plan: RunPlan) -> Method:
+        bdf = IdaStepper(Ida(self.rtol, max_step=self.max_step), plan)
+        if not bdf.prefers_radau:
             return bdf
-        return Radau(self.rtol, max_step=self.max_step).method_on(route)
+        return Radau(self.rtol, max_step=self.max_step).method_on(plan)

@@ -1,7 +1,7 @@
-"""The drive all integrators share: from breakpoint to breakpoint, within limits, to a solution.
+"""The driver shared by all integrators: intervals, restarts, limits, events and the solution.
 
-A method is its step; the drive has the clock, the plan of breakpoints, the limits, Ctrl-C and the
-rows.
+A method only takes steps. `drive` plans the smooth intervals, makes a pilot run if the method needs
+amplitudes, restarts at breakpoints and events, enforces limits and collects the accepted steps.
 """
 
 from __future__ import annotations
@@ -10,273 +10,351 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.failure_diagnosis import blame
-from beamdae.equations.formulations import State
+from beamdae.equations.failure_diagnosis import diagnose_failure
+from beamdae.equations.formulations.first_order import State
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.events.event_detection import STEPS_AT_ONCE, Leg, Watch, output_times
-from beamdae.integrators.events.switching import Methods, first_configuration, switched
+from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
+from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
-from beamdae.integrators.limits import Limits, Pace
-from beamdae.integrators.method import Method, StepError
-from beamdae.integrators.pilot_run import WHOSE, scouted
-from beamdae.integrators.redundant_constraints import spared, with_all
-from beamdae.integrators.rows import NoRoomError, Rows
-from beamdae.integrators.run_plan import Route, branch_of, plan
-from beamdae.integrators.steps import taken
+from beamdae.integrators.limits import Limits, StallDetector
+from beamdae.integrators.method import STEP_TOO_SMALL, LoopMethod, Method, StepError, StepMethod
+from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
+from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
+from beamdae.integrators.run_plan import RunPlan, branch_time, plan_run
+from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.linear.factorizations import single_threaded
-from beamdae.results.event_records import Occurrence
+from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# Where to look for what stopped a run, over what was left of its interval.
-_AHEAD = 1e-6
+PARTS_SWITCHED = Status("ok", "an event switched parts")
+
+# After a failure the residual is evaluated this far ahead, relative to the rest of the interval.
+_PROBE_SHARE = 1e-6
+# Relative difference of times that are the same time rounded twice.
+_SAME_TIME = 1e-12
+
 _NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
-
-
-# Events switched parts where the rows end.
-ACTED = Status("ok", "an event switched parts")
-
-
-class _Run:
-    """A run under way.
-
-    Wherever it is interrupted, the rows of its legs, one an interval, are good.
-    """
-
-    def __init__(
-        self,
-        whole: EquationsOfMotion,
-        route: Route,
-        method_on: Callable[[Route], Method],
-        limits: Limits,
-        whose: str = "",
-    ) -> None:
-        """Prepare a run of the `whole` equations.
-
-        `whose` it is goes into the sentence if it is interrupted.
-        """
-        self._whole, self._route, self._limits, self._whose = whole, route, limits, whose
-        self.method = method_on(route)
-        self._configuration = first_configuration(whole)
-        self.methods = Methods(method_on, self.method, self._configuration)
-        start, end = route.intervals[0]
-        # Those of intervals not yet gone over: events may bring more.
-        self._ends = tuple(end for _, end in route.intervals)
-        self._legs: list[Leg] = []
-        self._begin_leg(start, branch_of(start, end), route.state)
-        self.steps = 0
-        self._watch = Watch(whole) if whole.events else None
-        self._at_once = STEPS_AT_ONCE if self._watch and self._watch.may_stop else None
-
-    def through(self) -> tuple[Trajectory, Status]:
-        """Go through the intervals until one does not end."""
-        try:
-            status = self._through()
-        except KeyboardInterrupt:
-            return self.interrupted()
-        return self._reached(status)
-
-    def interrupted(self) -> tuple[Trajectory, Status]:
-        """What was reached when the user would not wait."""
-        sentence = f"interrupted at t = {self._rows.end:.6g} s{self._whose}"
-        return self._reached(Status("interrupted", sentence))
-
-    @property
-    def occurred(self) -> tuple[Occurrence, ...]:
-        """The events that happened."""
-        return () if self._watch is None else tuple(self._watch.occurred)
-
-    @property
-    def sides(self) -> dict[str, int]:
-        """On which sides of their values the quantities of events were left."""
-        return {} if self._watch is None else self._watch.sides
-
-    @property
-    def _rows(self) -> Rows:
-        return self._legs[-1].rows
-
-    def _begin_leg(self, t: float, branch: float, state: State) -> None:
-        self._legs.append(Leg(Rows(t, state), branch, self._configuration))
-
-    def _reached(self, status: Status) -> tuple[Trajectory, Status]:
-        if not self._rows.cut_to_finite():
-            status = self._failed(_NOT_FINITE)
-        return Trajectory(tuple(leg.interval(self._whole.m) for leg in self._legs)), status
-
-    def _failed(self, reason: object) -> Status:
-        return Status("failed", f"stopped at t = {self._rows.end:.6g} s: {reason}")
-
-    def _through(self) -> Status:
-        begins = self._watch is not None and self._watch.begins(self._legs[0])
-        status = ACTED if begins else self._over(self._ends[0])
-        while True:
-            while status is ACTED:
-                status = self._acted()
-            if status is not REACHED_END or not self._rows.is_finite:
-                return status
-            start, *left = self._ends
-            if not left:
-                return REACHED_END
-            self._ends, branch = tuple(left), branch_of(start, left[0])
-            try:
-                state = self._restarted(start, branch, self._rows.last)
-            except BeamdaeError as problem:
-                return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
-            self._begin_leg(start, branch, state)
-            status = self._over(left[0])
-
-    def _restarted(self, start: float, branch: float, state: State) -> State:
-        """A state consistent with the laws that begin at `start`."""
-        time, starter = np.array([start, branch]), self._route.starter
-        starter.require_continuous(self._legs[-1].branch, time, state.q)
-        return starter.state(time, state.q, state.v)
-
-    def _over(self, end: float) -> Status:
-        """Step from where the leg begins to the end of the interval."""
-        method, limits, rows, branch = self.method, self._limits, self._rows, self._legs[-1].branch
-        between_looks = method.steps_between_looks
-        try:
-            method.begin(rows.end, end, branch, rows.last)
-            while rows.end < end:
-                first = rows.count
-                most = limits.steps_left(self.steps, between_looks)
-                self.steps += taken(method, rows, min(most, self._at_once or most), end)
-                if self._watch and (event := self._watch.after(self._legs[-1], first)):
-                    stopped = f"stopped by event {event.name} at t = {rows.end:.6g} s"
-                    return Status("ok", stopped) if event.do == "stop" else ACTED
-                t = rows.end
-                if t < end and (stop := limits.reason(t, self.steps, between_looks)):
-                    return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
-        except StepError as problem:
-            now, ahead = np.array([rows.end, branch]), rows.end + _AHEAD * (end - rows.end)
-            causes = blame(self._route.equations, now, rows.last, ahead, problem.residual)
-            return self._failed("; ".join(filter(None, (str(problem), causes))))
-        except BeamdaeError as problem:
-            # Nothing is lost that was computed; before the first step a mistake is no run.
-            if self.steps == 0:
-                raise
-            return self._failed(problem)
-        except MemoryError as problem:
-            told = problem if isinstance(problem, NoRoomError) else _NO_MEMORY
-            return Status("limited", f"{told}, stopped at t = {rows.end:.6g} s")
-        return REACHED_END
-
-    def _acted(self) -> Status:
-        """Switch the parts of the event that happened, and step over what is left."""
-        assert self._watch is not None
-        assert self._configuration is not None
-        event, t = self._watch.fired, self._rows.end
-        if stall := self.methods.stall(event, t, self._route.duration):
-            return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
-        try:
-            time, now = np.array([t, self._legs[-1].branch]), self._configuration
-            done = switched(self._whole, now, self._route, event, time, self._ends, self._rows.last)
-            self._configuration, self._route, self._ends = done.configuration, done.route, done.ends
-            self.method = self.methods.on(done.route, done.configuration)
-        except BeamdaeError as problem:
-            return self._failed(f"event {event.name}: {str(problem).removesuffix('.')}")
-        self._begin_leg(t, done.branch, done.state)
-        self._watch.switched(self._legs[-1], done.impulses, done.energy_lost)
-        return self._over(self._ends[0]) if t < self._ends[0] else REACHED_END
+_PAST_END = "past the end of its interval; a method must stop there"
+_UNORDERED_STAGES = (
+    "a method must give the stages inside a step in the order of time, in every step as many"
+)
 
 
 def drive(
     integrator: Integrator,
     equations: EquationsOfMotion,
     times: Array,
-    method_on: Callable[[Route], Method],
+    method_on: Callable[[RunPlan], Method],
     progress: Progress | None,
-    scout_on: Callable[[Route], Method] | None = None,
+    pilot_on: Callable[[RunPlan], Method] | None = None,
 ) -> Solution:
-    """Run a method over all intervals; see `Integrator.integrate`.
+    """Run a method over all smooth intervals and return the solution; see `Integrator.integrate`.
 
     Parameters
     ----------
     integrator
-        Its settings, a dataclass; `max_steps` and `time_limit` among them are heeded.
+        Settings, a dataclass; its fields `max_steps` and `time_limit`, if any, limit the run.
+    equations
+        Equations of motion. Redundant constraints are removed first if the model asks for it, and
+        their reactions are restored in the solution.
+    times
+        Ascending output times [s]; the first and the last one bound the run.
     method_on
-        Makes the method for a run: compiles, and resolves what is "auto".
-    scout_on
-        Makes the same with the tolerance SCOUTING_RTOL: it goes first, to see how far the parts
-        move, unless the equations say so. None: the method needs no `Route.amplitudes`.
+        Makes the method for a plan: compiles, and resolves settings that are "auto".
+    progress
+        Called with the time reached [s]; see `Integrator.integrate`.
+    pilot_on
+        Makes the same method with the tolerance PILOT_RTOL for the pilot run that measures the
+        amplitudes of the motion. It is skipped if the equations state their scales. None: the
+        method does not use `RunPlan.amplitudes`.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model has no consistent start.
     """
     solution = None
     try:
-        # States that are not finite end a run; the steps that come to them say nothing.
+        # States that are not finite end a run; numpy's warnings about them add nothing.
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            by = spared(equations, float(times[0]))
-            own = equations if by is None else by.equations
-            solution = _driven(integrator, own, times, method_on, progress, scout_on)
-            solution = solution if by is None else with_all(solution, by)
+            reduced = remove_redundant(equations, float(times[0]))
+            independent = equations if reduced is None else reduced.equations
+            solution = _drive(integrator, independent, times, method_on, progress, pilot_on)
+            if reduced is not None:
+                solution = restore_reactions(solution, reduced)
     except KeyboardInterrupt:
         if solution is None:
             raise
-        at = f"interrupted at t = {solution.trajectory.end:.6g} s, after the last step"
-        solution = replace(solution, status=Status("interrupted", at))
+        sentence = f"interrupted at t = {solution.trajectory.end:.6g} s, after the last step"
+        solution = replace(solution, status=Status("interrupted", sentence))
     return solution
 
 
-def _driven(
+def _drive(
     integrator: Integrator,
     equations: EquationsOfMotion,
     times: Array,
-    method_on: Callable[[Route], Method],
+    method_on: Callable[[RunPlan], Method],
     progress: Progress | None,
-    scout_on: Callable[[Route], Method] | None,
+    pilot_on: Callable[[RunPlan], Method] | None,
 ) -> Solution:
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
-    setup = clock.perf_counter()
-    first = first_configuration(equations)
-    route = plan(equations if first is None else first.equations, times)
-    setup_time = clock.perf_counter() - setup
+    planning_began = clock.perf_counter()
+    first = initial_configuration(equations)
+    plan = plan_run(equations if first is None else first.equations, times)
+    planning_time = clock.perf_counter() - planning_began
 
-    begin = clock.perf_counter()
-    limits = Limits(progress, settings.get("time_limit"), settings.get("max_steps"), begin)
+    run_began = clock.perf_counter()
+    limits = Limits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
-        limits.pace = Pace(route.intervals[-1][1])
+        limits.stall_detector = StallDetector(plan.intervals[-1][1])
     run: _Run | None = None
-    status, setup = REACHED_END, 0.0
+    status, compile_time = REACHED_END, 0.0
 
-    def made(route: Route, limits: Limits, on: Callable[[Route], Method], whose: str = "") -> _Run:
-        nonlocal setup
-        since = clock.perf_counter()
-        found = _Run(equations, route, on, limits, whose)
-        setup += clock.perf_counter() - since
-        return found
+    def prepare_run(
+        plan: RunPlan, limits: Limits, method_on: Callable[[RunPlan], Method], label: str = ""
+    ) -> _Run:
+        nonlocal compile_time
+        began = clock.perf_counter()
+        run = _Run(equations, plan, method_on, limits, label)
+        compile_time += clock.perf_counter() - began
+        return run
 
     try:
-        if scout_on is not None and equations.scales is None:
-            scouting = partial(made, on=scout_on, whose=WHOSE)
-            route, run, trajectory, status = scouted(route, scouting, limits)
+        if pilot_on is not None and equations.scales is None:
+            prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
+            plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
         if status.kind != "interrupted":
-            run = made(route, limits, method_on)
-            trajectory, status = run.through()
+            run = prepare_run(plan, limits, method_on)
+            trajectory, status = run.execute()
     except KeyboardInterrupt:
         if run is None:
             raise
-        trajectory, status = run.interrupted()
+        trajectory, status = run.report_interrupt()
     assert run is not None
-    wall_time = clock.perf_counter() - begin - setup
-    seen = {} if route.amplitudes is None else {"amplitudes": route.amplitudes.by_part}
+    wall_time = clock.perf_counter() - run_began - compile_time
+    amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
     return Solution(
         equations,
         trajectory,
-        output_times(times, trajectory.end, status),
+        _output_times(times, trajectory.end, status),
         status,
         replace(
-            run.methods.counts, steps=run.steps, setup_time=setup_time + setup, wall_time=wall_time
+            run.methods.counts,
+            steps=run.steps,
+            setup_time=planning_time + compile_time,
+            wall_time=wall_time,
         ),
-        {"integrator": integrator.method, **settings, **run.methods.first.resolved, **seen},
+        {
+            "integrator": integrator.method,
+            **settings,
+            **run.methods.first.resolved_options,
+            **amplitudes,
+        },
         made_by=integrator,
-        occurred=run.occurred,
-        sides=run.sides,
+        event_records=run.event_records,
+        event_signs=run.event_signs,
     )
+
+
+class _Run:
+    """A run in progress; if it is interrupted, the steps of its segments so far are valid."""
+
+    def __init__(
+        self,
+        equations: EquationsOfMotion,
+        plan: RunPlan,
+        method_on: Callable[[RunPlan], Method],
+        limits: Limits,
+        label: str = "",
+    ) -> None:
+        """Prepare a run.
+
+        `equations` have all parts, active or not; `label` ends the sentence of an interrupted run.
+        """
+        self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
+        self.method = method_on(plan)
+        self._configuration = initial_configuration(equations)
+        self.methods = MethodCache(method_on, self.method, self._configuration)
+        self._detector = EventDetector(equations) if equations.events else None
+        stops = self._detector is not None and self._detector.may_stop
+        self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
+        self.steps = 0
+        # Ends of the intervals not finished yet; events may add some.
+        self._interval_ends = tuple(end for _, end in plan.intervals)
+        self._segments: list[RunSegment] = []
+        start, end = plan.intervals[0]
+        self._begin_segment(start, branch_time(start, end), plan.state)
+
+    @property
+    def event_records(self) -> tuple[EventRecord, ...]:
+        """The events that happened."""
+        return () if self._detector is None else tuple(self._detector.records)
+
+    @property
+    def event_signs(self) -> dict[str, int]:
+        """Sign of the quantity of each event relative to its value at the end."""
+        return {} if self._detector is None else self._detector.signs
+
+    @property
+    def _history(self) -> StepHistory:
+        return self._segments[-1].history
+
+    def _begin_segment(self, t: float, branch: float, state: State) -> None:
+        self._segments.append(RunSegment(StepHistory(t, state), branch, self._configuration))
+
+    def execute(self) -> tuple[Trajectory, Status]:
+        """Integrate one interval after the other until the end or until one of them stops."""
+        try:
+            status = self._integrate_intervals()
+        except KeyboardInterrupt:
+            return self.report_interrupt()
+        return self._collect(status)
+
+    def report_interrupt(self) -> tuple[Trajectory, Status]:
+        """Return the steps taken before Ctrl-C, and the status."""
+        sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
+        return self._collect(Status("interrupted", sentence))
+
+    def _collect(self, status: Status) -> tuple[Trajectory, Status]:
+        if not self._history.drop_nonfinite():
+            status = self._failure(_NOT_FINITE)
+        m = self._equations.m
+        return Trajectory(tuple(segment.interval(m) for segment in self._segments)), status
+
+    def _failure(self, reason: object) -> Status:
+        return Status("failed", f"stopped at t = {self._history.end:.6g} s: {reason}")
+
+    def _integrate_intervals(self) -> Status:
+        is_due = self._detector is not None and self._detector.has_due_event(self._segments[0])
+        status = PARTS_SWITCHED if is_due else self._integrate_to(self._interval_ends[0])
+        while True:
+            while status is PARTS_SWITCHED:
+                status = self._switch_parts()
+            if status is not REACHED_END or not self._history.is_finite:
+                return status
+            start, *ends = self._interval_ends
+            if not ends:
+                return REACHED_END
+            self._interval_ends, branch = tuple(ends), branch_time(start, ends[0])
+            try:
+                state = self._restart_state(start, branch, self._history.last_state)
+            except BeamdaeError as problem:
+                return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
+            self._begin_segment(start, branch, state)
+            status = self._integrate_to(ends[0])
+
+    def _restart_state(self, start: float, branch: float, state: State) -> State:
+        """Return a state consistent with the laws from the breakpoint `start` [s] on."""
+        time, starter = np.array([start, branch]), self._plan.starter
+        starter.require_continuous(self._segments[-1].branch, time, state.q)
+        return starter.state(time, state.q, state.v)
+
+    def _integrate_to(self, end: float) -> Status:
+        """Take steps from the start of the current segment to the end of its interval [s]."""
+        segment, method, limits = self._segments[-1], self.method, self._limits
+        history, branch = segment.history, segment.branch
+        steps_per_check = method.steps_per_check
+        try:
+            method.begin(history.end, end, branch, history.last_state)
+            while history.end < end:
+                first = history.count
+                most = limits.steps_until_check(self.steps, steps_per_check)
+                self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
+                if self._detector and (event := self._detector.find_terminal_event(segment, first)):
+                    sentence = f"stopped by event {event.name} at t = {history.end:.6g} s"
+                    return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
+                t = history.end
+                if t < end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
+                    return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
+        except StepError as problem:
+            time = np.array([history.end, branch])
+            ahead = history.end + _PROBE_SHARE * (end - history.end)
+            equations, state = self._plan.equations, history.last_state
+            causes = diagnose_failure(equations, time, state, ahead, problem.residual)
+            return self._failure("; ".join(filter(None, (str(problem), causes))))
+        except BeamdaeError as problem:
+            # Before the first step it is an error of the model; later the steps taken are returned.
+            if self.steps == 0:
+                raise
+            return self._failure(problem)
+        except MemoryError as problem:
+            reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
+            return Status("limited", f"{reason}, stopped at t = {history.end:.6g} s")
+        return REACHED_END
+
+    def _switch_parts(self) -> Status:
+        """Carry out the event that happened, and integrate the rest of the interval."""
+        assert self._detector is not None
+        assert self._configuration is not None
+        event, t = self._detector.last_event, self._history.end
+        if stall := self.methods.stall_reason(event, t, self._plan.duration):
+            return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
+        try:
+            result = apply_event(
+                self._equations,
+                self._configuration,
+                self._plan,
+                event,
+                np.array([t, self._segments[-1].branch]),
+                self._interval_ends,
+                self._history.last_state,
+            )
+            self._configuration, self._plan = result.configuration, result.plan
+            self._interval_ends = result.ends
+            self.method = self.methods.get(result.plan, result.configuration)
+        except BeamdaeError as problem:
+            return self._failure(f"event {event.name}: {str(problem).removesuffix('.')}")
+        self._begin_segment(t, result.branch, result.state)
+        self._detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
+        if t < self._interval_ends[0]:
+            return self._integrate_to(self._interval_ends[0])
+        return REACHED_END
+
+
+def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> int:
+    """Append up to `most` steps that stop at `end` [s] at the latest; return how many.
+
+    Raises
+    ------
+    StepError
+        If the method takes none, or one that does not advance time or passes the end.
+    """
+    if not hasattr(method, "advance"):
+        t, state, *stages = cast(StepMethod, method).step()
+        _require_progress(history, t, end)
+        if not history.append(t, state, *stages):
+            raise StepError(_UNORDERED_STAGES)
+        return 1
+    loop = cast(LoopMethod, method)
+    rows = loop.advance(most)
+    _require_progress(history, rows[-1, 0], end)
+    if not history.extend(rows, loop.rows_per_step):
+        raise StepError(STEP_TOO_SMALL)
+    return len(rows) // loop.rows_per_step
+
+
+def _require_progress(history: StepHistory, t: float, end: float) -> None:
+    if t <= history.end:
+        raise StepError(STEP_TOO_SMALL)
+    if not t <= end:
+        raise StepError(f"a step went to t = {t:g} s, {_PAST_END}")
+
+
+def _output_times(times: Array, end: float, status: Status) -> Array:
+    """Return the output times up to `end` [s], with `end` itself where an event stopped the run."""
+    reached = times[times <= end * (1.0 + _SAME_TIME)]
+    if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
+        reached = np.append(reached, end)
+    return reached

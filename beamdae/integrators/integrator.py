@@ -16,7 +16,7 @@ from beamdae.results.solution import Solution
 Array = np.ndarray
 
 # Bounds of rtol: below them rounding decides, above them nothing is resolved.
-_TIGHTEST, _LOOSEST = 1e-14, 0.1
+_MIN_RTOL, _MAX_RTOL = 1e-14, 0.1
 
 # Told the time reached; a text it answers is the reason to stop there.
 Progress = Callable[[float], str | None]
@@ -71,7 +71,7 @@ class Integrator(ABC):
         """
 
 
-class ByTolerance(Integrator):
+class AdaptiveIntegrator(Integrator):
     """An integrator that is refined by its field `rtol`."""
 
     rtol: float
@@ -91,9 +91,9 @@ def require_tolerance(settings: Any) -> None:
     """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
     name = type(settings).__name__
     rtol = require_positive(name, "rtol", settings.rtol)
-    if not _TIGHTEST <= rtol <= _LOOSEST:
+    if not _MIN_RTOL <= rtol <= _MAX_RTOL:
         raise BeamdaeError(
-            f"{name}: rtol must lie between {_TIGHTEST:g} and {_LOOSEST:g}, got {rtol:g}."
+            f"{name}: rtol must lie between {_MIN_RTOL:g} and {_MAX_RTOL:g}, got {rtol:g}."
         )
     set_fields(settings, rtol=rtol)
     if getattr(settings, "max_step", None) is not None:

@@ -7,14 +7,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from beamdae.equations.formulations import State
+from beamdae.equations.equations_of_motion import State
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-STUCK = "the step became too small to advance time; check laws, or loosen rtol"
+STEP_TOO_SMALL = "the step became too small to advance time; check laws, or loosen rtol"
 # What a step gives: its end, and the stages inside it where a method has them.
-Taken = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
+StepResult = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
 
 class Method(Protocol):
@@ -24,7 +24,7 @@ class Method(Protocol):
     """
 
     @property
-    def resolved(self) -> dict[str, Any]:
+    def resolved_options(self) -> dict[str, Any]:
         """What "auto" and tolerances came to, by name."""
 
     @property
@@ -32,7 +32,7 @@ class Method(Protocol):
         """Calls and rejected steps so far."""
 
     @property
-    def steps_between_looks(self) -> int:
+    def steps_per_check(self) -> int:
         """After how many steps progress is told."""
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -42,7 +42,7 @@ class Method(Protocol):
 class StepMethod(Method, Protocol):
     """A method that is asked for one step after the other."""
 
-    def step(self) -> Taken:
+    def step(self) -> StepResult:
         """Time and state after one more step, at most at the end of the interval.
 
         A method with stages may add (time, state) of those inside the step, in the order of time
@@ -89,9 +89,9 @@ class StepError(ArithmeticError):
 
 
 # The last step of an interval ends on its end if it comes this near.
-_NEARLY = 1.0 - 1e-9
+_LAST_STEP_MARGIN = 1.0 - 1e-9
 
 
-def fitted(step: float, left: float) -> float:
+def clip_step(step: float, left: float) -> float:
     """The step to try where so much is left of an interval [s]: its last two are equal."""
-    return left if step >= _NEARLY * left else min(step, 0.5 * left)
+    return left if step >= _LAST_STEP_MARGIN * left else min(step, 0.5 * left)

@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import require_count
-from beamdae.results.column_selection import every_column, selected
+from beamdae.results.columns import Header, merge_columns, select_columns
+from beamdae.results.diagnostics.strain_validity import BeamRange, measure_beam_ranges
 from beamdae.results.displays import Plot, load_views
-from beamdae.results.headers import Header
 from beamdae.results.outcome import Status
-from beamdae.results.section_forces.recovered import of_state
+from beamdae.results.section_forces.recovery import recover_section_forces_at_state
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import write_result
-from beamdae.results.strain_validity import BeamRange, ranges_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -169,8 +167,8 @@ class Equilibrium:
         import pandas as pd
 
         observed = self.all_columns()
-        every = every_column(observed, self.coordinates())
-        headers = selected(every, name, "Equilibrium", observed)
+        every = merge_columns(observed, self.coordinates())
+        headers = select_columns(every, name, "Equilibrium", observed)
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
         found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
         return found[headers[0]] if len(headers) == 1 else found
@@ -207,10 +205,10 @@ class Equilibrium:
         still = np.zeros_like(self.q[-1:])
         state = State(self.q[-1:], still, still, self.lam[-1:])
         known = self.equations.configurations
-        factors = dict.fromkeys(known.first if known is not None else (), 0.0)
+        factors = dict.fromkeys(known.initially_inactive if known is not None else (), 0.0)
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
             factors |= dict.fromkeys(names, factor)
-        return of_state(self.equations, beam, self.t, state, factors, s)
+        return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Draw "N", "Q" or "M" of a beam at its end, as `Solution.diagram`."""
@@ -219,7 +217,7 @@ class Equilibrium:
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
         """How far each beam went from its floating frame, and what that makes of its strains."""
-        return ranges_of(self.equations, self.q)
+        return measure_beam_ranges(self.equations, self.q)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -262,5 +260,5 @@ class Equilibrium:
         """Its end as the state a run begins with, at rest."""
         still = dict.fromkeys(self.equations.q_names, 0.0)
         known = self.equations.configurations
-        inactive = () if known is None else tuple(sorted(known.first))
+        inactive = () if known is None else tuple(sorted(known.initially_inactive))
         return Checkpoint(self.t, self.positions, still, inactive=inactive)

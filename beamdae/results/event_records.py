@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 
 Array = np.ndarray
 
@@ -19,7 +18,7 @@ UP, DOWN = "up", "down"
 
 
 @dataclass(frozen=True)
-class Occurrence:
+class EventRecord:
     """An event that happened.
 
     Attributes
@@ -56,16 +55,16 @@ class Occurrence:
         return told | (switched if self.impulses else {}) | due
 
 
-def counted(names: Iterable[str]) -> str:
+def format_event_counts(names: Iterable[str]) -> str:
     """Which events happened, and how often, from the name of each that did."""
     told = Counter(names)
     return ", ".join(x if n == 1 else f"{x} {n} times" for x, n in told.items()) or "none"
 
 
-def happened(occurred: Sequence[Occurrence]) -> str:
+def format_event_times(event_records: Sequence[EventRecord]) -> str:
     """Which events happened, how often, and when for the first time."""
     times: dict[str, list[float]] = {}
-    for one in occurred:
+    for one in event_records:
         times.setdefault(one.name, []).append(one.t)
     return (
         ", ".join(
@@ -78,21 +77,25 @@ def happened(occurred: Sequence[Occurrence]) -> str:
     )
 
 
-def table_of(equations: EquationsOfMotion, occurred: Sequence[Occurrence]) -> dict[str, Any]:
+def tabulate_events(
+    equations: EquationsOfMotion, event_records: Sequence[EventRecord]
+) -> dict[str, Any]:
     """Columns: which events happened when, and what was observed then."""
     columns: dict[str, Any] = {
-        "event": [one.name for one in occurred],
-        "direction": [one.direction for one in occurred],
-        measures.TIME: np.array([one.t for one in occurred]),
+        "event": [one.name for one in event_records],
+        "direction": [one.direction for one in event_records],
+        measures.TIME: np.array([one.t for one in event_records]),
     }
-    if any(one.impulses for one in occurred):
-        columns["energy lost [J]"] = np.array([one.energy_lost for one in occurred])
-        for name in dict.fromkeys(name for one in occurred for name in one.impulses):
-            columns[f"impulse.{name}"] = np.array([one.impulses.get(name, 0.0) for one in occurred])
+    if any(one.impulses for one in event_records):
+        columns["energy lost [J]"] = np.array([one.energy_lost for one in event_records])
+        for name in dict.fromkeys(name for one in event_records for name in one.impulses):
+            columns[f"impulse.{name}"] = np.array(
+                [one.impulses.get(name, 0.0) for one in event_records]
+            )
     headers = [header for o in equations.observables for header in o.headers]
-    times = np.array([(one.t, one.branch) for one in occurred]).reshape(-1, 2)
+    times = np.array([(one.t, one.branch) for one in event_records]).reshape(-1, 2)
     sizes = (equations.n, equations.n, equations.n, equations.m)
-    states = zip(*(one.state for one in occurred), strict=True) if occurred else [()] * 4
-    rows = (np.reshape(x, (len(occurred), n)) for x, n in zip(states, sizes, strict=True))
+    states = zip(*(one.state for one in event_records), strict=True) if event_records else [()] * 4
+    rows = (np.reshape(x, (len(event_records), n)) for x, n in zip(states, sizes, strict=True))
     values = measures.ObservedRows(equations)(times, *rows)
     return columns | dict(zip(headers, values.T, strict=True))

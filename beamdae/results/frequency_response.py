@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.errors import require_choice
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import half_range, largest, mean
+from beamdae.results.periodic_motion import half_range, largest_modulus, mean
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class ResponsePoint:
     @property
     def stable(self) -> bool:
         """Whether no disturbance grows."""
-        return largest(self.multipliers) <= 1.0 + _UNSTABLE
+        return largest_modulus(self.multipliers) <= 1.0 + _UNSTABLE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +96,7 @@ class FrequencyResponse:
         fold = k > 0 and point.forward != self.points[k - 1].forward
         return row | {
             "stable": point.stable,
-            "largest multiplier": largest(point.multipliers),
+            "largest multiplier": largest_modulus(point.multipliers),
             "fold": fold,
         }
 

@@ -38,7 +38,7 @@ def joined(first: Solution, later: Any) -> Solution:
         field.name: getattr(first.statistics, field.name) + getattr(later.statistics, field.name)
         for field in fields(first.statistics)
     }
-    due = any(not one.done for one in first.occurred)
+    due = any(not one.done for one in first.event_records)
     return replace(
         later,
         status=first.status.followed_by(later.status, due),
@@ -47,5 +47,5 @@ def joined(first: Solution, later: Any) -> Solution:
         t=np.concatenate([first.t, later.t[1:]]),
         statistics=replace(later.statistics, **costs),
         # What the first one left to do is among the later ones.
-        occurred=(*(one for one in first.occurred if one.done), *later.occurred),
+        event_records=(*(one for one in first.event_records if one.done), *later.event_records),
     )

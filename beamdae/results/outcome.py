@@ -38,7 +38,7 @@ class Status:
 
 
 # In the sentence on a run that was ended before it had begun, of what went ahead.
-OF_SCOUT = " of the scout, which goes before the run"
+PILOT_RUN_SUFFIX = " of the scout, which goes before the run"
 REACHED_END = Status("ok", "reached the end")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae.results.headers import Header
+from beamdae.results.columns import Header
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 
@@ -58,7 +58,7 @@ class PeriodicMotion:
     @property
     def stable(self) -> bool:
         """Whether it repeats and no disturbance grows."""
-        most = largest(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
+        most = largest_modulus(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
         return self.status.success and most
 
     @property
@@ -81,7 +81,7 @@ class PeriodicMotion:
         rows = {}
         for header, values in self.solution.columns.items():
             unit = Header.of(header).unit
-            rows[header] = (mean(values), half_range(values), *extremes(values), unit)
+            rows[header] = (mean(values), half_range(values), *extrema(values), unit)
         names = ["mean", "half range", "least", "largest", "unit"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)
 
@@ -91,14 +91,14 @@ def mean(values: Array) -> float:
     return float(np.mean(0.5 * (values[:-1] + values[1:]) if len(values) > 1 else values))
 
 
-def extremes(values: Array) -> tuple[float, float]:
+def extrema(values: Array) -> tuple[float, float]:
     """Least and largest of what was sampled evenly, by parabolas through three samples."""
     return -_top(-values), _top(values)
 
 
 def half_range(values: Array) -> float:
     """Half of largest less least."""
-    least, most = extremes(values)
+    least, most = extrema(values)
     return 0.5 * (most - least)
 
 
@@ -113,12 +113,12 @@ def _top(values: Array) -> float:
     return here - 0.5 * slope**2 / bend if inside else max(before, here, after)
 
 
-def largest(multipliers: Array) -> float:
+def largest_modulus(multipliers: Array) -> float:
     """Largest modulus."""
     return float(np.max(np.abs(multipliers), initial=0.0))
 
 
-def sorted_multipliers(carried: Array) -> Array:
+def floquet_multipliers(carried: Array) -> Array:
     """Eigenvalues of a monodromy matrix, the largest first."""
     found = np.linalg.eigvals(carried)
     return found[np.argsort(-np.abs(found), kind="stable")]

@@ -13,17 +13,20 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
-from beamdae.results.energy_balance import EnergyLedger, Quality
-from beamdae.results.event_records import Occurrence
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.quality_warnings import quality_warnings
+from beamdae.results.diagnostics.singular_positions import (
+    SingularPosition,
+    find_singular_positions,
+    singularity_warnings,
+)
+from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.diagnostics.strain_validity import BeamRange, measure_beam_ranges_of_run
+from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.quality_warnings import doubts
-from beamdae.results.singular_positions import SingularPosition, branch_warnings, singular_positions
-from beamdae.results.start_changes import StartFacts, start_facts
+from beamdae.results.provenance import describe_provenance
 from beamdae.results.storage.checkpoint import state_hash
-from beamdae.results.storage.provenance import provenance
-from beamdae.results.strain_validity import BeamRange, beam_ranges
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -44,9 +47,9 @@ class Run:
     integrator: dict[str, Any]
     model: dict[str, Any] = field(default_factory=dict)
     made_by: Any = field(default=None, repr=False)
-    occurred: tuple[Occurrence, ...] = field(default=(), repr=False)
-    sides: dict[str, int] = field(default_factory=dict, repr=False)
-    begun: tuple[str, ...] = field(default=(), repr=False)
+    event_records: tuple[EventRecord, ...] = field(default=(), repr=False)
+    event_signs: dict[str, int] = field(default_factory=dict, repr=False)
+    resume_warnings: tuple[str, ...] = field(default=(), repr=False)
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
@@ -109,31 +112,31 @@ class Run:
         return self._books.quality
 
     @cached_property
-    def start(self) -> StartFacts:
+    def start(self) -> StartSummary:
         """What was asked for as the start, and what the joints changed of it, by part."""
         first = self.trajectory.intervals[0].rows
-        return start_facts(self.equations, State(*(rows[0] for rows in first)))
+        return compare_start(self.equations, State(*(rows[0] for rows in first)))
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
         """How far each beam went from its floating frame, and what that makes of its strains."""
-        return beam_ranges(self.equations, self.trajectory)
+        return measure_beam_ranges_of_run(self.equations, self.trajectory)
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
         """Positions the run passed in which the joints lose rank and motions branch."""
-        return singular_positions(self.equations, self.trajectory)
+        return find_singular_positions(self.equations, self.trajectory)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
         beams = (beam.warning for beam in self.validity)
-        doubtful = doubts(self.equations, self._books, *self._looked_at())
+        doubtful = quality_warnings(self.equations, self._books, *self._looked_at())
         moved = self.start.warning
         return (
-            *self.begun,
+            *self.resume_warnings,
             *filter(None, (moved, *beams)),
-            *branch_warnings(self.singular_positions),
+            *singularity_warnings(self.singular_positions),
             *doubtful,
         )
 
@@ -156,7 +159,10 @@ class Run:
             found = State(*(x[here] for x in state))
             equations = self.equations
             if active is not None:
-                equations, found = active.equations, found._replace(lam=active.own(found.lam))
+                equations, found = (
+                    active.equations,
+                    found._replace(lam=active.select_multipliers(found.lam)),
+                )
             rows[here] = measures.balance_rows(equations)(times[here], *found)[:, -2:]
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
@@ -185,9 +191,9 @@ class Run:
             },
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(passed) for passed in self.singular_positions],
-            "events": [one.plain for one in self.occurred],
+            "events": [one.plain for one in self.event_records],
             "warnings": list(self.warnings),
             "end": self._end,
-            "equations": provenance(self.equations),
+            "equations": describe_provenance(self.equations),
             **further,
         }

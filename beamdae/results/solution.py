@@ -15,19 +15,19 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observation import add_observable
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.initial_state import AS_DRAWN
+from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import Animation, Plot, load_views
-from beamdae.results.event_records import table_of
-from beamdae.results.instant import Instant
+from beamdae.results.event_records import tabulate_events
 from beamdae.results.joined_runs import joined
 from beamdae.results.run import Run
-from beamdae.results.section_forces.recovered import section_forces
+from beamdae.results.section_forces.recovery import recover_section_forces
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import write_result
-from beamdae.results.storage.packed_run import Packed, packed, unpacked
-from beamdae.results.storage.saved_run import save
-from beamdae.results.time_series import Tabulated
+from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_run
+from beamdae.results.storage.saved_run import save_run
+from beamdae.results.time_series import TimeSeries
+from beamdae.results.trajectory import Instant
 from beamdae.symbolic.statements import Named, Quantity
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
@@ -39,7 +39,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class Solution(Run, Tabulated):
+class Solution(Run, TimeSeries):
     """Result of one run.
 
     Attributes
@@ -78,7 +78,7 @@ class Solution(Run, Tabulated):
         import cloudpickle
 
         # Laws are often functions within that which makes the model.
-        return _rebuilt, (cloudpickle.dumps((mechanism, self.made_by)), packed(self))
+        return _rebuilt, (cloudpickle.dumps((mechanism, self.made_by)), pack_run(self))
 
     def __repr__(self) -> str:
         method = self.label
@@ -126,7 +126,7 @@ class Solution(Run, Tabulated):
         """The events that happened: name, direction, time, and the observed columns there."""
         import pandas as pd
 
-        return pd.DataFrame(table_of(self.equations, self.occurred))
+        return pd.DataFrame(tabulate_events(self.equations, self.event_records))
 
     def at(self, t: float) -> Instant:
         """Where the run was at a time [s] within it, also between output times; see `modes`."""
@@ -163,11 +163,11 @@ class Solution(Run, Tabulated):
 
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
         """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
-        return section_forces(self, beam, t, s)
+        return recover_section_forces(self, beam, t, s)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
         """Draw "N", "Q" or "M" of a beam at a time, or least and largest over several."""
-        return section_forces(self, beam, t).diagram(what)
+        return recover_section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings, versions and statistics as JSON beside it.
@@ -198,7 +198,7 @@ class Solution(Run, Tabulated):
         BeamdaeError
             If it cannot be written.
         """
-        return save(self, path)
+        return save_run(self, path)
 
     def at_times(self, times: Array) -> Solution:
         """The same run with other output times [s], ascending and within it.
@@ -227,7 +227,7 @@ class Solution(Run, Tabulated):
         return joined(self, later)
 
 
-def _rebuilt(made_of: bytes, kept: Packed) -> Solution:
+def _rebuilt(made_of: bytes, kept: PackedRun) -> Solution:
     """In another process: expressions of CasADi do not travel, what they are made of does."""
     mechanism, made_by = pickle.loads(made_of)
-    return unpacked(equations_of_motion(mechanism, AS_DRAWN), kept, made_by)
+    return unpack_run(equations_of_motion(mechanism, AS_DRAWN), kept, made_by)

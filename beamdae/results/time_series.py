@@ -10,10 +10,9 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, short_repr
-from beamdae.results.column_selection import every_column, selected
+from beamdae.results.columns import merge_columns, observed_columns, select_columns
 from beamdae.results.displays import Plot, load_views
-from beamdae.results.headers import observed_columns
-from beamdae.results.storage.files import file_path, replacing
+from beamdae.results.storage.files import atomic_write, require_file_path
 
 # Tables are made for those who ask for them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class Tabulated:
+class TimeSeries:
     """Columns over time; a subclass has `t`, `all_columns` and `coordinates`."""
 
     @property
@@ -44,7 +43,7 @@ class Tabulated:
         """Time, all coordinates, velocities and multipliers, named by part, with units."""
         raise NotImplementedError
 
-    def at_times(self, times: Array) -> Tabulated:
+    def at_times(self, times: Array) -> TimeSeries:
         """The same at other times [s], ascending and within the run."""
         raise NotImplementedError
 
@@ -94,7 +93,7 @@ class Tabulated:
 
         return pd.DataFrame(self.all_columns())
 
-    def difference(self, other: Tabulated, *names: str) -> pd.DataFrame:
+    def difference(self, other: TimeSeries, *names: str) -> pd.DataFrame:
         """Columns of this run minus those of another, over the times of this one.
 
         Parameters
@@ -125,7 +124,7 @@ class Tabulated:
         >>> bool((a.difference(b, "ball.y").abs() < 1e-6).all(axis=None))
         True
         """
-        if not isinstance(other, Tabulated):
+        if not isinstance(other, TimeSeries):
             raise BeamdaeError(f"difference: other must be a solution, got {short_repr(other)}.")
         begin, end = (f([self.times[k], other.times[k]]) for f, k in ((max, 0), (min, -1)))
         common = self.times[(self.times >= begin) & (self.times <= end)]
@@ -156,9 +155,9 @@ class Tabulated:
         BeamdaeError
             If pyarrow is missing, or the file cannot be written.
         """
-        file = file_path("to_parquet", path)
+        file = require_file_path("to_parquet", path)
         table = self.table()
-        with replacing(file) as scratch:
+        with atomic_write(file) as scratch:
             try:
                 table.to_parquet(scratch, index=False)
             except ImportError:
@@ -168,10 +167,10 @@ class Tabulated:
         return file
 
     def _every(self) -> dict[str, Any]:
-        return every_column(self.all_columns(), self.coordinates())
+        return merge_columns(self.all_columns(), self.coordinates())
 
     def _selected(self, name: str) -> list[str]:
-        return selected(self._every(), name, observed=self.all_columns())
+        return select_columns(self._every(), name, observed=self.all_columns())
 
     def _over_time(self, headers: list[str]) -> pd.DataFrame:
         import pandas as pd

@@ -20,7 +20,9 @@ def event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     for term in solution.equations.events:
-        times = [one.t for one in solution.event_records if one.name == term.name and one.t <= until]
+        times = [
+            one.t for one in solution.event_records if one.name == term.name and one.t <= until
+        ]
         found[_count(term.name)] = len(times)
         if times:
             found[_first(term.name)] = times[0]

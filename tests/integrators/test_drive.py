@@ -17,13 +17,13 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.formulations import State
+from beamdae.equations.equations_of_motion import State
 from beamdae.integrators import drive as drives
-from beamdae.integrators import rows as rows_of_a_run
+from beamdae.integrators import step_history as rows_of_a_run
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
-from beamdae.integrators.method import fitted
-from beamdae.integrators.run_plan import plan
+from beamdae.integrators.method import clip_step
+from beamdae.integrators.run_plan import plan_run
 from beamdae.linear import factorizations
 from beamdae.results.outcome import Statistics
 
@@ -31,8 +31,8 @@ from beamdae.results.outcome import Statistics
 class Rolling:
     """A particle that rolls on at its speed; `slip` changes what a step gives."""
 
-    steps_between_looks = 64
-    resolved = {}  # noqa: RUF012 as the protocol has it
+    steps_per_check = 64
+    resolved_options = {}  # noqa: RUF012 as the protocol has it
     counts = Statistics()
 
     def __init__(self, settings):
@@ -43,7 +43,7 @@ class Rolling:
 
     def step(self):
         self.taken += 1
-        h = fitted(self.settings.step, self.end - self.t)
+        h = clip_step(self.settings.step, self.end - self.t)
         self.t = self.end if h == self.end - self.t else self.t + h
         q = self.state.q + h * self.state.v
         self.state = self.state._replace(q=q)
@@ -66,7 +66,7 @@ class Roll(bd.Integrator):
         return 1
 
     def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda route: Rolling(self), progress)
+        return drive(self, equations, times, lambda plan: Rolling(self), progress)
 
 
 def rolling():
@@ -188,7 +188,7 @@ def test_a_text_ends_a_run():
 
 
 def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(monkeypatch):
-    rows = rows_of_a_run.Rows(0.0, State(*(np.ones(2) for _ in range(4))))
+    rows = rows_of_a_run.StepHistory(0.0, State(*(np.ones(2) for _ in range(4))))
     for k in range(1, 1024):
         rows.append(float(k), State(*(np.ones(2) for _ in range(4))))
 
@@ -213,8 +213,8 @@ def test_regression_times_rounded_twice_are_one(breakpoints, t_end):
     for k, b in enumerate(breakpoints):
         law = bd.piecewise((b, 1.0), 0.0)
         mech.add(bd.Force(f"push {k}", ball.point, (law, 0.0)))
-    route = plan(bd.equations_of_motion(mech), np.array([0.0, t_end]))
-    assert len(route.intervals) == (2 if t_end == 1.0 else 1)
+    plan = plan_run(bd.equations_of_motion(mech), np.array([0.0, t_end]))
+    assert len(plan.intervals) == (2 if t_end == 1.0 else 1)
     for integrator in (bd.Ida(1e-6), bd.Radau(1e-6), bd.GeneralizedAlpha(1e-2)):
         solution = bd.simulate(mech, integrator, t_end)
         assert solution.status.success
@@ -379,10 +379,10 @@ def test_regression_what_is_built_for_the_scout_is_no_wall_time(monkeypatch):
     past = 0.0
 
     def long(method_on):
-        def built(route):
+        def built(plan):
             nonlocal past
             past += 1000.0
-            return method_on(route)
+            return method_on(plan)
 
         return built
 
@@ -392,7 +392,7 @@ def test_regression_what_is_built_for_the_scout_is_no_wall_time(monkeypatch):
     monkeypatch.setattr(
         drives._Run,
         "__init__",
-        lambda self, whole, route, on, *more: init(self, whole, route, long(on), *more),
+        lambda self, whole, plan, on, *more: init(self, whole, plan, long(on), *more),
     )
     found = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2).statistics
     assert past >= 2000.0, "a scout and the run"

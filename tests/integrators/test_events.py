@@ -16,7 +16,7 @@ from support import by_class
 import beamdae as bd
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
-from beamdae.integrators.method import fitted
+from beamdae.integrators.method import clip_step
 from beamdae.results.outcome import Statistics
 
 # From a height of 2 m, and from the horizontal to the bottom of a pendulum of 1 m.
@@ -67,11 +67,11 @@ class Ballistic(bd.Integrator):
         return 1
 
     def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda route: _Ballistic(self.step), progress)
+        return drive(self, equations, times, lambda plan: _Ballistic(self.step), progress)
 
 
 class _Ballistic:
-    steps_between_looks, resolved, counts = 64, {}, Statistics()
+    steps_per_check, resolved_options, counts = 64, {}, Statistics()
 
     def __init__(self, step):
         self.at_most = step
@@ -80,7 +80,7 @@ class _Ballistic:
         self.t, self.end, self.state = start, end, state
 
     def step(self):
-        h = fitted(self.at_most, self.end - self.t)
+        h = clip_step(self.at_most, self.end - self.t)
         self.t = self.end if h == self.end - self.t else self.t + h
         q, v, a, _ = self.state
         self.state = self.state._replace(q=q + h * v + 0.5 * h**2 * a, v=v + h * a)
@@ -133,7 +133,7 @@ def test_events_of_generalized_alpha_are_of_order_two():
     errors = []
     for step in (4e-3, 2e-3, 1e-3):
         solution = bd.simulate(pendulum(bottom), bd.GeneralizedAlpha(step=step), 6.5 * QUARTER)
-        errors.append(solution.occurred[2].t - 5.0 * QUARTER)
+        errors.append(solution.event_records[2].t - 5.0 * QUARTER)
     assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
 
 
@@ -141,7 +141,7 @@ def test_events_of_generalized_alpha_are_of_order_two():
 def test_a_stop_is_where_the_same_run_records_the_event(integrator):
     recorded = bd.simulate(falling((HIT[0], {**HIT[1], "do": "record"})), integrator, 0.7)
     stopped = bd.simulate(falling(HIT), integrator, 0.7)
-    assert_allclose(stopped.t[-1], recorded.occurred[0].t, atol=1e-6)
+    assert_allclose(stopped.t[-1], recorded.event_records[0].t, atol=1e-6)
 
 
 def test_several_events_within_one_step_come_in_their_order():
@@ -149,10 +149,10 @@ def test_several_events_within_one_step_come_in_their_order():
     events = [("ball.y", {"crosses": y, "name": n, "do": "record"}) for n, y in levels.items()]
     events.insert(1, ("ball.y", {"crosses": 0.42, "name": "stop"}))
     solution = bd.simulate(falling(*events), bd.GeneralizedAlpha(step=0.4), 5.0)
-    assert [one.name for one in solution.occurred] == [
+    assert [one.name for one in solution.event_records] == [
         "at 0.65", "at 0.6", "at 0.55", "at 0.5", "at 0.45", "stop",
     ]  # fmt: skip
-    times = [one.t for one in solution.occurred]
+    times = [one.t for one in solution.event_records]
     assert_allclose(
         times, np.sqrt(2.0 * (2.0 - np.array([0.65, 0.6, 0.55, 0.5, 0.45, 0.42])) / 9.81)
     )
@@ -164,9 +164,9 @@ def test_two_crossings_within_a_step_are_seen():
     # Above 0.04 m for 94 ms about the top at 102 ms: inside the step from 0 to 200 ms.
     solution = bd.simulate(thrown, bd.GeneralizedAlpha(step=0.2), 0.4)
     expected = (1.0 + np.array([-1.0, 1.0]) * np.sqrt(1.0 - 0.08 * 9.81)) / 9.81
-    assert_allclose([one.t for one in solution.occurred], expected, rtol=1e-9)
-    assert [one.direction for one in solution.occurred] == ["up", "down"]
-    assert solution.occurred[0].name == "x crosses 0.04"
+    assert_allclose([one.t for one in solution.event_records], expected, rtol=1e-9)
+    assert [one.direction for one in solution.event_records] == ["up", "down"]
+    assert solution.event_records[0].name == "x crosses 0.04"
 
 
 @ALL
@@ -174,7 +174,7 @@ def test_what_begins_on_its_value_crosses_it_when_it_comes_back(integrator):
     thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
     solution = bd.simulate(thrown, integrator, 1.0)
     assert_allclose(solution.t[-1], 2.0 / 9.81, atol=1e-6)
-    assert [one.direction for one in solution.occurred] == ["down"]
+    assert [one.direction for one in solution.event_records] == ["down"]
 
 
 @RUNS
@@ -191,7 +191,7 @@ def test_a_value_that_is_kept_or_touched_is_not_crossed(integrator):
         observe={"still": lambda t, x, v: 3.0 + 0.0 * x},
     )
     solution = bd.simulate(thrown, integrator, 2.0)
-    assert solution.occurred == ()
+    assert solution.event_records == ()
     assert solution.status.sentence == "reached the end"
 
 
@@ -203,7 +203,7 @@ def test_an_event_at_a_breakpoint_happens_once(integrator, at):
         lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at, do="record"), breakpoints=(0.5,)
     )
     solution = bd.simulate(moving, integrator, 1.0)
-    assert_allclose([one.t for one in solution.occurred], [at], atol=1e-12)
+    assert_allclose([one.t for one in solution.event_records], [at], atol=1e-12)
     moving = particle(lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at), breakpoints=(0.5,))
     solution = bd.simulate(moving, integrator, 1.0)
     assert_allclose(solution.t[-1], at, atol=1e-12)
@@ -218,7 +218,7 @@ def test_an_observable_that_is_not_finite_crosses_nothing():
     )  # fmt: skip
     with pytest.warns(bd.BeamdaeWarning, match="root"):
         solution = bd.simulate(falls, bd.Ida(1e-6), 5.0)
-    assert [one.name for one in solution.occurred] == ["later"]
+    assert [one.name for one in solution.event_records] == ["later"]
     assert_allclose(solution.t[-1], 2.0, atol=1e-5)
 
 
@@ -231,7 +231,7 @@ def test_an_event_before_states_that_are_not_finite_stops_the_run():
     @dataclass(frozen=True)
     class Breaks(Ballistic):
         def integrate(self, equations, times, progress=None):
-            return drive(self, equations, times, lambda route: Breaking(self.step), progress)
+            return drive(self, equations, times, lambda plan: Breaking(self.step), progress)
 
     solution = bd.simulate(falling(("ball.y", {"crosses": 1.0})), Breaks(), 5.0)
     assert_allclose(solution.t[-1], np.sqrt(2.0 / 9.81), rtol=1e-9)
@@ -239,7 +239,7 @@ def test_an_event_before_states_that_are_not_finite_stops_the_run():
     with pytest.warns(bd.BeamdaeWarning, match="not finite"):
         solution = bd.simulate(falling(HIT), Breaks(), 5.0)
     assert solution.status.kind == "failed"
-    assert solution.occurred == ()
+    assert solution.event_records == ()
 
 
 def test_an_event_of_a_rate():
@@ -249,7 +249,7 @@ def test_an_event_of_a_rate():
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.y_dot", 0.0, "down", "record", name="turns")
     solution = bd.simulate(mech, bd.Radau(1e-7), 2.5 * QUARTER)
-    assert_allclose([one.t for one in solution.occurred], [2.0 * QUARTER], atol=1e-6)
+    assert_allclose([one.t for one in solution.event_records], [2.0 * QUARTER], atol=1e-6)
 
 
 def test_estimates_and_verification_go_to_the_earlier_end():

@@ -12,15 +12,15 @@ import pytest
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import limits
-from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
+from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida.ida import Bdf
-from beamdae.integrators.ida.python_solver import PreconditionedResidual
+from beamdae.integrators.ida.ida import IdaStepper
+from beamdae.integrators.ida.python_solver import SksundaeCallbacks
 from beamdae.integrators.integrator import Accuracy
-from beamdae.integrators.limits import Pace
-from beamdae.integrators.radau.radau_method import Collocating
+from beamdae.integrators.limits import StallDetector
+from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -57,8 +57,8 @@ FAST = bd.sine(1.0, 1e9)
 class Stepping:
     """Steps of given lengths [s], the last of them again and again; nothing moves."""
 
-    steps_between_looks = 64
-    resolved = {}  # noqa: RUF012 as the protocol has it
+    steps_per_check = 64
+    resolved_options = {}  # noqa: RUF012 as the protocol has it
     counts = Statistics()
 
     def __init__(self, lengths):
@@ -88,7 +88,7 @@ class Given(bd.Integrator):
         return 1
 
     def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda route: Stepping(self.lengths), progress)
+        return drive(self, equations, times, lambda plan: Stepping(self.lengths), progress)
 
 
 def ball():
@@ -113,8 +113,8 @@ def test_regression_a_run_without_an_end_in_sight_is_given_up():
 
 
 def test_steps_that_shrink_without_end_are_given_up():
-    pace, t = Pace(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
-    ended = [k for k, at in enumerate(t.tolist()) if pace.stall(at, 64 * k, 64)]
+    pace, t = StallDetector(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
+    ended = [k for k, at in enumerate(t.tolist()) if pace.stall_reason(at, 64 * k, 64)]
     assert 20_000 < 64 * ended[0] < 45_000
 
 
@@ -132,14 +132,14 @@ def test_a_short_stiff_phase_ends_no_run():
 
 @pytest.mark.parametrize(("steps", "between_looks"), [(9e6, 64), (1.1e6, 8)])
 def test_a_run_of_a_million_steps_is_not_given_up(steps, between_looks):
-    pace = Pace(1.0)
+    pace = StallDetector(1.0)
     for k in range(0, 400_000, between_looks):
-        assert pace.stall(k / steps, k, between_looks) is None
+        assert pace.stall_reason(k / steps, k, between_looks) is None
 
 
 def test_a_run_of_a_hundred_million_steps_is_given_up():
-    pace = Pace(1.0)
-    ended = [k for k in range(0, 400_000, 64) if pace.stall(k / 3e7, k, 64)]
+    pace = StallDetector(1.0)
+    ended = [k for k in range(0, 400_000, 64) if pace.stall_reason(k / 3e7, k, 64)]
     assert ended[0] == 102_400
 
 
@@ -294,10 +294,10 @@ class Once:
 @pytest.mark.parametrize(
     ("integrator", "owner", "name"),
     [
-        (bd.Ida(), Bdf, "advance"),
-        (bd.Radau(), Collocating, "advance"),
-        (bd.GeneralizedAlpha(), FixedSteps, "advance"),
-        (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveSteps, "advance"),
+        (bd.Ida(), IdaStepper, "advance"),
+        (bd.Radau(), RadauStepper, "advance"),
+        (bd.GeneralizedAlpha(), FixedAlphaStepper, "advance"),
+        (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveAlphaStepper, "advance"),
     ],
 )
 @pytest.mark.parametrize("n", [1, 10])
@@ -314,8 +314,8 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 @pytest.mark.parametrize("n", [1, 10])
 def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
     by_class(monkeypatch)
-    called = getattr(PreconditionedResidual, name)
-    monkeypatch.setattr(PreconditionedResidual, name, Once(called, n))
+    called = getattr(SksundaeCallbacks, name)
+    monkeypatch.setattr(SksundaeCallbacks, name, Once(called, n))
     solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
@@ -326,7 +326,7 @@ def scouted(of, times, scout=None, method=None):
     integrator = Given()
 
     def made(interrupt):
-        def on(route):
+        def on(plan):
             if interrupt:
                 raise KeyboardInterrupt
             return Stepping(lambda k: 0.01)
@@ -350,8 +350,8 @@ def test_an_interrupt_while_a_run_is_compiled_keeps_what_its_scout_saw():
 
 
 def test_an_interrupt_between_two_intervals_keeps_the_first(monkeypatch):
-    whole = Starter.require_continuous
-    monkeypatch.setattr(Starter, "require_continuous", Once(whole, 1))
+    whole = ConsistencySolver.require_continuous
+    monkeypatch.setattr(ConsistencySolver, "require_continuous", Once(whole, 1))
     solution = bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.sentence == "interrupted at t = 0.1 s"
 
@@ -378,8 +378,8 @@ def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
 def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask, monkeypatch):
     """It was told as NaN."""
     solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
-    monkeypatch.setattr(FixedSteps, "advance", Once(FixedSteps.advance, 2))
-    monkeypatch.setattr(Collocating, "advance", Once(Collocating.advance, 2))
+    monkeypatch.setattr(FixedAlphaStepper, "advance", Once(FixedAlphaStepper.advance, 2))
+    monkeypatch.setattr(RadauStepper, "advance", Once(RadauStepper.advance, 2))
     with pytest.raises(KeyboardInterrupt):
         ask(solution)
 

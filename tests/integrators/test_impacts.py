@@ -64,16 +64,16 @@ def test_a_dull_and_a_perfect_impact(e):
     if e == 0.0:
         assert solution.status.kind == "limited"
         assert_allclose(solution.trajectory.end, FALL, rtol=1e-6)
-        assert_allclose(solution.occurred[0].energy_lost, 2.0 * G * HEIGHT, rtol=1e-6)
+        assert_allclose(solution.event_records[0].energy_lost, 2.0 * G * HEIGHT, rtol=1e-6)
     else:
         assert_allclose(solution.q[-1, 1], 0.9 * 2.0 * G * FALL - 0.5 * G * 0.81 - 3.0, rtol=1e-4)
-        assert_allclose(solution.occurred[0].energy_lost, 0.0, atol=1e-9)
+        assert_allclose(solution.event_records[0].energy_lost, 0.0, atol=1e-9)
 
 
 def test_an_impact_on_a_slope_keeps_the_speed_along_it():
     slope, e = -0.4, 0.6
     solution = bd.simulate(bouncing(e, slope=slope), bd.Radau(1e-8), 0.6)
-    (bounce,) = solution.occurred
+    (bounce,) = solution.event_records
     along = np.array([np.cos(slope), np.sin(slope)])
     normal = np.array([-along[1], along[0]])
     before, after = bounce.state.v, solution.trajectory.intervals[1].rows.v[0]
@@ -103,7 +103,7 @@ def test_a_bar_is_thrown_back_by_a_stop(integrator):
         mech.deactivate(stop)
         mech.when("bar.angle", angle, way, bd.impact(stop, 0.5), f"hit {name}")
     solution = bd.simulate(mech, integrator, 2.0)
-    left, right = solution.occurred
+    left, right = solution.event_records
     # About the hinge: 0.3 + 2 0.5^2 kg m^2.
     about = 0.8
     assert_allclose([left.t, right.t], [0.25, 1.0], rtol=1e-6)
@@ -124,7 +124,7 @@ def test_a_rod_that_falls_on_its_end_turns():
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(rod.at(0.6, 1.0))
     mech.when(gap, 0.0, "down", [bd.impact(gap, 0.4)], "hit")
     solution = bd.simulate(mech, bd.Radau(1e-8), 0.5)
-    (hit,) = solution.occurred
+    (hit,) = solution.event_records
     speed = G * FALL
     impulse = 1.4 * speed / (1.0 / 1.5 + 0.36 / 0.2)
     assert_allclose(hit.impulses["hit.gap"], impulse, rtol=1e-6)
@@ -140,8 +140,8 @@ def test_a_gap_that_opens_is_left_alone():
     mech.observe("ball", ball.point)
     mech.when("ball.x", 0.5, "up", bd.impact(gap, 0.4), "nothing")
     solution = bd.simulate(mech, bd.Radau(), 1.0)
-    assert [one.name for one in solution.occurred] == ["nothing"]
-    assert solution.occurred[0].impulses == {}
+    assert [one.name for one in solution.event_records] == ["nothing"]
+    assert solution.event_records[0].impulses == {}
     assert_allclose(solution.q[-1], [1.0, 2.0], rtol=1e-9)
 
 
@@ -157,7 +157,7 @@ def test_a_moving_floor_gives_its_speed():
     gap = bd.LineSurface(racket.at(0.0, 0.0)).gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), "hit")
     solution = bd.simulate(mech, bd.Radau(1e-7), 1.0)
-    (hit,) = solution.occurred
+    (hit,) = solution.event_records
     assert_allclose(hit.t, 0.5, rtol=1e-9)
     assert_allclose(solution.v[-1][solution.equations.q_names.index("ball.y")], 3.0, rtol=1e-9)
     # What the driver gives is booked with the impact.

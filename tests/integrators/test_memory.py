@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations import assemble
-from beamdae.integrators import rows
-from beamdae.integrators.alpha.alpha_method import FixedSteps
+from beamdae.equations.assembly import assemble
+from beamdae.integrators import step_history as rows
+from beamdae.integrators.alpha.stepper import FixedAlphaStepper
 from beamdae.integrators.ida import python_solver as preconditioned
 from beamdae.results.solution import Solution
 
@@ -56,10 +56,10 @@ def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, mo
 
 
 def test_blocks_of_long_states_are_short():
-    from beamdae.equations.formulations import State
+    from beamdae.equations.equations_of_motion import State
 
     state = State(*(np.zeros(50_000) for _ in range(4)))
-    kept = rows.Rows(0.0, state)
+    kept = rows.StepHistory(0.0, state)
     assert sum(block.nbytes for block in kept._blocks) < 2e7
     for k in range(20):
         kept.append(float(k + 1), state)
@@ -67,14 +67,14 @@ def test_blocks_of_long_states_are_short():
 
 
 def test_memory_that_is_short_in_a_step_ends_a_run_with_what_there_is(monkeypatch):
-    advance, left = FixedSteps.advance, iter(range(3))
+    advance, left = FixedAlphaStepper.advance, iter(range(3))
 
     def short(self, most):
         if next(left, None) is None:
             raise MemoryError
         return advance(self, 10)
 
-    monkeypatch.setattr(FixedSteps, "advance", short)
+    monkeypatch.setattr(FixedAlphaStepper, "advance", short)
     solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.kind == "limited"
     assert solution.status.sentence.startswith("more memory is needed than there is")
@@ -112,7 +112,7 @@ def test_other_errors_are_not_put_down_to_memory(monkeypatch):
 
 
 def test_more_rows_than_there_is_memory_for_are_refused(monkeypatch):
-    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 1e6)
+    monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
         match=r"^simulate: output in 100001 rows needs about 0\.0088 GB of memory, 0\.001 GB are",
@@ -141,7 +141,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
     by_class(monkeypatch)
     monkeypatch.setattr(preconditioned, "IDA", without)
     assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
-    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 1e6)
+    monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
         match=r"^Ida: scikit-sundae without SuperLU_MT, for 726 unknowns, needs about 0\.0042 GB",
@@ -150,7 +150,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
 
 
 def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
-    monkeypatch.setattr("beamdae.memory._left_by_others", lambda: 10.0 * assemble._MEMORY)
+    monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 10.0 * assemble._MEMORY)
     mech = bd.Mechanism()
     for k in range(10):
         mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))

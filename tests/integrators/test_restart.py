@@ -78,10 +78,10 @@ def test_a_run_goes_on_through_the_event_that_ended_it(tmp_path):
     for start in (stopped, path):
         later = bd.simulate(falling(HIT), bd.Ida(1e-6), 1.0, start=start)
         assert later.status.sentence == "reached the end"
-        assert later.occurred == ()
+        assert later.event_records == ()
         both = stopped.followed_by(later)
         assert_allclose(both.q[-1, 1], 2.0 - 0.5 * 9.81, atol=1e-5)
-        assert [one.name for one in both.occurred] == ["impact"]
+        assert [one.name for one in both.event_records] == ["impact"]
 
 
 def test_a_ball_bounces_by_stops_and_restarts():
@@ -120,7 +120,7 @@ def test_an_event_where_a_run_ends_happens_once_when_it_goes_on(integrator, off,
     start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
     later = bd.simulate(pushed_beyond_a_line(), integrator, 2.0, start=start)
     both = first.followed_by(later)
-    assert sorted(one.name for one in both.occurred) == ["pushed", "seen"]
+    assert sorted(one.name for one in both.event_records) == ["pushed", "seen"]
     assert_allclose(both.q[-1, 0], 2.25, atol=1e-9)
 
 
@@ -133,7 +133,7 @@ def test_a_run_that_is_stopped_right_after_its_start(integrator):
     mech.when("ball.x", 1.0, "up", "stop", "end")
     first = bd.simulate(mech, integrator, 1.0 - 1e-13)
     later = bd.simulate(mech, integrator, 2.0, start=first)
-    assert [one.name for one in first.followed_by(later).occurred] == ["end"]
+    assert [one.name for one in first.followed_by(later).event_records] == ["end"]
 
 
 def test_a_checkpoint_of_another_model_is_refused(tmp_path):

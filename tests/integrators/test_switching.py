@@ -36,7 +36,7 @@ def test_a_bob_that_is_released_flies_on(integrator):
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.x", 0.0, "down", bd.deactivate(string), "cut")
     solution = bd.simulate(mech, integrator, 1.5)
-    (cut,) = solution.occurred
+    (cut,) = solution.event_records
     # m l^2 + J = 2.1 kg m^2 has fallen by 1 m: speed and spin at the bottom.
     speed = np.sqrt(2.0 * 2.0 * 9.81 / 2.1)
     t = solution.t[solution.t > cut.t] - cut.t
@@ -61,7 +61,7 @@ def test_a_bar_that_is_locked_stands_still(integrator):
     # A rate that jumps over its value crosses it.
     mech.when("bar.angle_dot", 0.5 * SPEED, "both", "record", "slow")
     solution = bd.simulate(mech, integrator, 1.0)
-    caught, slow = solution.occurred
+    caught, slow = solution.event_records
     assert (slow.t, slow.direction) == (caught.t, "down")
     assert_allclose(caught.t, 0.5 / SPEED, rtol=1e-6)
     after = solution.t > caught.t
@@ -87,7 +87,7 @@ def test_a_bar_caught_off_its_center_swings_on(integrator):
     # After one turn it is where it was drawn.
     mech.when("bar.angle", 2.0 * np.pi, "up", bd.activate(peg), "caught")
     solution = bd.simulate(mech, integrator, 1.5)
-    (caught,) = solution.occurred
+    (caught,) = solution.event_records
     assert_allclose(caught.t, 1.0, rtol=1e-6)
     about = 0.4 + 2.0 * 0.25
     spin = 0.4 * 2.0 * np.pi / about
@@ -109,9 +109,9 @@ def test_a_driver_gives_way_to_another(integrator):
     mech.deactivate(fast)
     mech.when("bar.angle", 0.5, "up", [bd.deactivate(slow), bd.activate(fast)], "shift")
     solution = bd.simulate(mech, integrator, 1.0)
-    assert_allclose(solution.occurred[0].t, 0.5, atol=1e-7)
+    assert_allclose(solution.event_records[0].t, 0.5, atol=1e-7)
     assert_allclose(solution.columns["bar.angle [rad]"][-1], 2.0, atol=1e-6)
-    assert_allclose(solution.occurred[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
+    assert_allclose(solution.event_records[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
 
 
 @SOME
@@ -126,7 +126,7 @@ def test_a_force_ends_and_comes_back(integrator):
     solution = bd.simulate(mech, integrator, 4.0)
     off = np.sqrt(2.0)
     on = off + 1.0 / off
-    assert_allclose([one.t for one in solution.occurred], [off, on], rtol=1e-6)
+    assert_allclose([one.t for one in solution.event_records], [off, on], rtol=1e-6)
     left = 4.0 - on
     assert_allclose(solution.q[-1, 0], 2.0 + off * left + 0.5 * left**2, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-7
@@ -201,8 +201,8 @@ def test_events_at_one_time_all_happen():
     mech.when("ball.x", 1.0, "up", "record", "seen")
     mech.when("ball.x", 1.0, "down", "record", "never")
     solution = bd.simulate(mech, bd.Radau(1e-7), 2.0)
-    assert [one.name for one in solution.occurred] == ["seen", "a", "b"]
-    assert_allclose([one.t for one in solution.occurred], 1.0, atol=1e-12)
+    assert [one.name for one in solution.event_records] == ["seen", "a", "b"]
+    assert_allclose([one.t for one in solution.event_records], 1.0, atol=1e-12)
     assert_allclose(solution.q[-1], [2.5, 0.5], rtol=1e-9)
 
 
@@ -218,7 +218,7 @@ def test_a_checkpoint_holds_what_was_switched(tmp_path):
     path = first.checkpoint(tmp_path / "end.json")
     for start in (first, path):
         later = caught(bd.Ida(), 1.0, start=start)
-        assert later.occurred == ()
+        assert later.event_records == ()
         assert_allclose(later.columns["bar.angle [rad]"], 0.5, atol=1e-9)
     both = first.followed_by(later)
     assert both.quality.energy_imbalance < 1e-6
@@ -235,10 +235,10 @@ def test_a_driver_takes_over_where_another_one_is(integrator):
     mech.deactivate(fast)
     mech.when("bar.angle", 0.5, "up", [bd.deactivate(slow), bd.activate(fast, as_is=True)], "shift")
     solution = bd.simulate(mech, integrator, 1.0)
-    assert_allclose(solution.occurred[0].t, 0.5, atol=1e-7)
+    assert_allclose(solution.event_records[0].t, 0.5, atol=1e-7)
     angle, t = solution.columns["bar.angle [rad]"], solution.t
     assert_allclose(angle, np.where(t < 0.5, t, 3.0 * t - 1.0), atol=1e-6)
-    assert_allclose(solution.occurred[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
+    assert_allclose(solution.event_records[0].energy_lost, 0.5 * INERTIA * (1.0 - 9.0), rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
 
 
@@ -263,7 +263,7 @@ def test_a_hinge_is_locked_wherever_it_is_and_let_go(integrator):
     mech.add(bd.Moment("push", bar.at(0.0, 0.0), 0.9))
     mech.observe("brake", brake.reaction)
     solution = bd.simulate(mech, integrator, 3.0)
-    locked, _ = solution.occurred
+    locked, _ = solution.event_records
     t, angle = solution.t, solution.columns["bar.angle [rad]"]
     # 2 rad/s and 0.9 / 0.3 rad/s^2 for a second, then at rest, and again from there.
     still = SPEED + 1.5
@@ -295,7 +295,7 @@ def test_a_slide_and_a_link_are_locked_wherever_they_are():
         mech.when("block.x", 1.7, "up", bd.activate(brake, as_is=True), "locked")
         solution = bd.simulate(mech, bd.Radau(), 1.0)
         assert_allclose(solution.columns["block.x [m]"][-1], 1.7, rtol=1e-9)
-        assert_allclose(solution.occurred[0].energy_lost, 9.0, rtol=1e-6)
+        assert_allclose(solution.event_records[0].energy_lost, 9.0, rtol=1e-6)
 
 
 @pytest.mark.parametrize("joint", [bd.Weld, bd.Revolute])
@@ -335,7 +335,7 @@ def test_a_turning_gripper_takes_what_it_finds(joint, swapped):
         for n, mass, inertia in (("hand", 2.0, 0.4), ("box", 1.0, 0.1))
     )
     assert_allclose(spin, spin[0], atol=1e-6)
-    assert solution.occurred[0].energy_lost > 0.0
+    assert solution.event_records[0].energy_lost > 0.0
     assert solution.quality.energy_imbalance < 1e-6
 
 
@@ -352,7 +352,7 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
         later = locked(3.0, start=start)
         angle = later.columns["bar.angle [rad]"]
         assert_allclose(angle, SPEED, rtol=1e-6)
-        assert [one.name for one in later.occurred] == ["released"]
+        assert [one.name for one in later.event_records] == ["released"]
         assert first.followed_by(later).quality.energy_imbalance < 1e-6
     mech, _ = spinning()
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0)))
@@ -378,7 +378,7 @@ def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
     for start in (first, path):
         later = caught(True, 1.0, start=start)
         assert_allclose(later.columns["bar.angle [rad]"], 0.5, rtol=1e-6)
-        (once,) = first.followed_by(later).occurred
+        (once,) = first.followed_by(later).event_records
         assert once.energy_lost > 0.5
 
 
@@ -425,7 +425,7 @@ def angle_of(t):
 @pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
 def test_a_driver_follows_another_law_from_an_event_on(integrator):
     solution = cycled(integrator)
-    assert_allclose([one.t for one in solution.occurred], [0.6, 2.5], atol=1e-6)
+    assert_allclose([one.t for one in solution.event_records], [0.6, 2.5], atol=1e-6)
     x, t = solution.columns, solution.t
     assert_allclose(x["bar.angle [rad]"], angle_of(t), atol=2e-6)
     braked = (t > 1.11) & (t < 2.09)
@@ -434,7 +434,7 @@ def test_a_driver_follows_another_law_from_an_event_on(integrator):
     rate = 1.0 - (t - 1.1)
     assert_allclose(x["drive.power [W]"][braked], (-INERTIA * rate)[braked], atol=1e-5)
     # The law starts and goes on without a jump of velocities; it is caught at the end of it.
-    slower, held = solution.occurred
+    slower, held = solution.event_records
     assert abs(slower.energy_lost) < 1e-9
     assert_allclose(held.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
@@ -484,4 +484,4 @@ def test_what_is_added_after_the_equations_were_built_changes_no_run_of_them():
     mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
     mech.when("bar.angle", 0.1, "up", "stop", "late")
     solution = bd.simulate(equations, bd.Radau(), 1.0)
-    assert [one.name for one in solution.occurred] == ["caught"]
+    assert [one.name for one in solution.event_records] == ["caught"]

@@ -7,9 +7,9 @@ from support import ARC, SOFT
 
 import beamdae as bd
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.results.section_forces.applied_loads import acting_on
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.results.section_forces.applied_loads import collect_applied_loads
 
 SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
 PARTS = JOINTS | LOADS
@@ -31,9 +31,9 @@ def acting(make, kind, shape="curved"):
     rng = np.random.default_rng(0)
     q, v = e.q0 + 0.05 * rng.standard_normal(e.n), rng.standard_normal(e.n)
     time = np.array([0.7, 0.7])
-    a, lam = Starter(e).acceleration(time, q, v)
+    a, lam = ConsistencySolver(e).acceleration(time, q, v)
     state = State(q[None], v[None], a[None], lam[None])
-    return beam, acting_on(beam, e, time[None], state)
+    return beam, collect_applied_loads(beam, e, time[None], state)
 
 
 def assert_balanced(make, kind, shape="curved", off=1e-11):

@@ -5,9 +5,12 @@ import pytest
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.rank import has_loops, joint_matrix
-from beamdae.results.singular_positions import branch_warnings, singular_positions
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.rank import build_constraint_jacobian, has_closed_loops
+from beamdae.results.diagnostics.singular_positions import (
+    find_singular_positions,
+    singularity_warnings,
+)
 from beamdae.results.trajectory import Interval, Trajectory
 
 SPEED = 6.0
@@ -70,13 +73,13 @@ def on(branch):
 
 def test_passing_on_the_same_branch_is_no_jump_and_folding_over_is():
     mech = rhombus()
-    (kept,) = singular_positions(*moved(mech, on("straight"), FIRST + 0.2))
+    (kept,) = find_singular_positions(*moved(mech, on("straight"), FIRST + 0.2))
     assert kept.t == pytest.approx(FIRST, abs=1e-3)
     assert set(kept.joints) == {"pivot 0", "pivot 1", "crank 0 tip", "crank 1 tip"}
     assert not kept.jump
-    (left, *_) = singular_positions(*moved(mech, on("folded"), FIRST + 0.2))
+    (left, *_) = find_singular_positions(*moved(mech, on("folded"), FIRST + 0.2))
     assert left.jump
-    passed, jumped = branch_warnings((left,))
+    passed, jumped = singularity_warnings((left,))
     assert "lose rank near t = 0.26" in passed
     assert "goes over to another branch" in jumped
 
@@ -122,7 +125,7 @@ def test_switched_parts_do_not_hide_singular_positions():
         mech.when("crank.angle", crosses=turn, do=[do])
     with pytest.warns(bd.BeamdaeWarning, match=r"lose rank near t = 0\.26.*and at 1 later"):
         solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
-    assert len(solution.occurred) == 2
+    assert len(solution.event_records) == 2
     times = [passed.t for passed in solution.singular_positions]
     np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
 
@@ -130,13 +133,13 @@ def test_switched_parts_do_not_hide_singular_positions():
 @pytest.mark.parametrize("longer", [1e-3, 0.05])
 def test_missing_the_singular_position_is_not_warned_of(longer):
     solution = bd.simulate(rhombus(longer), bd.Radau(rtol=1e-4), t_end=2.0 * FIRST)
-    assert has_loops(solution.equations)
+    assert has_closed_loops(solution.equations)
     assert solution.singular_positions == ()
 
 
 def test_ordinary_loops_are_not_warned_of():
     solution = bd.simulate(slider_crank(elements=2), bd.GeneralizedAlpha(step=0.01), t_end=2.5)
-    assert has_loops(solution.equations)
+    assert has_closed_loops(solution.equations)
     assert solution.singular_positions == ()
 
 
@@ -147,14 +150,14 @@ def test_open_chains_need_no_look():
     first, last = bd.welded_beams(mech, "beam", line, section, bodies=2, elements=1)
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), first.start))
     equations = bd.equations_of_motion(mech)
-    assert not has_loops(equations)
+    assert not has_closed_loops(equations)
     mech.add(bd.PointOnLine("guide", mech.ground.at(1.0, 0.0), last.end))
-    assert has_loops(bd.equations_of_motion(mech))
+    assert has_closed_loops(bd.equations_of_motion(mech))
 
 
 def test_the_joint_matrix_is_that_of_the_joints():
     equations = bd.equations_of_motion(rhombus())
-    matrix = joint_matrix(equations)
+    matrix = build_constraint_jacobian(equations)
     q = equations.q0[None]
     assert matrix.at(np.zeros((1, 2)), q).shape == (1, equations.m, equations.n)
     lying = on("straight")

@@ -19,7 +19,13 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.page.page import write_page
 from beamdae.report.pictures import figures as pictures
 from beamdae.results.storage import files
-from beamdae.results.storage.files import guarded, replacing, safe_cell, write, write_text
+from beamdae.results.storage.files import (
+    atomic_write,
+    escape_cell,
+    escape_table,
+    write_table,
+    write_text,
+)
 
 posix = pytest.mark.skipif(os.name != "posix", reason="other systems have no such files")
 TABLE = pd.DataFrame({"t [s]": [0.0, 0.5], "tip.x [m]": [-0.1, 1e-300]})
@@ -35,9 +41,9 @@ def figure():
 
 WRITERS = {
     "text": lambda folder: write_text(folder / "file.txt", "new"),
-    "table": lambda folder: write(folder / "file.csv", TABLE, {"model": "new"}),
-    "picture": lambda folder: pictures.saved(figure(), folder / "file.png"),
-    "drawing": lambda folder: pictures.saved(figure(), folder / "file.svg"),
+    "table": lambda folder: write_table(folder / "file.csv", TABLE, {"model": "new"}),
+    "picture": lambda folder: pictures.save_figure(figure(), folder / "file.png"),
+    "drawing": lambda folder: pictures.save_figure(figure(), folder / "file.svg"),
     "page": lambda folder: write_page(folder / "file.html", {"title": "new"}),
 }
 
@@ -92,7 +98,7 @@ def test_a_block_that_fails_halfway_leaves_what_was_there(tmp_path):
     path = write_text(tmp_path / "file.txt", "old")
 
     def written(problem):
-        with replacing(path) as scratch:
+        with atomic_write(path) as scratch:
             scratch.write_text("half of the n")
             raise problem
 
@@ -104,7 +110,7 @@ def test_a_block_that_fails_halfway_leaves_what_was_there(tmp_path):
 
 
 def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path, monkeypatch):
-    write(tmp_path / "run.csv", TABLE, {"model": "old"})
+    write_table(tmp_path / "run.csv", TABLE, {"model": "old"})
     before = contents(tmp_path)
 
     def full(*_, **__):
@@ -112,22 +118,22 @@ def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path,
 
     monkeypatch.setattr(files, "_write_columns", full)
     with pytest.raises(BeamdaeError, match=r"run\.csv: it cannot be written, No space left"):
-        write(tmp_path / "run.csv", TABLE, {"model": "new"})
+        write_table(tmp_path / "run.csv", TABLE, {"model": "new"})
     assert contents(tmp_path) == before
 
 
 def test_a_table_stays_though_the_json_has_no_place(tmp_path):
     (tmp_path / "run.json").mkdir()
     with pytest.raises(BeamdaeError, match=r"run\.json: it cannot be written, "):
-        write(tmp_path / "run.csv", TABLE, {})
+        write_table(tmp_path / "run.csv", TABLE, {})
     assert_frame_equal(pd.read_csv(tmp_path / "run.csv"), TABLE)
 
 
 def test_what_json_cannot_say_costs_no_earlier_table(tmp_path):
-    write(tmp_path / "run.csv", TABLE, {"model": "old"})
+    write_table(tmp_path / "run.csv", TABLE, {"model": "old"})
     before = contents(tmp_path)
     with pytest.raises(TypeError):
-        write(tmp_path / "run.csv", TABLE, {"model": object()})
+        write_table(tmp_path / "run.csv", TABLE, {"model": object()})
     assert contents(tmp_path) == before
 
 
@@ -221,7 +227,7 @@ def test_a_write_protected_file_is_not_replaced(tmp_path, monkeypatch):
 
 
 def test_a_picture_without_a_suffix_is_a_png_of_that_name(tmp_path):
-    path = pictures.saved(figure(), tmp_path / "picture")
+    path = pictures.save_figure(figure(), tmp_path / "picture")
     assert path.read_bytes().startswith(b"\x89PNG")
     assert [p.name for p in tmp_path.iterdir()] == ["picture"]
 
@@ -252,12 +258,12 @@ PLAIN = ["tip", "a=b", "1-2", "'quoted'", "", " =1", "-5", "+1e-3", "-.5", "-inf
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_no_text_is_a_formula_to_a_spreadsheet(text):
-    assert safe_cell(text) == f"'{text}"
+    assert escape_cell(text) == f"'{text}"
 
 
 @pytest.mark.parametrize("value", [*PLAIN, -5, -0.5, None, True, float("-inf")])
 def test_other_cells_are_as_they_were(value):
-    assert safe_cell(value) is value
+    assert escape_cell(value) is value
 
 
 def test_a_guarded_table_comes_back_through_pandas(tmp_path):
@@ -270,24 +276,24 @@ def test_a_guarded_table_comes_back_through_pandas(tmp_path):
             "settings": ["-5", *["tip"] * (len(texts) - 1)],
         }
     )
-    path = write(tmp_path / "run.csv", table, {})
+    path = write_table(tmp_path / "run.csv", table, {})
     found = pd.read_csv(path)
     assert list(found) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
     # Numbers are numbers, and nothing but texts that look like formulas differs.
     assert found["'=cmd.x [m]"].dtype == float
     assert (found["'-y.count"] == -1).all()
     assert found["settings"].tolist() == table["settings"].tolist()
-    expected = [safe_cell(text) for text in texts]
+    expected = [escape_cell(text) for text in texts]
     assert found["label"].tolist() == expected
-    assert_frame_equal(found, guarded(table), check_dtype=False)
+    assert_frame_equal(found, escape_table(table), check_dtype=False)
 
 
 def test_a_table_with_headers_twice_and_one_without_rows_are_guarded():
     twice = pd.DataFrame([["=1", "=2"]], columns=["=a", "=a"])
-    assert guarded(twice).to_numpy().tolist() == [["'=1", "'=2"]]
-    assert list(guarded(twice)) == ["'=a", "'=a"]
+    assert escape_table(twice).to_numpy().tolist() == [["'=1", "'=2"]]
+    assert list(escape_table(twice)) == ["'=a", "'=a"]
     assert twice.to_numpy().tolist() == [["=1", "=2"]]
-    assert guarded(twice.iloc[:0]).shape == (0, 2)
+    assert escape_table(twice.iloc[:0]).shape == (0, 2)
 
 
 def test_versions_are_those_of_the_packages():
@@ -298,7 +304,7 @@ def test_cells_are_read_back_as_they_were(tmp_path):
     texts = ["plain", 'a "word", and more', "two\nlines", ""]
     numbers = np.array([1.0 / 3.0, np.nan, -np.inf, 1e-300])
     columns = {"x, y [m]": numbers, "text": texts, "count": np.arange(4)}
-    write(tmp_path / "run.csv", columns, {})
+    write_table(tmp_path / "run.csv", columns, {})
     with open(tmp_path / "run.csv", encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     assert header == list(columns)

@@ -1,7 +1,7 @@
 """What is told of events that happened, and of what they switched."""
 
 import beamdae as bd
-from beamdae.results.event_records import happened
+from beamdae.results.event_records import format_event_times
 
 
 def test_what_happened_is_told_with_the_time():
@@ -12,9 +12,9 @@ def test_what_happened_is_told_with_the_time():
     mech.when("ball.x", crosses=9.0, name="never", do="record")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
     # sqrt(2 h / g), h = 1 m
-    assert happened(solution.occurred) == "half way at 0.4515 s"
-    assert happened(solution.occurred * 3) == "half way 3 times from 0.4515 s"
-    assert happened(()) == "none"
+    assert format_event_times(solution.event_records) == "half way at 0.4515 s"
+    assert format_event_times(solution.event_records * 3) == "half way 3 times from 0.4515 s"
+    assert format_event_times(()) == "none"
 
 
 def test_regression_joints_that_are_switched_off_do_not_drift():
@@ -24,7 +24,7 @@ def test_regression_joints_that_are_switched_off_do_not_drift():
     mech.observe("bob", bob.point)
     mech.when("bob.x", direction="down", do=bd.deactivate(string), name="cut")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 1.5)
-    (cut,) = solution.occurred
+    (cut,) = solution.event_records
     drift = solution.drift
     # Between its steps a run is off by the error of its polynomials, some times rtol.
     assert drift["drift.position"].max() < 1e-4

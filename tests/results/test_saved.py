@@ -31,7 +31,7 @@ def bouncing(law=9.81):
 @pytest.fixture(scope="module")
 def run():
     found = bd.simulate(bouncing(), bd.Radau(1e-6), t_end=0.4, output_step=0.01)
-    assert [one.name for one in found.occurred] == ["caught"]
+    assert [one.name for one in found.event_records] == ["caught"]
     return found
 
 
@@ -52,7 +52,7 @@ def assert_whole(found, run):
     assert found.events.equals(run.events)
     assert found.beside() == run.beside()
     plain = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
-    for name in {*plain} - {"t", "occurred"}:
+    for name in {*plain} - {"t", "event_records"}:
         assert getattr(found, name) == getattr(run, name), name
 
 

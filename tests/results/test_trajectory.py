@@ -6,9 +6,9 @@ from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.formulations import State
+from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.radau.coefficients import C
-from beamdae.integrators.run_plan import plan
+from beamdae.integrators.run_plan import plan_run
 from beamdae.results.trajectory import Interval, Trajectory
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
@@ -162,5 +162,9 @@ def test_intervals_end_on_the_breakpoints_inside_the_run():
     late = bd.piecewise((0.25, 0.0), (0.5, 2.0), (3.0, 1.0), 0.0)
     mech.add(bd.Force("push", body.point, (early, late)))
     equations = bd.equations_of_motion(mech)
-    assert plan(equations, np.array([0.0, 2.0])).intervals == ((0.0, 0.25), (0.25, 0.5), (0.5, 2.0))
-    assert plan(equations, np.array([0.5, 3.0])).intervals == ((0.5, 3.0),)
+    assert plan_run(equations, np.array([0.0, 2.0])).intervals == (
+        (0.0, 0.25),
+        (0.25, 0.5),
+        (0.5, 2.0),
+    )
+    assert plan_run(equations, np.array([0.5, 3.0])).intervals == ((0.5, 3.0),)

@@ -11,9 +11,9 @@ import pytest
 from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
-from beamdae.results.headers import observed_columns
+from beamdae.results.columns import observed_columns
 from beamdae.studies.run_values import by_time
-from beamdae.verification import exceeded
+from beamdae.verification import accuracy_warning
 
 
 def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
@@ -225,5 +225,5 @@ def test_of_a_run_that_was_cut_short_nothing_is_promised():
     assert short.status.kind == "limited"
     errors = bd.error_estimate(short)
     errors.iloc[:, 1] = 1.0
-    assert exceeded(short, errors) == ""
+    assert accuracy_warning(short, errors) == ""
     assert set(bd.verify(short)["verdict"].str.split().str[0]) <= {"known", "not"}

@@ -14,11 +14,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
     FirstOrderBuffers,
     FirstOrderForm,
-    State,
     evaluate_jacobian_parts,
     formulate_first_order,
 )

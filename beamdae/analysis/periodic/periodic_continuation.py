@@ -35,7 +35,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import sorted_multipliers
+from beamdae.results.periodic_motion import floquet_multipliers
 
 Array = np.ndarray
 
@@ -349,6 +349,6 @@ def _follow_curve(
 
 
 def _response_point(point: CurvePoint, way: float) -> ResponsePoint:
-    multipliers = sorted_multipliers(point.shot.carried)
+    multipliers = floquet_multipliers(point.shot.carried)
     forward = way * point.direction[-1] > 0.0
     return ResponsePoint(point.value, point.period, point.shot.solution, multipliers, forward)

@@ -20,7 +20,7 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import PeriodicMotion, largest, sorted_multipliers
+from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -196,11 +196,11 @@ def _converge_multipliers(flow: PeriodMap, shot: ShootingResult) -> tuple[Array,
     """Floquet multipliers, with the steps of disturbances halved until the largest stay."""
     linear = VariationalEquations(flow.equations)
     into = (shot.free / shot.scales[:, None] ** 2).T
-    found, error = sorted_multipliers(shot.carried), np.inf
+    found, error = floquet_multipliers(shot.carried), np.inf
     for halving in range(1, _MOST_HALVINGS + 1):
         carried = into @ linear.carried(shot.solution.trajectory, shot.free, halving)
-        finer = sorted_multipliers(carried)
-        error = abs(largest(finer) - largest(found))
+        finer = floquet_multipliers(carried)
+        error = abs(largest_modulus(finer) - largest_modulus(found))
         found = finer
         if error <= _MULTIPLIERS:
             break

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.analysis.periodic.monodromy import VariationalEquations
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State, formulate_first_order
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator

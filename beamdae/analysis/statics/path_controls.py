@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.results.headers import Header
+from beamdae.results.columns import Header
 
 Array = np.ndarray
 

@@ -20,7 +20,7 @@ from beamdae.analysis.statics.path_controls import (
     StepNorm,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.relaxation import relaxed
+from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -235,7 +235,7 @@ def _find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoi
 
 
 def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
-    found = np.concatenate(relaxed(corrector.system.at(mu), q))
+    found = np.concatenate(relax_to_equilibrium(corrector.system.at(mu), q))
     return EquilibriumPoint(corrector.system, found, mu)
 
 

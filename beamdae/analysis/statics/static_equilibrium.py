@@ -13,8 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, require_finite
 from beamdae.linear.factorizations import single_threaded
 from beamdae.model_functions import Model
-from beamdae.parts.initial_state import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.simulation import as_equations
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.step_equations import step_equations
+from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -15,8 +15,13 @@ from beamdae.errors import (
     require_positive,
     set_fields,
 )
-from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
-from beamdae.integrators.alpha.family import FAMILIES, Parameters, Start, parameters
+from beamdae.integrators.alpha.family import (
+    FAMILIES,
+    AlphaParameters,
+    AlphaStart,
+    family_parameters,
+)
+from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import (
     Accuracy,
@@ -25,16 +30,16 @@ from beamdae.integrators.integrator import (
     require_limits,
     require_tolerance,
 )
-from beamdae.integrators.limits import require_few
-from beamdae.integrators.pilot_run import SCOUTING_RTOL
-from beamdae.integrators.run_plan import Route
+from beamdae.integrators.limits import require_feasible_step
+from beamdae.integrators.pilot_run import PILOT_RTOL
+from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
 # Local tolerance over rtol^(3/2). The largest error over a run stays below 100 rtol with it, and
 # below 50 rtol in the cases of validation/tolerances.
-_CALIBRATION = 4.0
+_TOLERANCE_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -72,10 +77,10 @@ class GeneralizedAlpha(Integrator):
         The run is given up after so many seconds; None: no limit.
     family
         "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (of first order unless
-        rho_inf = 1): what damps how much, see `alpha_step.parameters`.
+        rho_inf = 1): what damps how much, see `alpha_step.family_parameters`.
     rtol
         None: every step is `step`. Otherwise steps adapt to an estimate of the local error of
-        positions (`alpha_step.Parameters.defect`) that keeps their error over a run within 100
+        positions (`alpha_step.AlphaParameters.defect`) that keeps their error over a run within 100
         rtol, up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are
         of second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
         passes over: what is left of them keeps steps short.
@@ -138,8 +143,8 @@ class GeneralizedAlpha(Integrator):
             )
 
     @property
-    def _member(self) -> Parameters:
-        return parameters(self.family, self.rho_inf)
+    def _member(self) -> AlphaParameters:
+        return family_parameters(self.family, self.rho_inf)
 
     @property
     def alpha_m(self) -> float:
@@ -184,22 +189,24 @@ class GeneralizedAlpha(Integrator):
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
         if self.rtol is None:
-            require_few("GeneralizedAlpha", "step", self.step, float(times[-1] - times[0]))
-        scout = None if self.rtol is None else replace(self, rtol=SCOUTING_RTOL)._method
+            require_feasible_step(
+                "GeneralizedAlpha", "step", self.step, float(times[-1] - times[0])
+            )
+        scout = None if self.rtol is None else replace(self, rtol=PILOT_RTOL)._method
         return drive(self, equations, times, self._method, progress, scout)
 
-    def _method(self, route: Route) -> FixedSteps | AdaptiveSteps:
+    def _method(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
         index3 = self.formulation == "index3"
-        form = step_equations(route.equations, not index3)
-        start = Start(self._member, route.starter, index3, self.start == "cured")
-        common = (form, start, route.scales, self.newton_tolerance, self.linear_solver)
+        form = formulate_step(plan.equations, not index3)
+        start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
+        common = (form, start, plan.scales, self.newton_tolerance, self.linear_solver)
         if self.rtol is None:
-            return FixedSteps(*common, step=self.step)
-        return AdaptiveSteps(
+            return FixedAlphaStepper(*common, step=self.step)
+        return AdaptiveAlphaStepper(
             *common,
             first=self.step,
-            largest=route.longest_step("GeneralizedAlpha", None),
-            duration=route.duration,
+            largest=plan.longest_step("GeneralizedAlpha", None),
+            duration=plan.duration,
             tolerance=local_tolerance(self.rtol),
         )
 
@@ -210,4 +217,4 @@ def local_tolerance(rtol: float) -> float:
     A step makes an error of h^3 and a run one of h^2: the latter is proportional to `rtol` if the
     former is to rtol^(3/2), as in `ErrorControl.tolerance`.
     """
-    return _CALIBRATION * rtol**1.5
+    return _TOLERANCE_FACTOR * rtol**1.5

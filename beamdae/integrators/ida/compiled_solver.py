@@ -9,25 +9,32 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations import FirstOrder
-from beamdae.integrators.compiled_run import Matrix
-from beamdae.integrators.ida.callbacks import Functions, IdaRun, Newton, jacobian, residual, steps
-from beamdae.linear.elimination import Linear
-from beamdae.linear.return_codes import DONE, FULL
-from beamdae.native.loops import Loop
+from beamdae.equations.formulations.first_order import FirstOrderForm
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.integrators.ida.callbacks import (
+    IdaWorkspace,
+    NewtonState,
+    SundialsFunctions,
+    jacobian_callback,
+    residual_callback,
+    take_ida_steps,
+)
+from beamdae.native.linear_solver import LinearSolver
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.return_codes import DONE, FULL
 from beamdae.results.outcome import Statistics
-from beamdae.sundials.library import library
-from beamdae.sundials.solver import Solver
+from beamdae.sundials.library import load_library
+from beamdae.sundials.solver import IdaSolver
 
 Array = np.ndarray
 
-_ROOM = 64
-_MOST_ORDER = 5
+_BUFFER_STEPS = 64
+_MAX_ORDER = 5
 # How many of the unknowns that limit the step are told.
-_TOLD = 3
+_LISTED_UNKNOWNS = 3
 # What IDA calls, and its arguments.
-_RESIDUAL, _JACOBIAN = (residual, "dppp@"), (jacobian, "ddpppp@ppp")
-_RENEW = ctypes.CFUNCTYPE(ctypes.c_int)
+_RESIDUAL, _JACOBIAN = (residual_callback, "dppp@"), (jacobian_callback, "ddpppp@ppp")
+_RENEW_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int)
 # What IDA counts of failures, and begins to count anew whenever it starts.
 _FAILURES = ("error_test_failures", "failed_solves", "newton_failures")
 
@@ -45,21 +52,21 @@ class CompiledIda:
 
     def __init__(
         self,
-        form: FirstOrder,
-        matrix: Matrix,
+        form: FirstOrderForm,
+        matrix: FactorizedMatrix,
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
-        """Compile, and make IDA with these options; `matrix` and `iteration` are of `Newton`.
+        """Compile, and make IDA with these options; `matrix` and `iteration` are of `NewtonState`.
 
         Raises
         ------
         MachineError, UnavailableError
             Where there is no machine code, or no library.
         """
-        functions = library().addresses
+        functions = load_library().addresses
         self._form = form
-        self._newton = newton = Newton(
+        self._newton = newton = NewtonState(
             form.buffers(True),
             matrix.linear(True, "sparse"),
             np.zeros(form.size),
@@ -71,12 +78,12 @@ class CompiledIda:
             weights[options["untested"]] = 0.0
         n, m, none = form.equations.n, form.equations.m, np.zeros(0)
         t, order = np.zeros(1), np.zeros(1, np.int32)
-        self._run = run = IdaRun(
+        self._run = run = IdaWorkspace(
             newton,
-            Functions(*(getattr(functions, name) for name in Functions.__slots__)),
+            SundialsFunctions(*(getattr(functions, name) for name in SundialsFunctions.__slots__)),
             int(form.formulation.impulses),
-            np.zeros((_ROOM, 1 + 3 * n + m)),
-            np.zeros(_MOST_ORDER + 1, np.int64),
+            np.zeros((_BUFFER_STEPS, 1 + 3 * n + m)),
+            np.zeros(_MAX_ORDER + 1, np.int64),
             np.zeros(form.size, np.int64),
             weights,
             t,
@@ -86,17 +93,19 @@ class CompiledIda:
             none,
             t.ctypes.data,
         )
-        self._loop = loop = Loop(steps, run, residual=_RESIDUAL, jacobian=_JACOBIAN)
+        self._loop = loop = CompiledLoop(
+            take_ida_steps, run, residual=_RESIDUAL, jacobian=_JACOBIAN
+        )
         addresses = loop.addresses["residual"], loop.addresses["jacobian"]
-        self._solver = solver = Solver(*addresses, user_data=loop.table.ctypes.data, **options)
+        self._solver = solver = IdaSolver(*addresses, user_data=loop.table.ctypes.data, **options)
         run.y, run.yp, run.errors = solver.y, solver.yp, solver.errors
         run.memory, run.y_at, run.yp_at, run.errors_at = solver.pointers
         run.order_at = order.ctypes.data
         self._problems: list[BaseException] = []
-        renewing = _renewing(loop, newton.linear, matrix, self._problems)
+        renewing = _pivot_renewal(loop, newton.linear, matrix, self._problems)
         next(renewing)
-        self._renew = _RENEW(renewing.__next__)
-        newton.renew = ctypes.cast(self._renew, ctypes.c_void_p).value or 0
+        self._renew = _RENEW_CALLBACK(renewing.__next__)
+        newton.renew_pivots = ctypes.cast(self._renew, ctypes.c_void_p).value or 0
         loop.bind()
         self._failures: Counter[str] = Counter()
         self.code = DONE
@@ -115,7 +124,7 @@ class CompiledIda:
     def advance(self, most: int) -> Array:
         """Rows of up to `most` more steps."""
         run = self._run
-        run.most, run.filled = min(most, _ROOM), 0
+        run.most, run.filled = min(most, _BUFFER_STEPS), 0
         # What went before a failure is not lost.
         if self.code in (DONE, FULL):
             self.code = self._loop()
@@ -147,11 +156,11 @@ class CompiledIda:
         )
 
     @property
-    def told(self) -> dict[str, Any]:
+    def step_report(self) -> dict[str, Any]:
         """What IDA tells of its steps."""
         orders, limiting = self._run.orders, self._run.limiting
         names, total = self._form.names, max(int(limiting.sum()), 1)
-        most = [k for k in np.argsort(-limiting, kind="stable")[:_TOLD] if limiting[k]]
+        most = [k for k in np.argsort(-limiting, kind="stable")[:_LISTED_UNKNOWNS] if limiting[k]]
         return {
             "error_test_failures": self._failed["error_test_failures"],
             "orders": {str(k): int(count) for k, count in enumerate(orders) if count},
@@ -159,8 +168,11 @@ class CompiledIda:
         }
 
 
-def _renewing(
-    loop: Loop, linear: Linear, matrix: Matrix, problems: list[BaseException]
+def _pivot_renewal(
+    loop: CompiledLoop,
+    linear: LinearSolver,
+    matrix: FactorizedMatrix,
+    problems: list[BaseException],
 ) -> Generator[int, None, None]:
     """Find other pivots whenever it is asked to: 1, or 0 after a problem.
 
@@ -174,7 +186,7 @@ def _renewing(
             yield done
             # The loop is under way: what it knows is in the table.
             loop.unload()
-            matrix.renew(linear)
+            matrix.renew_pivots(linear)
             loop.bind()
             done = 1
         except GeneratorExit:

@@ -9,40 +9,39 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import (
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
-    FirstOrder,
-    State,
-    first_order,
-    first_order_residual,
+    FirstOrderForm,
+    evaluate_residual,
+    formulate_first_order,
 )
 from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
-    STIFF_FOR_BDF,
-    resolve,
-    scales,
+    STIFF_RATIO_BDF,
+    motion_scales,
+    resolve_error_control,
 )
 from beamdae.integrators.ida.callbacks import NO_ADVANCE
 from beamdae.integrators.ida.compiled_solver import CompiledIda
-from beamdae.integrators.ida.kinematic_rows import KinematicRows
-from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.method import STUCK, StepError
-from beamdae.integrators.pilot_run import SCOUTING_RTOL
-from beamdae.integrators.run_plan import Route
-from beamdae.native.llvm import MachineError
+from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
+from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
+from beamdae.integrators.method import STEP_TOO_SMALL, StepError
+from beamdae.integrators.pilot_run import PILOT_RTOL
+from beamdae.integrators.run_plan import RunPlan
+from beamdae.native.llvm import MachineCodeError
 from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution
 from beamdae.sundials.library import UnavailableError
-from beamdae.sundials.solver import reason
+from beamdae.sundials.solver import describe_status
 
 Array = np.ndarray
 
 # Where to look for what stopped a run, over what was left of its interval.
-_AHEAD = 1e-6
-_LOSES = (
+_PROBE_SHARE = 1e-6
+_RADAU_ADVICE = (
     "lightly damped modes hold BDF up at this tolerance; Radau takes a half to a twentieth of the "
     "time: take Radau(rtol) or Auto(rtol)"
 )
@@ -52,15 +51,15 @@ _LOSES = (
 # nothing, as it is of linear equations: where friction turns round, such steps drove multipliers
 # off, to 1e7 times their size. With this share no rate is below 1/50, and none is accepted beyond
 # 16 tolerances.
-_SHARE = 0.98
+_CORRECTION_SHARE = 0.98
 # IDA gives up after ten attempts at a step; one that begins an interval is tried again from here.
-_SHORTER, _SHORTEST = 1e-4, 1e-300
+_RETRY_FACTOR, _MIN_STEP = 1e-4, 1e-300
 # Errors are weighed by absolute tolerances; IDA wants a relative one that is not zero.
-_NONE = 1e-15
+_NEGLIGIBLE_RTOL = 1e-15
 
 
 @dataclass(frozen=True)
-class Ida(ByTolerance):
+class Ida(AdaptiveIntegrator):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
 
     It runs in machine code ("ida" is "shared libraries" in `Solution.integrator`), or where that
@@ -117,54 +116,54 @@ class Ida(ByTolerance):
             self,
             equations,
             times,
-            partial(Bdf, self),
+            partial(IdaStepper, self),
             progress,
             # At an order that is set but unstable it would see vibrations of its own making.
-            partial(Bdf, replace(self, rtol=SCOUTING_RTOL, max_order="auto")),
+            partial(IdaStepper, replace(self, rtol=PILOT_RTOL, max_order="auto")),
         )
 
 
-class Bdf:
+class IdaStepper:
     """IDA, many steps at a time."""
 
     rows_per_step: ClassVar[int] = 1
-    steps_between_looks: ClassVar[int] = 64
+    steps_per_check: ClassVar[int] = 64
 
-    def __init__(self, settings: Ida, route: Route) -> None:
+    def __init__(self, settings: Ida, plan: RunPlan) -> None:
         self._rtol = settings.rtol
-        self._form = first_order(route.equations, settings.formulation)
-        self._scales = size = scales(route)
-        matter = _multipliers_matter(route.equations)
-        iterated = matter or len(route.equations.nonholonomic_rows) > 0
-        self._control = resolve(
+        self._form = formulate_first_order(plan.equations, settings.formulation)
+        self._scales = size = motion_scales(plan)
+        matter = _multipliers_need_test(plan.equations)
+        iterated = matter or len(plan.equations.nonholonomic_rows) > 0
+        self._control = resolve_error_control(
             settings.error_control,
             settings.max_order,
             self._form.formulation,
             settings.rtol,
             size.rate,
-            STIFF_FOR_BDF,
-            route.fastest_modes,
+            STIFF_RATIO_BDF,
+            plan.fastest_modes,
             matter,
         )
         self._tolerance = self._control.tolerance(settings.rtol, self._form.size)
-        self._longest = route.longest_step("Ida", settings.max_step)
+        self._longest = plan.longest_step("Ida", settings.max_step)
         options = {
-            "rtol": _NONE,
+            "rtol": _NEGLIGIBLE_RTOL,
             "atol": self._control.absolute(self._tolerance, size, self._form, iterated),
             "untested": self._control.untested(self._form) if iterated else None,
             "max_order": self._control.max_order,
             "max_step": self._longest,
         }
         iteration = {
-            "kinematic": KinematicRows.of_form(self._form, size.position),
-            "share": _SHARE if iterated else 1.0,
+            "kinematic": KinematicRowScaling.of_form(self._form, size.position),
+            "share": _CORRECTION_SHARE if iterated else 1.0,
         }
-        self._ida = _made(self._form, route, settings.linear_solver, options, iteration)
+        self._ida = _make_solver(self._form, plan, settings.linear_solver, options, iteration)
 
     @property
-    def resolved(self) -> dict[str, Any]:
+    def resolved_options(self) -> dict[str, Any]:
         """What was chosen."""
-        note = self._form.formulation.note or (_LOSES if self.loses else "")
+        note = self._form.formulation.note or (_RADAU_ADVICE if self.prefers_radau else "")
         return {
             "error_control": self._control.policy,
             "max_order": self._control.max_order,
@@ -172,12 +171,12 @@ class Bdf:
             "local_tolerance": float(self._tolerance),
             "method": "Ida",
             "ida": self._ida.name,
-            **self._ida.told,
+            **self._ida.step_report,
             **({"note": note} if note else {}),
         }
 
     @property
-    def loses(self) -> bool:
+    def prefers_radau(self) -> bool:
         """Whether another method takes less at this tolerance."""
         return self._rtol < self._control.loses_below
 
@@ -208,8 +207,8 @@ class Bdf:
             If there is none.
         """
         while not len(rows := self._ida.advance(most)):
-            shorter = _SHORTER * self._first
-            if self._state is None or self._t + shorter == self._t or shorter < _SHORTEST:
+            shorter = _RETRY_FACTOR * self._first
+            if self._state is None or self._t + shorter == self._t or shorter < _MIN_STEP:
                 raise StepError(self._reason, self._ida.last[2])
             self._start(shorter, self._state)
         self._t = float(rows[-1, 0])
@@ -219,42 +218,42 @@ class Bdf:
     @property
     def _reason(self) -> str:
         # Steps shrink to nothing before a time from which on there is no residual.
-        ahead = self._t + _AHEAD * (self._end - self._t)
+        ahead = self._t + _PROBE_SHARE * (self._end - self._t)
         y, yp, last = self._ida.last
         there = np.zeros(self._form.size)
-        first_order_residual(self._form.buffers(), ahead, self._branch, y, yp, there)
+        evaluate_residual(self._form.buffers(), ahead, self._branch, y, yp, there)
         if not (np.isfinite(last).all() and np.isfinite(there).all()):
             return "the residual is not finite; check laws and start values"
         code = self._ida.code
         if code == NO_ADVANCE:
-            return STUCK
-        limits = next(iter(self._ida.told.get("limited_by", {})), "")
+            return STEP_TOO_SMALL
+        limits = next(iter(self._ida.step_report.get("limited_by", {})), "")
         most = f", the error of {limits} limits most steps" if limits else ""
         return {
             -3: "the error test failed at the smallest step; loosen rtol or test positions only"
             f"{most}",
             -4: "Newton's iteration did not converge at the smallest step; check the model near "
             "this time, or use another formulation",
-        }.get(code, reason(code))
+        }.get(code, describe_status(code))
 
 
-def _multipliers_matter(e: EquationsOfMotion) -> bool:
+def _multipliers_need_test(e: EquationsOfMotion) -> bool:
     """Whether forces depend on multipliers, or nothing but these is left to find."""
     return e.m == e.n or any(force.rows is not None for force in e.structure.forces)
 
 
-def _made(
-    form: FirstOrder,
-    route: Route,
+def _make_solver(
+    form: FirstOrderForm,
+    plan: RunPlan,
     linear_solver: str,
     options: dict[str, Any],
     iteration: dict[str, Any],
 ) -> Any:
     """IDA with everything in machine code, or as it can be had."""
     if form.is_native:
-        with contextlib.suppress(MachineError, UnavailableError):
-            return CompiledIda(form, route.matrix("Ida", form.pattern), options, iteration)
+        with contextlib.suppress(MachineCodeError, UnavailableError):
+            return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
     # Here, for scikit-sundae's class takes SciPy's optimizers along, a third of a run without it.
-    from beamdae.integrators.ida.python_solver import WrappedIda
+    from beamdae.integrators.ida.python_solver import SksundaeIda
 
-    return WrappedIda(form, linear_solver, options, iteration)
+    return SksundaeIda(form, linear_solver, options, iteration)

@@ -11,32 +11,38 @@ import numpy as np
 import scipy.sparse as sp
 from sksundae.ida import IDA
 
-from beamdae.equations.formulations import FirstOrder
+from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.compiled_run import Matrix
-from beamdae.integrators.ida.callbacks import NO_ADVANCE, Newton, preconditioned, setup, stop_after
-from beamdae.integrators.ida.suppress_stdout import silent
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.integrators.ida.callbacks import (
+    NO_ADVANCE,
+    NewtonState,
+    evaluate_preconditioned,
+    factorize_jacobian,
+    next_stop_time,
+)
+from beamdae.integrators.ida.suppress_stdout import suppress_stdout
 from beamdae.linear.factorizations import DENSE_LIMIT
-from beamdae.linear.return_codes import DONE
 from beamdae.memory import require_memory
+from beamdae.native.return_codes import DONE
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
 # What rounding leaves of an iterate, relative to its size.
-_SHARED = 1e-9
+_SHARED_TOLERANCE = 1e-9
 # What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
-_FULL = 8.0
+_BAND_BYTES_PER_ENTRY = 8.0
 
 
-class PreconditionedResidual:
+class SksundaeCallbacks:
     """What scikit-sundae's class calls: `ida_loop` has the mathematics."""
 
-    def __init__(self, form: FirstOrder, linear_solver: str, iteration: dict[str, Any]) -> None:
-        matrix = Matrix.of(form.pattern)
+    def __init__(self, form: FirstOrderForm, linear_solver: str, iteration: dict[str, Any]) -> None:
+        matrix = FactorizedMatrix.of(form.pattern)
         linear = matrix.linear(False, linear_solver)
         raw = np.zeros(form.size)
-        self.newton = Newton(form.buffers(), linear, raw, matrix.nonzeros, **iteration)
+        self.newton = NewtonState(form.buffers(), linear, raw, matrix.nonzeros, **iteration)
         self._t = np.nan
         self._pending = np.zeros(form.size)
         # Whether IDA has been seen to read what is written into its vector, and until then what
@@ -61,7 +67,7 @@ class PreconditionedResidual:
         if self._expected is not None:
             self._check_shared(t, y)
         self._pending = out
-        preconditioned(self.newton, t, y, yp, out)
+        evaluate_preconditioned(self.newton, t, y, yp, out)
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
         """Factorize dR/dy + c dR/dy' and give IDA the identity."""
@@ -69,7 +75,7 @@ class PreconditionedResidual:
         if self._last_setup != self._attempts:
             self._attempts_with_setup += 1
             self._last_setup = self._attempts
-        if setup(self.newton, t, c, y, yp, self._pending) != DONE:
+        if factorize_jacobian(self.newton, t, c, y, yp, self._pending) != DONE:
             # IDA retries with a smaller step, and reports where it had to give up.
             self._pending[:] = np.nan
             return
@@ -94,7 +100,7 @@ class PreconditionedResidual:
         if t != time:
             return
         size = float(np.max(np.abs(self._pending))) + float(np.max(np.abs(expected)))
-        if np.max(np.abs(y - expected)) > _SHARED * size:
+        if np.max(np.abs(y - expected)) > _SHARED_TOLERANCE * size:
             raise BeamdaeError(
                 f"Ida: scikit-sundae {version('scikit-sundae')} hands out copies of IDA's vectors, "
                 "it must be one that shares them: pip install 'scikit-sundae>=1.2,<1.3'."
@@ -115,7 +121,7 @@ class PreconditionedResidual:
         )
 
 
-class WrappedIda:
+class SksundaeIda:
     """IDA by scikit-sundae's class, a step at a time; see `ida_compiled.CompiledIda`.
 
     It has no way to leave out of the error test what Newton's iteration is tested in: "untested"
@@ -126,17 +132,17 @@ class WrappedIda:
 
     def __init__(
         self,
-        form: FirstOrder,
+        form: FirstOrderForm,
         linear_solver: str,
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
         self._form = form
         self._options = {name: x for name, x in options.items() if name != "untested"}
-        self._called = PreconditionedResidual(form, linear_solver, iteration)
+        self._called = SksundaeCallbacks(form, linear_solver, iteration)
         self.code = DONE
         # It tells nothing of its steps.
-        self.told: dict[str, Any] = {}
+        self.step_report: dict[str, Any] = {}
 
     def start(
         self, span: tuple[float, float], branch: float, y: Array, yp: Array, first: float
@@ -145,13 +151,13 @@ class WrappedIda:
         self._called.restart(branch)
         self._t, self._end = span
         self._stop = self._end
-        self._solver = _solver(self._called, self._form.size, first_step=first, **self._options)
+        self._solver = _make_ida(self._called, self._form.size, first_step=first, **self._options)
         self._solver.init_step(self._t, y, yp)
         self.code = DONE
 
     def advance(self, most: int) -> Array:
         """One row, or none."""
-        with silent:
+        with suppress_stdout:
             # SUNDIALS prints its errors; the status says them.
             result = self._solver.step(self._end, "onestep", self._stop)
         self._y, self._yp = result.y, result.yp
@@ -160,7 +166,7 @@ class WrappedIda:
             self.code = int(result.status)
         if self.code != DONE:
             return np.zeros((0, 0))
-        self._stop = stop_after(self._t, result.t, self._end)
+        self._stop = next_stop_time(self._t, result.t, self._end)
         self._t = result.t
         self._called.accepted += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
@@ -176,7 +182,7 @@ class WrappedIda:
         return self._called.counts
 
 
-def _solver(called: PreconditionedResidual, size: int, **options: Any) -> IDA:
+def _make_ida(called: SksundaeCallbacks, size: int, **options: Any) -> IDA:
     """IDA with a solver for the identity, which is all that is left for it to solve.
 
     For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
@@ -191,5 +197,5 @@ def _solver(called: PreconditionedResidual, size: int, **options: Any) -> IDA:
             return IDA(called.residual, linsolver="sparse", sparsity=pattern, **options)
     what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
     remedy = "install one that has it, take fewer elements, or another integrator"
-    require_memory("Ida", what, _FULL * size**2, remedy)
+    require_memory("Ida", what, _BAND_BYTES_PER_ENTRY * size**2, remedy)
     return IDA(called.residual, linsolver="band", lband=0, uband=0, **options)

@@ -9,17 +9,17 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
-from beamdae.integrators.integrator import ByTolerance, Progress, require_tolerance
-from beamdae.integrators.pilot_run import SCOUTING_RTOL
-from beamdae.integrators.radau.radau_method import Collocating
-from beamdae.integrators.run_plan import Route
+from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
+from beamdae.integrators.pilot_run import PILOT_RTOL
+from beamdae.integrators.radau.stepper import RadauStepper
+from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Radau(ByTolerance):
+class Radau(AdaptiveIntegrator):
     """Three-stage Radau IIA of order 5, variable step, on the stabilized index-1 form.
 
     Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
@@ -64,9 +64,9 @@ class Radau(ByTolerance):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        scout = replace(self, rtol=SCOUTING_RTOL).method_on
+        scout = replace(self, rtol=PILOT_RTOL).method_on
         return drive(self, equations, times, self.method_on, progress, scout)
 
-    def method_on(self, route: Route) -> Collocating:
+    def method_on(self, plan: RunPlan) -> RadauStepper:
         """What takes its steps."""
-        return Collocating(self.rtol, self.error_control, self.max_step, self.linear_solver, route)
+        return RadauStepper(self.rtol, self.error_control, self.max_step, self.linear_solver, plan)

@@ -25,10 +25,13 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
-from beamdae.results.section_forces.applied_loads import ALL_LOADS, AppliedLoads, collect_applied_loads
+from beamdae.results.section_forces.applied_loads import (
+    ALL_LOADS,
+    AppliedLoads,
+    collect_applied_loads,
+)
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
@@ -115,7 +118,9 @@ class _Along:
     def _located(self, s: Array) -> tuple[Array, Array]:
         """Places (rows, places, 2) and angles (rows, places) of sections."""
         points = (self._beam.kinematics.material_point(x) for x in s.tolist())
-        found = evaluate_sections(position_and_angle, [SectionFunction(p.operator, p.motion) for p in points], *self._own)
+        found = evaluate_sections(
+            position_and_angle, [SectionFunction(p.operator, p.motion) for p in points], *self._own
+        )
         # Elements meet at small angles, sections stand across the curve.
         return found[..., :2], found[..., 2] + self._beam.curve.tangent_angle(s)
 
@@ -269,7 +274,9 @@ def _default(
     near, jumps = SAME_PLACE * length, [0.0, length]
     for rows, factors in groups:
         some = np.unique(rows[[0, -1]])
-        there = collect_applied_loads(beam, e, times[some], State(*(x[some] for x in state)), factors).places
+        there = collect_applied_loads(
+            beam, e, times[some], State(*(x[some] for x in state)), factors
+        ).places
         jumps += there[0, np.abs(there[-1] - there[0]) <= near].tolist()
     inner = np.clip(jumps, 0.0, length)
     ends = np.sort(np.concatenate([np.linspace(0.0, length, beam.mesh.elements + 1), inner]))

@@ -49,7 +49,9 @@ def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
     return ca.vertcat(strains, local.dot(strains))
 
 
-def evaluate_sections(build: Build, at: Sequence[SectionFunction], q: Array, v: Array, a: Array) -> Array:
+def evaluate_sections(
+    build: Build, at: Sequence[SectionFunction], q: Array, v: Array, a: Array
+) -> Array:
     """What is built of each function, at rows (rows, n) of a beam's coordinates.
 
     Returns

@@ -63,17 +63,19 @@ class BeamRange:
         )
 
 
-def beam_ranges(equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[BeamRange, ...]:
+def measure_beam_ranges_of_run(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> tuple[BeamRange, ...]:
     """How far each beam went, over some hundreds of the times of a run."""
     if not equations.ranges:
         return ()
     # Between steps as well: those of Radau are long.
     start = trajectory.intervals[0].t[0]
     _, state = trajectory.at(np.unique(np.linspace(start, trajectory.end, _ROWS)))
-    return ranges_of(equations, state.q)
+    return measure_beam_ranges(equations, state.q)
 
 
-def ranges_of(equations: EquationsOfMotion, q: np.ndarray) -> tuple[BeamRange, ...]:
+def measure_beam_ranges(equations: EquationsOfMotion, q: np.ndarray) -> tuple[BeamRange, ...]:
     """How far each beam went, over rows of coordinates."""
     found = []
     for term in equations.ranges:

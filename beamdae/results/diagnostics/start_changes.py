@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 
 Array = np.ndarray
 
@@ -38,7 +37,7 @@ class StartChange:
 
 
 @dataclass(frozen=True)
-class StartFacts:
+class StartSummary:
     """How a run started.
 
     Attributes
@@ -61,7 +60,7 @@ class StartFacts:
         return max(self.changes, key=lambda change: change.displacement, default=None)
 
 
-def start_facts(e: EquationsOfMotion, state: State) -> StartFacts:
+def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     """How a run with these equations that starts at this state differs from what was asked for."""
     asked, q, v, moves = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
     angles = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
@@ -72,7 +71,7 @@ def start_facts(e: EquationsOfMotion, state: State) -> StartFacts:
         faster = np.abs(state.v - v)[part.rows] * weight
         most = e.q_names[part.rows][int(np.argmax(moved))]
         changes.append(StartChange(part.name, float(moved.max()), float(faster.max()), most))
-    return StartFacts(asked, tuple(changes), "" if moves else _warned(e, changes))
+    return StartSummary(asked, tuple(changes), "" if moves else _warned(e, changes))
 
 
 def _warned(e: EquationsOfMotion, changes: list[StartChange]) -> str:

@@ -3,13 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
+from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.results.headers import Header
 
 
-def every_column(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
+class Header(NamedTuple):
+    """What a header 'name.suffix [unit]' says; without a suffix, `suffix` repeats the name."""
+
+    name: str
+    suffix: str
+    unit: str
+
+    @classmethod
+    def of(cls, column: str) -> Header:
+        """Read a header."""
+        dotted, _, unit = column.removesuffix("]").rpartition(" [")
+        name, _, suffix = dotted.rpartition(".")
+        return cls(name or suffix, suffix, unit)
+
+    @property
+    def kind(self) -> str:
+        """What columns share that can be measured against each other: their unit, if they have one.
+
+        Columns without a unit have nothing to do with each other.
+        """
+        return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
+
+
+def observed_columns(table: Iterable[object]) -> list[str]:
+    """The observed columns of a table that may have time, energies and drift as well."""
+    others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
+    return [str(column) for column in table if str(column) not in others]
+
+
+def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
     """Columns of a table and coordinates by header; the column where both have one of the name.
 
     A point of a body may be observed under the name of the body.
@@ -17,7 +46,7 @@ def every_column(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any
     return {**observed, **dict(coordinates), **observed}
 
 
-def selected(
+def select_columns(
     headers: Iterable[str], name: Any, of: str = "Solution", observed: Iterable[str] = ()
 ) -> list[str]:
     """The headers a name stands for.

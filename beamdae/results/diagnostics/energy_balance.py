@@ -40,7 +40,7 @@ class Quality:
     energy_imbalance: float
 
 
-class Balance(NamedTuple):
+class Imbalance(NamedTuple):
     """What adds up to nothing in a perfect run, over all steps.
 
     Attributes
@@ -95,7 +95,7 @@ class EnergyLedger:
             active, state = interval.configuration, interval.rows
             own = equations if active is None else active.equations
             if active is not None:
-                state = state._replace(lam=active.own(state.lam))
+                state = state._replace(lam=active.select_multipliers(state.lam))
             if id(own) not in keepers:
                 keepers[id(own)] = measures.balance_rows(own)
             function = keepers[id(own)]
@@ -140,7 +140,7 @@ class EnergyLedger:
         return np.hstack([interval.smooth(self.energies[k], times), works])
 
     @cached_property
-    def energy(self) -> Balance:
+    def energy(self) -> Imbalance:
         """Energy - work of loads - work of drivers + dissipated - start, at all steps [J]."""
         books = np.hstack([self._at_steps(self.energies), np.concatenate(self.works)])
         turnover = max(
@@ -148,7 +148,7 @@ class EnergyLedger:
         )
         off, largest = (float(np.max(np.abs(x))) for x in (_imbalance(books, books[0]), books))
         rounding = _BY_FORCES * self.force.scale * self.length + _BY_ENERGIES * largest
-        return Balance(off, max(float(turnover), rounding), largest)
+        return Imbalance(off, max(float(turnover), rounding), largest)
 
     @cached_property
     def _norms(self) -> Array:
@@ -161,11 +161,11 @@ class EnergyLedger:
         return np.concatenate([x[:: i.per_step] for x, i in zip(values, intervals, strict=True)])
 
     @property
-    def force(self) -> Balance:
+    def force(self) -> Imbalance:
         """F + G^T lam, beside the largest constraint, applied or elastic force, at all steps."""
         residual, reaction, force, _, _ = map(float, np.max(self._norms, axis=0))
         scale = max(reaction, force)
-        return Balance(residual, scale, scale)
+        return Imbalance(residual, scale, scale)
 
     def time_off(self, residual: float) -> float:
         """Share of the run over which F + G^T lam is larger than `residual`, or no number."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.results.energy_balance import EnergyLedger
+from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
 # From this share of the energy turned over on a run is doubtful, and where it leaves the other one
 # of the largest force for more than this share of the time: single steps do so, those after a load
@@ -22,7 +22,7 @@ _REMEDY = (
 )
 
 
-def doubts(
+def quality_warnings(
     equations: EquationsOfMotion,
     books: EnergyLedger,
     observed: Mapping[str, np.ndarray],

@@ -55,7 +55,7 @@ class SingularPosition:
     jump: bool
 
 
-def singular_positions(
+def find_singular_positions(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[SingularPosition, ...]:
     """Singular positions of a run: dips of the smallest singular value of G to nothing.
@@ -181,7 +181,7 @@ def _straight(steps: Array, values: Array, t: Array) -> Array:
     return (1.0 - share) * values[k] + share * values[k + 1]
 
 
-def branch_warnings(found: tuple[SingularPosition, ...]) -> tuple[str, ...]:
+def singularity_warnings(found: tuple[SingularPosition, ...]) -> tuple[str, ...]:
     """A sentence on what was passed, and one on where a run left its branch."""
     if not found:
         return ()
