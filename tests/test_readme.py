@@ -61,9 +61,9 @@ def test_the_system_of_equations_runs_as_printed():
 @pytest.mark.slow(reason="pictures of modes")
 def test_modes_of_the_guide():
     names = names_of("modes")
-    assert names["found"].kinds == ("vibration",) * 4
+    assert names["modes"].kinds == ("vibration",) * 4
     # Hanging, as a pendulum of its length nearly does.
-    assert 0.5 < names["found"].frequencies[0] < 0.7
+    assert 0.5 < names["modes"].frequencies[0] < 0.7
     assert names["response"].shape == (2, len(names["model"].outputs), 2)
 
 
