@@ -1,4 +1,4 @@
-"""What README and `.docs/develop/extend.md` add, word by word, obeys every law of its kind."""
+"""The extensions printed in README and `.docs/develop/extend.md` satisfy every law of their kind."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-# Files whose laws run over what conformance lists, and how many cases each kind has to add.
+# Tests that run over everything conformance lists.
 LAWS = (
     "parts/test_joints.py",
     "parts/test_loads.py",
@@ -17,11 +17,11 @@ LAWS = (
     "integrators/test_integrators.py",
     "integrators/test_breakpoints.py",
 )
-ADDED = {"rod": 8, "dashpot": 2, "exact": 8, "euler": 10}
+MIN_TESTS = {"rod": 8, "dashpot": 2, "exact": 8, "euler": 10}
 
 
-@pytest.mark.slow(reason="a session of tests in a process of its own")
-def test_what_the_readme_adds_obeys_every_law_of_its_kind(tmp_path):
+@pytest.mark.slow(reason="runs a test session in a separate process")
+def test_printed_extensions_satisfy_every_law_of_their_kind(tmp_path):
     readme = (HERE.parent / "README.md").read_text()
     section = readme.split("## How to add")[1].split("\n## ")[0]
     page = (HERE.parent / ".docs" / "develop" / "extend.md").read_text()
@@ -31,12 +31,12 @@ def test_what_the_readme_adds_obeys_every_law_of_its_kind(tmp_path):
     paths = [tmp_path, HERE, *(Path(p) for p in sys.path if p)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
     command = [sys.executable, "-m", "pytest", "-p", "extension", "-p", "no:cacheprovider", "-vv"]
-    command += ["-m", "slow or not slow", "-n", "0", "-k", " or ".join(ADDED)]
+    command += ["-m", "slow or not slow", "-n", "0", "-k", " or ".join(MIN_TESTS)]
     command += [*(str(HERE / file) for file in LAWS)]
     run = subprocess.run(
         command, capture_output=True, text=True, env=environment, cwd=HERE.parent, timeout=300
     )
     assert run.returncode == 0, run.stdout[-4000:] + run.stderr[-2000:]
-    for name, least in ADDED.items():
+    for name, least in MIN_TESTS.items():
         passed = [line for line in run.stdout.splitlines() if name in line and "PASSED" in line]
         assert len(passed) >= least, f"{name}: {len(passed)} laws"

@@ -1,4 +1,4 @@
-"""Pages of the documentation run as printed: their Python, and their `beamdae` commands."""
+"""Documentation pages run as printed: Python blocks and `beamdae` commands."""
 
 import gc
 import re
@@ -20,57 +20,57 @@ PAGES = [
 BLOCK = re.compile(r"^```(\{code-cell\} python|python|sh)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 slow = pytest.mark.slow(reason="pages simulate, fit and make moving pictures")
-# Of a cluster that ends on a busy machine sockets are left, which is Dask's affair.
-of_dask = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+# Dask leaves sockets open when a cluster shuts down on a busy machine.
+allow_dask_warnings = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 
-def blocks(page):
-    """Language and text of each block of code."""
+def code_blocks(page):
+    """Return (language, text) of each code block."""
     return [(kind.split()[-1], text) for kind, text in BLOCK.findall(page.read_text())]
 
 
-def printed(page):
-    """A page as a variant of a test."""
+def page_param(page):
+    """Return a page as a parameter of a test."""
     has_cluster = "LocalCluster" in page.read_text()
-    return pytest.param(page, marks=[of_dask] if has_cluster else [], id=page.stem)
+    return pytest.param(page, marks=[allow_dask_warnings] if has_cluster else [], id=page.stem)
 
 
-def run(page):
-    """Execute a page from top to bottom; the names it leaves."""
+def run_page(page):
+    """Execute a page from top to bottom; return the names it defines."""
     names = {"__name__": "__main__"}
-    for k, (language, text) in enumerate(blocks(page)):
+    for k, (language, text) in enumerate(code_blocks(page)):
         if language == "python":
             exec(compile(text, f"{page.name}, block {k + 1}", "exec"), names)
             continue
         for line in text.splitlines():
             program, *arguments = shlex.split(line, comments=True)
             if program == "beamdae":
-                command(line, arguments)
+                run_command(line, arguments)
     return names
 
 
-def command(line, arguments):
-    """Run a command of a model that is there; of others, look whether there are such options."""
-    there = any(argument.startswith("example:") for argument in arguments)
-    given = arguments if there else [arguments[0], "--help"]
-    result = CliRunner(env={"COLUMNS": "200"}).invoke(app, given)
+def run_command(line, arguments):
+    """Run a command on an example; for other files, check that its options exist."""
+    is_example = any(argument.startswith("example:") for argument in arguments)
+    executed = arguments if is_example else [arguments[0], "--help"]
+    result = CliRunner(env={"COLUMNS": "200"}).invoke(app, executed)
     assert result.exit_code == 0, f"{line}: {result.output}"
     options = [argument for argument in arguments if argument.startswith("--")]
-    assert there or all(option in result.output for option in options), line
+    assert is_example or all(option in result.output for option in options), line
 
 
 @slow
-def test_the_tutorial_tells_what_it_says(tmp_path, monkeypatch):
+def test_tutorial_results_match_its_text(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = run(TUTORIAL)
+    names = run_page(TUTORIAL)
     assert_allclose(names["modes"].frequencies, [2.81, 17.3, 63.4], rtol=2e-3)
     assert names["mech"].check(predict=False).rigid_mobility == 1
     assert names["run"].quality.energy_imbalance < 1e-5
     assert (tmp_path / "four_bar.gif").stat().st_size > 1e4
     assert np.ptp(names["run"]["pin.angle"]) == pytest.approx(0.36, abs=0.005)
     assert names["finer"].difference(names["run"], "pin.angle").abs().max().iloc[0] < 2e-5
-    swings = names["found"].table["swing [rad]"]
-    assert (names["found"].table["status"] == "ok").all()
+    swings = names["results"].table["swing [rad]"]
+    assert (names["results"].table["status"] == "ok").all()
     assert_allclose(swings.iloc[[0, 3, 6]], [0.341, 0.870, 1.461], rtol=2e-3)
     # Three standard deviations.
     assert abs(names["fit"].x[0] - 173.0) < 3.0 * names["deviation"]
@@ -78,16 +78,16 @@ def test_the_tutorial_tells_what_it_says(tmp_path, monkeypatch):
 
 
 @slow
-@pytest.mark.parametrize("page", [printed(page) for page in PAGES if blocks(page)])
-def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", [page_param(page) for page in PAGES if code_blocks(page)])
+def test_page_runs_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run(page)
-    # What a page leaves open is told in its own test.
+    run_page(page)
+    # Report resources that the page leaves open in this test, not in a later one.
     gc.collect()
 
 
-def test_pages_are_notebooks_where_they_have_cells():
-    """Without the header cells would be shown and not executed."""
+def test_pages_with_cells_have_a_notebook_header():
+    """Without the header, cells would be displayed but not executed."""
     for page in [TUTORIAL, *PAGES]:
         text = page.read_text()
         assert ("{code-cell}" in text) == text.startswith("---\njupytext:"), page.name

@@ -1,4 +1,4 @@
-"""What the readme and the pages of the guide print runs as printed."""
+"""Examples of the README and of the guide run as printed."""
 
 import re
 from pathlib import Path
@@ -11,26 +11,26 @@ import beamdae as bd
 
 ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / ".docs" / "guide"
-# Pages whose results are looked at one by one below.
-LOOKED_AT = {"equations", "equilibria", "events", "forces", "modes", "section_forces"}
-RUN = {page.stem for page in GUIDE.glob("*.md") if "{code-cell}" in page.read_text()}
+# Pages with a test of their results below.
+TESTED_PAGES = {"equations", "equilibria", "events", "forces", "modes", "section_forces"}
+EXECUTED_PAGES = {page.stem for page in GUIDE.glob("*.md") if "{code-cell}" in page.read_text()}
 
 
-def blocks(text):
+def code_blocks(text):
     return re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", text, flags=re.DOTALL)
 
 
-def names_of(page):
-    """What the blocks of a page leave behind."""
-    given: dict = {}
-    for block in blocks((GUIDE / f"{page}.md").read_text()):
-        exec(compile(block, f"{page}.md", "exec"), given)
-    return given
+def run_page(page):
+    """Execute the code blocks of a page; return the names they define."""
+    names: dict = {}
+    for block in code_blocks((GUIDE / f"{page}.md").read_text()):
+        exec(compile(block, f"{page}.md", "exec"), names)
+    return names
 
 
 def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     section = (ROOT / "README.md").read_text().split("## A model")[1].split("\n## ")[0]
-    (example,) = blocks(section)
+    (example,) = code_blocks(section)
     assert len([line for line in example.splitlines() if line.strip()]) <= 15
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})
@@ -39,63 +39,63 @@ def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
     assert {"tip.x [m]", "tip.angle [rad]", "gauge [-]"} <= set(table.columns)
 
 
-def test_the_readme_leads_to_files_that_exist():
+def test_links_of_readme_and_pages_lead_to_files():
     for page in (ROOT / "README.md", *ROOT.glob(".docs/guide/*.md"), *ROOT.glob(".docs/*.md")):
         for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", page.read_text()):
-            # Made when the pages are.
+            # The gallery is generated with the site.
             if not target.removeprefix("../").startswith("gallery/"):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_the_system_of_equations_runs_as_printed():
-    solution = names_of("equations")["solution"]
+def test_system_of_equations_in_the_guide():
+    solution = run_page("equations")["solution"]
     assert list(solution.observed) == ["x [m]", "y [m]", "r [m]", "push [N]"]
     assert solution.coordinates().columns[-1] == "lam.constraint.rod [N]"
-    # The rod begins level: it carries the weight.
+    # The rod starts horizontal and carries the weight.
     np.testing.assert_allclose(solution.observed["push [N]"].iloc[0], 0.2 * 9.81, rtol=1e-6)
-    # A gravitational potential leaves nothing to be a load.
+    # The gravitational potential accounts for all power of f.
     np.testing.assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-12)
     assert solution.quality.energy_imbalance < 100e-6
 
 
-@pytest.mark.slow(reason="pictures of modes")
-def test_modes_of_the_guide():
-    names = names_of("modes")
+@pytest.mark.slow(reason="draws and animates modes")
+def test_modes_in_the_guide():
+    names = run_page("modes")
     assert names["modes"].kinds == ("vibration",) * 4
-    # Hanging, as a pendulum of its length nearly does.
+    # Close to the frequency of a pendulum of the same length.
     assert 0.5 < names["modes"].frequencies[0] < 0.7
     assert names["response"].shape == (2, len(names["model"].outputs), 2)
 
 
-def test_the_arch_jumps_as_printed():
-    names = names_of("equilibria")
+def test_arch_in_the_guide_snaps_through():
+    names = run_page("equilibria")
     heights = names["jump"]["crown.y"]
     assert heights.iloc[0] == names["path"]["crown.y"].iloc[names["limit"].row]
     assert heights.min() < -5e-3
 
 
-def test_forces_join_the_example():
-    names = names_of("forces")
+def test_forces_in_the_guide():
+    names = run_page("forces")
     solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)
     assert solution.status.success
     assert solution.quality.energy_imbalance < 1e-2
 
 
-def test_events_of_the_guide():
-    solution = names_of("events")["solution"]
+def test_events_in_the_guide():
+    solution = run_page("events")["solution"]
     assert list(solution.events["event"]) == ["low", "tip.x crosses 0", "tip.x crosses -0.3"]
     assert solution.t[-1] == solution.events["t [s]"].iloc[-1] < 2.0
 
 
 @pytest.mark.slow(reason="a run at a tight tolerance")
-def test_section_forces_of_the_guide():
-    names = names_of("section_forces")
-    # A rod between two hinges carries no moment at its ends.
+def test_section_forces_in_the_guide():
+    names = run_page("section_forces")
+    # A rod between two hinges has no moment at its ends.
     table = names["forces"].envelope()
     np.testing.assert_allclose(table["M max [N m]"].iloc[[0, -1]], 0.0, atol=1e-6)
 
 
-@pytest.mark.slow(reason="moving pictures")
-@pytest.mark.parametrize("page", sorted(RUN - LOOKED_AT))
-def test_pages_run_as_printed(page):
-    assert names_of(page)
+@pytest.mark.slow(reason="writes animations")
+@pytest.mark.parametrize("page", sorted(EXECUTED_PAGES - TESTED_PAGES))
+def test_page_of_the_guide_runs_as_printed(page):
+    assert run_page(page)
