@@ -106,7 +106,7 @@ GROUPS = (
             Public("RackAndPinion", "beamdae.parts.joints.gears"),
             Public("RollingOnLine", "beamdae.parts.joints.rolling"),
             Public("RollingOnCircle", "beamdae.parts.joints.rolling"),
-            Public("Skate", "beamdae.parts.joints.skate"),
+            Public("Skate", "beamdae.parts.joints.rolling"),
         ),
     ),
     Group(
@@ -223,7 +223,7 @@ GROUPS = (
         (
             Public("draw", "beamdae.report.pictures.drawing"),
             Public("plot", "beamdae.report.pictures.time_plots"),
-            Public("Plot", "beamdae.report.pictures.time_plots"),
+            Public("Plot", "beamdae.results.displays"),
             Public("animate", "beamdae.report.pictures.run_animation"),
             Public("Animation", "beamdae.report.page.motion_player"),
         ),

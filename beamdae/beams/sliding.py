@@ -17,7 +17,8 @@ from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields, short_repr
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.events import Event
-from beamdae.parts.joints.joint import load_columns, meeting_tolerance, resolve_load
+from beamdae.parts.joints.joint import meeting_tolerance
+from beamdae.parts.joints.kinematic_constraint import load_columns, resolve_load
 from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (

@@ -6,8 +6,9 @@ from typing import Any
 
 from beamdae.errors import BeamdaeError, require_choice, require_finite, short_repr
 from beamdae.parts.events import Impact, Switch
-from beamdae.parts.joints.drivers import Driven, Driver, TranslationalDriver
-from beamdae.parts.joints.joint import Joint, JointByFormula
+from beamdae.parts.joints.drivers import DrivenJoint, Driver, TranslationalDriver
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
 from beamdae.parts.laws import as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Quantity
@@ -25,7 +26,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
-            if not isinstance(part, JointByFormula):
+            if not isinstance(part, KinematicConstraint) or part.gap is None:
                 raise BeamdaeError(
                     f"{part.name}: it cannot hold what it finds, as_is=True is for joints that "
                     f"hold angles, travels or points, got {short_repr(part)}."
@@ -63,7 +64,7 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     >>> slower = bd.piecewise((1.0, lambda t: 5.0 * t - 2.0 * t**2), lambda t: 2.0 + t)
     >>> event = mech.when("disk.angle", 6.0, "up", bd.change_law(drive, slower), name="slower")
     """
-    if not (isinstance(driver, Driven) and driver.is_relative):
+    if not (isinstance(driver, DrivenJoint) and driver.is_relative):
         raise BeamdaeError(
             "change_law: it is for a Driver or a TranslationalDriver, whose law is relative, got "
             f"{short_repr(driver)}."

@@ -39,6 +39,9 @@ class Part:
     name: str
     # Whether it is a load, which the load factor of an equilibrium scales unless others are named.
     is_load: ClassVar[bool] = False
+    # Name of the symbol it is drawn with, see `beamdae.report.scene`; "": a diamond, or what `draw`
+    # returns.
+    symbol: ClassVar[str] = ""
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:

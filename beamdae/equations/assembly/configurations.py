@@ -1,15 +1,21 @@
-"""Mechanisms some of whose joints and forces are inactive: equations of the others alone."""
+"""Equations of a mechanism some of whose joints and forces are switched off by events."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.assembly.coordinate_map import CoordinateMap
+from beamdae.equations.equations_of_motion import (
+    Configuration,
+    EquationsOfMotion,
+    EventTerm,
+    FrozenGaps,
+    ImpactEquations,
+)
 from beamdae.errors import BeamdaeError
 from beamdae.parts.events import Impact, select_impacts, select_switches
 from beamdae.parts.joints.event_constraints import (
@@ -18,111 +24,75 @@ from beamdae.parts.joints.event_constraints import (
     FrozenGap,
     evaluate_frozen_gap,
 )
-from beamdae.parts.joints.joint import Joint, JointByFormula
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
 from beamdae.parts.laws import Law, shift_law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 
 Array = np.ndarray
-# What joints that were switched on as they were hold, by name.
-FrozenGaps = Mapping[str, FrozenGap]
 
-
-@dataclass(frozen=True, eq=False)
-class Configuration:
-    """Equations of the active parts of a mechanism, from one event to the next.
-
-    Attributes
-    ----------
-    equations
-        On the same coordinates as those of all parts.
-    held
-        Which of the multipliers of all parts are theirs.
-    inactive
-        Names of the other parts.
-    found
-        What joints hold that were switched on as they were.
-    """
-
-    equations: EquationsOfMotion
-    multiplier_rows: Array
-    inactive: frozenset[str]
-    frozen_gaps: FrozenGaps = field(default_factory=dict)
-
-    def select_multipliers(self, lam: Array) -> Array:
-        """Of rows of all multipliers those that there are."""
-        return lam[:, self.multiplier_rows]
-
-    def expand_multipliers(self, lam: Array, m: int) -> Array:
-        """Rows of all `m` multipliers: those of inactive parts are zero."""
-        found = np.zeros((len(lam), m))
-        found[:, self.multiplier_rows] = lam
-        return found
-
-
-@dataclass(frozen=True)
-class ImpactEquations:
-    """Equations in which what an impact throws back is held, too.
-
-    Attributes
-    ----------
-    restitution
-        By multiplier of what is thrown back.
-    gaps
-        Those of them that open freely.
-    """
-
-    equations: EquationsOfMotion
-    restitution: Mapping[str, float]
-    gaps: frozenset[str]
+# Fields that stay those of the whole mechanism, so that scales do not change during a run.
+_SHARED_FIELDS = ("q0", "v0", "length", "parts")
 
 
 @dataclass(eq=False)
-class Configurations:
-    """The configurations of a mechanism, built when they are first asked for.
+class MechanismConfigurations:
+    """Configurations of a mechanism, assembled when they are first needed.
+
+    Implements `Configurations`, where the public methods are described.
 
     Attributes
     ----------
-    first
-        Parts that are inactive at the start of a run.
-    found
-        What joints hold there that were switched on as they were.
+    mechanism
+        All parts.
+    coordinates
+        Coordinate map of all parts.
+    assemble
+        Assembles the equations of a mechanism.
+    initially_inactive
+        Names of the parts that are inactive at the start of a run.
+    frozen_gaps
+        Offsets of joints that were switched on as they were before the start.
     """
 
     mechanism: Mechanism
-    build: Callable[[Mechanism], EquationsOfMotion]
+    coordinates: CoordinateMap
+    assemble: Callable[[Mechanism], EquationsOfMotion]
     initially_inactive: frozenset[str]
     frozen_gaps: FrozenGaps = field(default_factory=dict)
-    _known: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
+    _assembled: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
+
+    def starting_with(
+        self, inactive: frozenset[str], frozen_gaps: FrozenGaps
+    ) -> MechanismConfigurations:
+        return replace(self, initially_inactive=inactive, frozen_gaps=frozen_gaps)
 
     def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
-        """The one at the start of a run; `whole` are the equations of all parts."""
         return self.configuration_without(whole, self.initially_inactive, self.frozen_gaps)
 
     def configuration_without(
-        self, whole: EquationsOfMotion, inactive: frozenset[str], found: FrozenGaps
+        self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> Configuration:
-        """The one without these parts, some joints of which hold what was `found`."""
-        if found:
-            # What was found once is not found again.
-            built = self.build(self._without(inactive, found))
-        elif inactive in self._known:
-            built = self._known[inactive]
+        if frozen_gaps:
+            # The same offsets do not recur: nothing to cache.
+            active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
+        elif inactive in self._assembled:
+            active = self._assembled[inactive]
         else:
-            built = self._known[inactive] = self.build(self._without(inactive, found))
-        # What a run goes by must not change on the way.
-        shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
-        scales = [x.time_scale for x in (whole, built) if x.time_scale is not None]
+            active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
+            self._assembled[inactive] = active
+        time_scales = [x.time_scale for x in (whole, active) if x.time_scale is not None]
         equations = replace(
-            built,
-            breakpoints=tuple(sorted({*whole.breakpoints, *built.breakpoints})),
-            time_scale=min(scales, default=None),
-            laws=(*whole.laws, *(built.laws if found else ())),
-            **shared,
+            active,
+            breakpoints=tuple(sorted({*whole.breakpoints, *active.breakpoints})),
+            time_scale=min(time_scales, default=None),
+            laws=(*whole.laws, *(active.laws if frozen_gaps else ())),
+            **_shared_fields(whole),
         )
-        rows = {name: k for k, name in enumerate(whole.lam_names)}
-        held = np.array([rows[name] for name in equations.lam_names], int)
-        return Configuration(equations, held, inactive, dict(found))
+        index = {name: k for k, name in enumerate(whole.lam_names)}
+        rows = np.array([index[name] for name in equations.lam_names], int)
+        return Configuration(equations, rows, inactive, dict(frozen_gaps))
 
     def configuration_after(
         self,
@@ -132,89 +102,96 @@ class Configurations:
         time: Array,
         q: Array,
     ) -> Configuration:
-        """The one after an event has switched parts at time = (t, branch)."""
-        inactive, found = now.inactive, dict(now.frozen_gaps)
+        inactive, frozen_gaps = now.inactive, dict(now.frozen_gaps)
         for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
             for name in (*switch.on, *switch.off):
-                found.pop(name, None)
-            changed = dict(switch.laws)
+                frozen_gaps.pop(name, None)
+            follows_event = dict(switch.laws)
             for name in switch.as_is:
-                held = (
-                    FrozenGap((), event.name, float(time[0])) if name in changed else FrozenGap(())
-                )
-                found[name] = self._finding(name, held, time, q)
-        if inactive == now.inactive and found == now.frozen_gaps:
+                gap = FrozenGap(())
+                if name in follows_event:
+                    gap = FrozenGap((), event.name, float(time[0]))
+                frozen_gaps[name] = self._freeze_gap(name, gap, time, q)
+        if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
             return replace(now)
-        return self.configuration_without(whole, inactive, found)
+        return self.configuration_without(whole, inactive, frozen_gaps)
 
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
     ) -> ImpactEquations:
-        """What the impacts of an event throw back, with all that is active."""
-        rest = self._without(now.inactive, now.frozen_gaps)
+        mechanism = self._active_mechanism(now.inactive, now.frozen_gaps)
         restitution: dict[str, float] = {}
         gaps: list[str] = []
-        for one in impacts:
-            part: Part = (
-                one.on
-                if isinstance(one.on, Joint)
-                else ClosedGap(_unused_name(event, rest), one.on)
-            )
-            if part.name in rest.parts:
-                # It is held, and nothing of it moves.
+        for impact in impacts:
+            part: Part
+            if isinstance(impact.on, Joint):
+                part = impact.on
+            else:
+                part = ClosedGap(_unused_name(event, mechanism), impact.on)
+            if part.name in mechanism.parts:
+                # An active joint has no relative velocity to reverse.
                 continue
-            rest.parts[part.name] = part
+            mechanism.parts[part.name] = part
             names = [f"{part.name}.{x.name}" for s in part.constraints() for x in s.multipliers]
-            restitution |= dict.fromkeys(names, one.restitution)
+            restitution |= dict.fromkeys(names, impact.restitution)
             gaps += names if isinstance(part, ClosedGap) else []
-        shared = {name: getattr(whole, name) for name in ("q0", "v0", "length", "parts")}
-        return ImpactEquations(replace(self.build(rest), **shared), restitution, frozenset(gaps))
+        equations = replace(self.assemble(mechanism), **_shared_fields(whole))
+        return ImpactEquations(equations, restitution, frozenset(gaps))
 
-    def _finding(self, name: str, held: FrozenGap, time: Array, q: Array) -> FrozenGap:
-        """With what a joint finds at time = (t, branch)."""
-        joint, law = self.mechanism.part(name), self._law(name, held)
-        assert isinstance(joint, JointByFormula)
-        owners, pieces = map_coordinates(self.mechanism), joint._pieces
-        local = np.concatenate([x.operator @ q[owners.slice(x.owner)] for x in pieces])
-        # A law that begins here is on its own first piece.
-        at = time if law is None else time[[0, 0]]
-        return replace(held, found=evaluate_frozen_gap(joint, law, at, local))
+    def _freeze_gap(self, name: str, gap: FrozenGap, time: Array, q: Array) -> FrozenGap:
+        """Return the gap with the offsets of the joint at time = (t, branch) and positions q."""
+        joint, law = self.mechanism.part(name), self._event_law(name, gap)
+        assert isinstance(joint, KinematicConstraint)
+        pieces = joint.pieces
+        local = np.concatenate([x.operator @ q[self.coordinates.slice_of(x.owner)] for x in pieces])
+        # A law that begins here is evaluated on its first branch.
+        law_time = time if law is None else time[[0, 0]]
+        return replace(gap, offsets=evaluate_frozen_gap(joint, law, law_time, local))
 
-    def _law(self, name: str, held: FrozenGap) -> Law | None:
-        """The law that an event has a joint follow; None if it is its own."""
-        if not held.event:
+    def _event_law(self, name: str, gap: FrozenGap) -> Law | None:
+        """Return the law that an event gave a joint; None if it follows the law of the joint."""
+        if not gap.event:
             return None
         for event in self.mechanism.events:
             laws = dict(law for switch in select_switches(event.do) for law in switch.laws)
-            if event.name == held.event and name in laws:
-                return shift_law(laws[name], held.since)
+            if event.name == gap.event and name in laws:
+                return shift_law(laws[name], gap.since)
         raise BeamdaeError(
-            f"{name}: it follows the law that event {held.event} gave it at t = {held.since:g} s, "
-            "and there is no such event in this model."
+            f"{name}: it follows the law that event {gap.event} gave it at t = {gap.since:g} s, "
+            "but this model has no such event; add the event."
         )
 
-    def _held(self, part: Part, held: FrozenGap) -> FrozenConstraint:
-        if not isinstance(part, JointByFormula) or len(part.multipliers) != len(held.found):
-            raise BeamdaeError(
-                f"{part.name}: an event before the start had it hold what it found, "
-                f"{len(held.found)} numbers, which it cannot in this model."
-            )
-        return FrozenConstraint(part, held.found, self._law(part.name, held))
+    def _active_mechanism(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Mechanism:
+        """Return the mechanism without inactive parts, with frozen gaps."""
+        parts: dict[str, Part] = {}
+        for name, part in self.mechanism.parts.items():
+            if name in inactive:
+                continue
+            if name not in frozen_gaps:
+                parts[name] = part
+                continue
+            gap = frozen_gaps[name]
+            if not isinstance(part, KinematicConstraint) or len(part.multipliers) != len(
+                gap.offsets
+            ):
+                raise BeamdaeError(
+                    f"{name}: an event before the start froze it with {len(gap.offsets)} offsets, "
+                    "which do not fit this model; use the model of the earlier run."
+                )
+            parts[name] = FrozenConstraint(part, gap.offsets, self._event_law(name, gap))
+        mechanism = copy(self.mechanism)
+        mechanism.parts = parts
+        mechanism.observables, mechanism.events, mechanism.inactive = {}, [], set()
+        return mechanism
 
-    def _without(self, inactive: frozenset[str], found: FrozenGaps) -> Mechanism:
-        rest = copy(self.mechanism)
-        rest.parts = {
-            name: self._held(part, found[name]) if name in found else part
-            for name, part in self.mechanism.parts.items()
-            if name not in inactive
-        }
-        rest.observables, rest.events, rest.inactive = {}, [], set()
-        return rest
+
+def _shared_fields(whole: EquationsOfMotion) -> dict:
+    return {name: getattr(whole, name) for name in _SHARED_FIELDS}
 
 
 def _unused_name(event: str, mechanism: Mechanism) -> str:
-    """A name for the gap of an event that no part has."""
+    """Return a part name for the gap of an event that is not in use."""
     name, count = event, 1
     while name in mechanism.parts:
         count += 1
@@ -223,23 +200,25 @@ def _unused_name(event: str, mechanism: Mechanism) -> str:
 
 
 def build_configurations(
-    mechanism: Mechanism, build: Callable[[Mechanism], EquationsOfMotion]
-) -> Configurations | None:
-    """The configurations of a mechanism whose parts are switched; None where none are.
+    mechanism: Mechanism,
+    coordinates: CoordinateMap,
+    assemble: Callable[[Mechanism], EquationsOfMotion],
+) -> MechanismConfigurations | None:
+    """Return the configurations of a mechanism; None if events switch no parts.
 
     Raises
     ------
     BeamdaeError
-        If a part that is switched is unknown, or brings coordinates along.
+        If a switched part is unknown or has coordinates.
     """
     switches = [x for event in mechanism.events for x in select_switches(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):
         if len(mechanism.part(name).coordinates):
             raise BeamdaeError(
-                f"{name}: it brings coordinates along, only joints and forces can be switched."
+                f"{name}: it has coordinates and cannot be switched; switch joints and forces."
             )
-    acting = any(select_impacts(event.do) for event in mechanism.events)
-    if not (names or mechanism.inactive or acting):
+    has_impacts = any(select_impacts(event.do) for event in mechanism.events)
+    if not (names or mechanism.inactive or has_impacts):
         return None
-    return Configurations(mechanism, build, frozenset(mechanism.inactive))
+    return MechanismConfigurations(mechanism, coordinates, assemble, frozenset(mechanism.inactive))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,20 +10,16 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_positive, set_fields
-from beamdae.parts.joints.drivers import Driven
+from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.joints.joint import meeting_tolerance
+from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import SX, Named
 
 
-def _linked(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
-    length = law(time)
-    return (length**2 - ca.sumsqr(b[0] - a[0])) / (2.0 * length)
-
-
 @dataclass(frozen=True, eq=False)
-class Distance(Driven):
-    """A rigid link without mass between two points: g = (L^2 - |r_b - r_a|^2) / (2 L).
+class Distance(DrivenJoint):
+    """Rigid massless link between two points: g = (L^2 - |r_b - r_a|^2) / (2 L).
 
     Parameters
     ----------
@@ -48,37 +44,46 @@ class Distance(Driven):
 
     is_relative = False
     length: Any = None
+    symbol = "link"
     multipliers = (Named("length", "N"),)
     reactions = ("F",)
-    _gap = staticmethod(_linked)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        drawn = self._drawn
-        if drawn <= meeting_tolerance(self.a, self.b):
+        drawn_length = self._drawn_length
+        tolerance = meeting_tolerance(self.a, self.b)
+        if drawn_length <= tolerance:
             raise BeamdaeError(
                 f"{self.name}: a link needs two points that lie apart in the reference drawing, "
                 f"{self.a} and {self.b} do not; join them by a Revolute."
             )
-        law = self.length
-        if not (isinstance(law, Law) or callable(law) or law is None):
-            set_fields(self, length=require_positive(self.name, "length", law))
-            if abs(self.length - drawn) > meeting_tolerance(self.a, self.b):
+        length = self.length
+        if not (isinstance(length, Law) or callable(length) or length is None):
+            set_fields(self, length=require_positive(self.name, "length", length))
+            if abs(self.length - drawn_length) > tolerance:
                 raise BeamdaeError(
-                    f"{self.name}: length must be that of the reference drawing, {drawn:.6g} m, "
-                    f"or a law of time, got {self.length:.6g}."
+                    f"{self.name}: length must be that of the reference drawing, "
+                    f"{drawn_length:.6g} m, or a law of time, got {self.length:.6g}."
                 )
-        require_positive(self.name, "length at t = 0", self._at_start)
+        require_positive(self.name, "length at t = 0", self._initial_value)
+
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, length: SX) -> SX:
+        """Return by how much the link is too short [m], to first order."""
+        return (length**2 - ca.sumsqr(b.position - a.position)) / (2.0 * length)
 
     @property
-    def _drawn(self) -> float:
-        return float(np.hypot(*np.subtract(self.b.point, self.a.point)))
-
-    @property
-    def _followed(self) -> Any:
-        return self._drawn if self.length is None else self.length
+    def law_argument(self) -> Any:
+        """The length [m], a number or a law of time."""
+        return self._drawn_length if self.length is None else self.length
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """By how much it is longer than drawn at the start."""
-        return {"length at the start, beyond the drawing [m]": self._at_start - self._drawn}
+        """Difference between the lengths at the start and in the drawing."""
+        return {
+            "length at the start, beyond the drawing [m]": self._initial_value - self._drawn_length
+        }
+
+    @property
+    def _drawn_length(self) -> float:
+        return float(np.hypot(*np.subtract(self.b.point, self.a.point)))

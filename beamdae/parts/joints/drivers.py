@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,63 +11,70 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, set_fields
 from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.joints.guides import along, direction_of
-from beamdae.parts.joints.joint import Drive, JointByFormula
+from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.formulas import FormulaExpression, constant_formula
-from beamdae.symbolic.statements import SX, Named, Quantity
+from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 
-def _driven(time: SX, a: Any, b: Any, law: Callable[[SX], SX]) -> SX:
-    return b[1] - a[1] - law(time)
+@dataclass(frozen=True)
+class _ReactionAndPower(PointFunction):
+    """Reaction of a driver, and the power it brings in.
+
+    Attributes
+    ----------
+    law_may_change
+        An event may replace the law: then the power is that of the motion, not of the law.
+    """
+
+    law_may_change: bool
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        g = self.evaluate(local, self.place_points(local, functions), functions)
+        if self.law_may_change:
+            rate = -ca.jtimes(g, local.q, local.v)
+        else:
+            rate = ca.jtimes(g, local.time, SX([1, 0]))
+        return ca.vertcat(-local.lam, local.lam * rate)
 
 
-def _travelled(time: SX, a: Any, b: Any, line: Callable[[], Any], law: Callable[[SX], SX]) -> SX:
-    numbers = line()
-    return ca.dot(rotate(a[1], numbers), b[0] - a[0]) - numbers[2] - law(time)
+class DrivenJoint(Joint):
+    """Joint whose gap follows a law of time."""
 
-
-class Driven(JointByFormula):
-    """A joint that follows a law of time, which is the last of its formulas."""
-
-    # Whether its law may begin anywhere, so that an event may have it follow another one.
+    # A relative law may begin with any value: events may put another one in its place.
     is_relative: ClassVar[bool] = True
 
     @property
-    def _followed(self) -> Any:
-        """The law, as it was given."""
+    def law_argument(self) -> Any:
+        """Law as passed by the user: a number, a function of t or a `Law`."""
         raise NotImplementedError
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """The law it follows."""
-        return (as_law(self.name, self._followed),)
+        """The law of the driver."""
+        return (as_law(self.name, self.law_argument),)
 
     @property
     def drive(self) -> Quantity:
-        """The reaction, force [N] or moment [N m], and the power [W] that the law brings in."""
-        values, data = FormulaExpression.of(
-            Drive(self._sizes, self._gap, self.is_relative), self._functions
-        )
-        columns = (*self.reaction.columns, Named("power", "W"))
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
+        """Reaction, force [N] or moment [N m], and power [W] that the driver brings in."""
+        assert self.gap is not None
+        gap = self._point_function(self.gap)
+        build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, self.is_relative)
+        return self.observe(build, (*self.reaction.columns, Named("power", "W")))
 
     @property
-    def _at_start(self) -> float:
-        """The law at t = 0."""
+    def _initial_value(self) -> float:
         return float(ca.evalf(self.laws[0](SX.zeros(2))))
-
-    @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (self.laws[0].formula,)
 
 
 @dataclass(frozen=True, eq=False)
-class Driver(Driven):
-    """Prescribed relative angle: g = turn_b - turn_a - law(t), turns since the drawing [rad].
+class Driver(DrivenJoint):
+    """Prescribed relative angle: g = rotation_b - rotation_a - law(t), since the drawing [rad].
 
-    A law that is not zero at the start turns the bodies out of the drawing before the run, with
-    whatever is joined to them; `beamdae check` tells by how much.
+    A law that is not zero at the start turns the bodies out of the drawing before the run, together
+    with the bodies joined to them; `beamdae check` reports the angle. The reaction M is the moment
+    on the body of `b`.
 
     Examples
     --------
@@ -81,9 +88,9 @@ class Driver(Driven):
     """
 
     law: Any = None
+    symbol = "driver"
     multipliers = (Named("angle", "N m"),)
     reactions = ("M",)
-    _gap = staticmethod(_driven)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,8 +100,14 @@ class Driver(Driven):
             raise BeamdaeError(f"{self.name}: a driver needs law=, the angle [rad] over time.")
         _ = self.laws
 
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, angle: SX) -> SX:
+        """Return the difference between the relative rotation and the prescribed angle."""
+        return b.rotation - a.rotation - angle
+
     @property
-    def _followed(self) -> Any:
+    def law_argument(self) -> Any:
+        """The angle [rad] over time."""
         return self.law
 
     @property
@@ -103,40 +116,54 @@ class Driver(Driven):
         return (Named("angle", "rad"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Driver:
-        """The same, held there."""
+        """Return the same driver with a constant angle [rad]."""
         return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """By how much it turns the bodies out of the drawing."""
-        return {"angle at the start, from the drawing [rad]": self._at_start}
+        """Angle by which it turns the bodies out of the drawing at the start."""
+        return {"angle at the start, from the drawing [rad]": self._initial_value}
 
 
 @dataclass(frozen=True, eq=False)
-class TranslationalDriver(Driven):
+class TranslationalDriver(DrivenJoint):
     """Prescribed travel: g = e . (r_b - r_a) - its value in the drawing - law(t) [m].
 
     e is `direction`, fixed to the body of `a`: with `a` on the ground a component of the position
-    of `b`. The reaction F is the force on the body of `b` along e. What a law that is not zero at
-    the start does is told at `Driver`.
+    of `b`. The reaction F is the force on the body of `b` along e. A law that is not zero at the
+    start moves the bodies out of the drawing, see `Driver`.
     """
 
     law: Any = None
     direction: tuple[float, float] = (1.0, 0.0)
+    symbol = "translational driver"
     multipliers = (Named("travel", "N"),)
     reactions = ("F",)
-    _gap = staticmethod(_travelled)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
-        set_fields(self, direction=direction_of(self.name, self.direction))
+        set_fields(self, direction=require_direction(self.name, self.direction))
         if self.law is None:
             raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")
         _ = self.laws
 
     @property
-    def _followed(self) -> Any:
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Unit vector of the direction, and distance of the points along it in the drawing [m]."""
+        return project_along(self.direction, self.a, self.b)
+
+    @staticmethod
+    def gap(
+        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, drawn_distance: SX, travel: SX
+    ) -> SX:
+        """Return the difference between the travel and the prescribed one."""
+        distance = ca.dot(rotate(a.rotation, (ex, ey)), b.position - a.position)
+        return distance - drawn_distance - travel
+
+    @property
+    def law_argument(self) -> Any:
+        """The travel [m] over time."""
         return self.law
 
     @property
@@ -145,14 +172,10 @@ class TranslationalDriver(Driven):
         return (Named("travel", "m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:
-        """The same, held there."""
+        """Return the same driver with a constant travel [m]."""
         return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """By how much it moves the point out of the drawing."""
-        return {"travel at the start, from the drawing [m]": self._at_start}
-
-    @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(*along(self.direction, self.a, self.b)), *super()._own)
+        """Distance by which it moves the point out of the drawing at the start."""
+        return {"travel at the start, from the drawing [m]": self._initial_value}

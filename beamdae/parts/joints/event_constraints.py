@@ -1,4 +1,4 @@
-"""Joints that hold what an event finds, in place of what is drawn."""
+"""Constraints that events put in place of joints: frozen gaps and closed gaps."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.joints.joint import JointByFormula, Revolute, Weld, _Gap, _Held
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PointFunction
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import (
-    MAX_SHARED_KERNELS,
-    FormulaExpression,
-    build_formula_kernel,
-    constant_formula,
-)
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -34,138 +29,166 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class FrozenGap:
-    """What a joint holds since an event had it hold what it found.
+    """Gap that a joint keeps since an event activated it "as it is".
 
     Attributes
     ----------
-    found
-        By how much what it holds is off its own formula.
-    event, since
-        The event whose law it follows, if one gave it another than its own, and when that was [s].
+    offsets
+        Values of the gap function at the event, in the axes of its `offset_carrier`.
+    event
+        Event whose law the joint follows, or "" if it follows its own.
+    since
+        Time of that event [s].
     """
 
-    found: tuple[float, ...]
+    offsets: tuple[float, ...]
     event: str = ""
     since: float = 0.0
 
+    def to_record(self) -> dict[str, Any]:
+        """Return what is stored of it in files and sent between processes."""
+        return {"found": self.offsets, "event": self.event, "since": self.since}
 
-def _carrier(joint: JointByFormula) -> int | None:
-    """Which of its points carries the first two numbers in axes that turn with it, if one does."""
-    if not isinstance(joint, (Revolute, Weld)):
-        return None
-    return 0 if joint.a.has_angle else 1
+    @classmethod
+    def from_record(cls, record: Any) -> FrozenGap:
+        """Return the frozen gap of a record."""
+        offsets = tuple(float(x) for x in record["found"])
+        return cls(offsets, str(record["event"]), float(record["since"]))
+
+
+def _carrier_index(joint: KinematicConstraint) -> int | None:
+    """Return the index of the point whose axes carry the offsets of the first two rows."""
+    carrier = joint.offset_carrier
+    return None if carrier is None else list(joint.points).index(carrier)
 
 
 @dataclass(frozen=True)
 class _OffsetGap:
-    """A gap less so many numbers, the first two in axes of the point `carrier`, if there is one."""
+    """Gap function less offsets, which follow the parameters of the gap.
+
+    Attributes
+    ----------
+    gap
+        Gap function of the joint.
+    n_arguments
+        Number of its points and parameters.
+    n_offsets
+        Number of offsets.
+    carrier
+        Index of the point whose axes carry the first two offsets, if there is one.
+    """
 
     gap: Any
+    n_arguments: int
+    n_offsets: int
     carrier: int | None
-    count: int
 
-    def __call__(self, time: SX, *given: Any) -> SX:
-        *own, numbers = given
-        found = ca.vertcat(*(numbers()[k] for k in range(self.count)))
+    def __call__(self, t: SX, *arguments: Any) -> SX:
+        first, last = self.n_arguments, self.n_arguments + self.n_offsets
+        offsets = ca.vertcat(*arguments[first:last])
         if self.carrier is not None:
-            found = ca.vertcat(rotate(own[self.carrier][1], found), found[2:])
-        return self.gap(time, *own) - found
+            rotation = arguments[self.carrier].rotation
+            offsets = ca.vertcat(rotate(rotation, offsets), offsets[2:])
+        return self.gap(t, *arguments[:first], *arguments[last:]) - offsets
 
 
 @dataclass(frozen=True)
-class _GapOffsets(_Gap):
-    """The numbers at which the shifted gap is closed."""
+class _GapOffsets(PointFunction):
+    """Offsets at which the gap less its offsets is zero."""
 
     carrier: int | None
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        points = self.points(local, functions)
-        gap = self.gap(local.time, *points, *self.own(functions))
+        points = self.place_points(local, functions)
+        gap = self.evaluate(local, points, functions)
         if self.carrier is None:
             return gap
-        return ca.vertcat(rotate(-points[self.carrier][1], gap), gap[2:])
+        return ca.vertcat(rotate(-points[self.carrier].rotation, gap), gap[2:])
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _offset_function(found: FormulaExpression, size: int, n_data: int) -> RowFunction:
+def _offset_function(expression: FormulaExpression, size: int, n_data: int) -> RowFunction:
     local = Local(size, n_data)
     inputs = [local.time, local.q, local.data]
-    return RowFunction(ca.Function("found", inputs, [ca.densify(found(local))]))
+    return RowFunction(ca.Function("offsets", inputs, [ca.densify(expression(local))]))
 
 
 def evaluate_frozen_gap(
-    joint: JointByFormula, law: Law | None, time: Array, local: Array
+    joint: KinematicConstraint, law: Law | None, time: Array, local: Array
 ) -> tuple[float, ...]:
-    """What a joint finds at time = (t, branch) and the local coordinates of its points.
+    """Return the offsets at which a joint is frozen.
 
-    `law` is what it is to follow from there on, if that is not its own.
+    Parameters
+    ----------
+    joint
+        Joint that has a gap.
+    law
+        Law the joint follows from now on, if it is not its own.
+    time
+        (t, branch) [s].
+    local
+        Local coordinates of the points of the joint.
     """
-    combined, data = FormulaExpression.of(
-        _GapOffsets(joint._sizes, joint._gap, _carrier(joint)), _functions(joint, law)
-    )
-    values = _offset_function(combined, len(local), len(data))(time[None], local[None], data)
+    assert joint.gap is not None
+    parameters, laws = joint.gap_parameters, joint.laws if law is None else (law,)
+    sizes = tuple(point.size for point in joint.points.values())
+    build = _GapOffsets(sizes, len(parameters), joint.gap, _carrier_index(joint))
+    expression, data = FormulaExpression.of(build, joint.argument_functions(parameters, laws))
+    values = _offset_function(expression, len(local), len(data))(time[None], local[None], data)
     return tuple(values[0].tolist())
-
-
-def _functions(joint: JointByFormula, law: Law | None) -> tuple[Any, ...]:
-    """The formulas of a joint; the law of a driver is the last of them."""
-    own = joint._functions
-    return own if law is None else (*own[:-1], law.formula)
 
 
 @dataclass(frozen=True, eq=False)
 class FrozenConstraint(Part):
-    """A joint that holds what was `found`, by a `law` that is not its own if there is one."""
+    """Joint whose gap keeps its `offsets`; follows `law` if that is not None."""
 
-    joint: JointByFormula
-    found: tuple[float, ...]
+    joint: KinematicConstraint
+    offsets: tuple[float, ...]
     law: Law | None = None
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """That of the joint."""
+        """Name of the joint."""
         return self.joint.name
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Those of the joint."""
+        """Attachments of the joint."""
         return self.joint.attachments
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Those of the joint."""
+        """Laws of the joint, or the law in their place."""
         return self.joint.laws if self.law is None else (self.law,)
 
     @property
     def multipliers(self) -> tuple[Named, ...]:
-        """Those of the joint."""
+        """Multipliers of the joint."""
         return self.joint.multipliers
 
     def constraints(self) -> list[ConstraintStatement]:
-        """The constraint as a local statement."""
-        joint, sizes = self.joint, self.joint._sizes
-        shifted = _OffsetGap(joint._gap, _carrier(joint), len(self.found))
-        functions = [*_functions(joint, self.law), constant_formula(*self.found)]
-        kernel, data = build_formula_kernel(
-            _Held(sizes, shifted), functions, sum(sizes), len(self.multipliers)
-        )
-        return [ConstraintStatement(self.name, kernel, joint._pieces, self.multipliers, data)]
+        """Return the constraints of the joint with the offset gap."""
+        joint = self.joint
+        parameters, offsets = joint.gap_parameters, self.offsets
+        n_arguments = len(joint.points) + len(parameters)
+        gap = _OffsetGap(joint.gap, n_arguments, len(offsets), _carrier_index(joint))
+        return joint.state_constraints(gap, (*parameters, *offsets), self.laws)
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedGap(Part):
-    """A gap that is held closed: g = -gap, so that multipliers that push it open are positive."""
+    """Gap that an impact keeps closed: g = -gap, so that multipliers that open it are positive."""
 
     name: str
     gap: Quantity
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """None of its own: the quantity says where it is."""
+        """No attachments: the quantity has its own coordinates."""
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:
-        """The constraint as a local statement."""
+        """Return the constraint."""
         size = sum(piece.operator.shape[0] for piece in self.gap.pieces)
         local = Local(size, len(self.gap.data), 1)
         unit = {"rad": "N m"}.get(self.gap.columns[0].unit, "N")

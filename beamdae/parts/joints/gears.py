@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,46 +9,36 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, require_finite, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.parts.joints.guides import along, direction_of
-from beamdae.parts.joints.joint import JointByFormula
-from beamdae.symbolic.formulas import constant_formula
+from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.symbolic.statements import SX, Named
 
 
-def _nonzero(part: str, name: str, value: Any) -> float:
-    found = require_finite(part, name, value)
-    if found == 0.0:
+def _require_nonzero(part: str, name: str, value: Any) -> float:
+    number = require_finite(part, name, value)
+    if number == 0.0:
         raise BeamdaeError(f"{part}: {name} must not be zero.")
-    return found
-
-
-def _geared(time: SX, a: Any, b: Any, *more: Any) -> SX:
-    *carriers, ratio = more
-    carrier = carriers[0][1] if carriers else 0
-    return b[1] - carrier - ratio()[0] * (a[1] - carrier)
-
-
-def _rolling(time: SX, a: Any, b: Any, numbers: Callable[[], Any]) -> SX:
-    ex, ey, drawn, radius = (numbers()[k] for k in range(4))
-    travel = ca.dot(rotate(b[1], ca.vertcat(ex, ey)), b[0] - a[0]) - drawn
-    return travel - radius * (a[1] - b[1])
+    return number
 
 
 @dataclass(frozen=True, eq=False)
-class Gear(JointByFormula):
-    """Coupled turns: g = turn_b - turn_c - ratio (turn_a - turn_c), turns since the drawing [rad].
+class Gear(Joint):
+    """Coupled rotations of two wheels: g = (theta_b - theta_c) - ratio (theta_a - theta_c).
+
+    theta are rotations since the drawing [rad], theta_c is that of the carrier.
 
     Parameters
     ----------
     name
         Unique name.
     a, b
-        Any points of the two wheels; their bearings are joints of their own.
+        Any points of the two wheels; their bearings are separate joints.
     ratio
-        Turn of `b` for each turn of `a`, both seen from the carrier: negative where the wheels
-        mesh from outside, -r_a / r_b.
+        Rotation of `b` for each rotation of `a`, both relative to the carrier: negative where the
+        wheels mesh externally, -r_a / r_b.
     carrier
-        Any point of the body the wheels are seen from, as in a planetary gear; None: the ground.
+        Any point of the body that carries the bearings, as in a planetary gear; None: the ground.
 
     The reaction M is the moment on the body of `b`; that on `a` is -ratio M, and the carrier has
     the rest. The forces of the mesh on the bearings are not among the reactions.
@@ -65,13 +54,13 @@ class Gear(JointByFormula):
 
     ratio: float = -1.0
     carrier: Attachment | None = None
+    symbol = "gear"
     multipliers = (Named("angle", "N m"),)
     reactions = ("M",)
-    _gap = staticmethod(_geared)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, ratio=_nonzero(self.name, "ratio", self.ratio))
+        set_fields(self, ratio=_require_nonzero(self.name, "ratio", self.ratio))
         if self.carrier is not None:
             require_attachment(self.name, "carrier", self.carrier)
             if self.carrier.body in (self.a.body, self.b.body):
@@ -79,22 +68,31 @@ class Gear(JointByFormula):
                     f"{self.name}: the carrier must be another body than the wheels, "
                     f"got {self.carrier}."
                 )
-        for place in self._points.values():
-            require_angle(self.name, place)
+        for point in self.points.values():
+            require_angle(self.name, point)
 
     @property
-    def _points(self) -> dict[str, Attachment]:
+    def points(self) -> dict[str, Attachment]:
+        """Points "a", "b" and, if there is one, "carrier"."""
         wheels = {"a": self.a, "b": self.b}
         return wheels if self.carrier is None else wheels | {"carrier": self.carrier}
 
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(self.ratio),)
+    def gap_parameters(self) -> tuple[float, ...]:
+        """The ratio."""
+        return (self.ratio,)
+
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, *carrier_and_ratio: Any) -> SX:
+        """Return the rotation of `b` beyond that which the gear prescribes."""
+        *carriers, ratio = carrier_and_ratio
+        carrier = carriers[0].rotation if carriers else 0
+        return b.rotation - carrier - ratio * (a.rotation - carrier)
 
 
 @dataclass(frozen=True, eq=False)
-class RackAndPinion(JointByFormula):
-    """A pinion that rolls on a rack: g = travel - radius (turn_a - turn_b), since the drawing.
+class RackAndPinion(Joint):
+    """Pinion that rolls on a rack: g = travel - radius (theta_a - theta_b), since the drawing.
 
     The travel [m] is that of `b`, a point of the rack, from `a`, the center of the pinion, along
     `direction`, which is fixed to the body of `b`. A rack on the ground makes a wheel that rolls; a
@@ -105,30 +103,39 @@ class RackAndPinion(JointByFormula):
     name
         Unique name.
     a, b
-        Center of the pinion, and a point of the rack; bearing and guide are joints of their own.
+        Center of the pinion, and a point of the rack; bearing and guide are separate joints.
     radius
-        Of the pinion [m]; negative where it lies to the right of the rack's direction.
+        Radius of the pinion [m]; negative where it lies to the right of the rack's direction.
     direction
-        Along the rack.
+        Direction of the rack in the drawing.
 
     The reaction F is the force on the rack along its direction, -radius F the moment on the pinion.
     """
 
     radius: float = 1.0
     direction: tuple[float, float] = (1.0, 0.0)
+    symbol = "rack and pinion"
     multipliers = (Named("travel", "N"),)
     reactions = ("F",)
-    _gap = staticmethod(_rolling)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
         set_fields(
             self,
-            radius=_nonzero(self.name, "radius", self.radius),
-            direction=direction_of(self.name, self.direction),
+            radius=_require_nonzero(self.name, "radius", self.radius),
+            direction=require_direction(self.name, self.direction),
         )
 
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(*along(self.direction, self.a, self.b), self.radius),)
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Unit vector of the direction, drawn distance of the points along it, and radius [m]."""
+        return (*project_along(self.direction, self.a, self.b), self.radius)
+
+    @staticmethod
+    def gap(
+        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, drawn_distance: SX, radius: SX
+    ) -> SX:
+        """Return the travel of the rack beyond that which the pinion prescribes."""
+        distance = ca.dot(rotate(b.rotation, (ex, ey)), b.position - a.position)
+        return distance - drawn_distance - radius * (a.rotation - b.rotation)

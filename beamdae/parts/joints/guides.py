@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +10,13 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_point, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, rotate
-from beamdae.parts.joints.joint import JointByFormula, meeting_tolerance
-from beamdae.symbolic.formulas import constant_formula
+from beamdae.parts.joints.joint import Joint, meeting_tolerance
+from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.symbolic.statements import SX, Named
 
 
-def direction_of(part: str, value: Any) -> tuple[float, float]:
-    """Return `value` if it is a direction."""
+def require_direction(part: str, value: Any) -> tuple[float, float]:
+    """Return `value` if it is a direction (x, y)."""
     direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
         raise BeamdaeError(f"{part}: direction must not be zero.")
@@ -25,55 +24,45 @@ def direction_of(part: str, value: Any) -> tuple[float, float]:
 
 
 def left_normal(part: str, direction: Any) -> tuple[float, float]:
-    """The left unit normal of a direction."""
-    dx, dy = direction_of(part, direction)
+    """Return the unit normal to the left of a direction."""
+    dx, dy = require_direction(part, direction)
     length = float(np.hypot(dx, dy))
     return -dy / length, dx / length
 
 
-def along(
+def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """The unit vector along a direction, and how far `b` is from `a` along it as drawn [m]."""
+    """Return the unit vector of a direction, and the drawn distance [m] of `b` from `a` along it."""
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
 
-def across(
+def project_across(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """The same along the left normal of a direction."""
-    return along((-direction[1], direction[0]), a, b)
-
-
-def _on_line(time: SX, a: Any, b: Any, normal: Callable[[], Any]) -> SX:
-    return ca.dot(rotate(a[1], normal()), b[0] - a[0])
-
-
-def _guided(time: SX, a: Any, b: Any, line: Callable[[], Any]) -> SX:
-    numbers = line()
-    offset = ca.dot(rotate(a[1], numbers), b[0] - a[0]) - numbers[2]
-    return ca.vertcat(offset, b[1] - a[1])
+    """Return the left unit normal of a direction, and the drawn distance [m] along the normal."""
+    return project_along((-direction[1], direction[0]), a, b)
 
 
 @dataclass(frozen=True, eq=False)
-class PointOnLine(JointByFormula):
+class PointOnLine(Joint):
     """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
 
-    The line is fixed to the body of `a` and turns with it; n is its left normal. The reaction is
+    The line is fixed to the body of `a` and turns with it; n is its left normal. The reaction F is
     the force on the body of `b` along n.
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    symbol = "slot"
     multipliers = (Named("normal", "N"),)
     reactions = ("F",)
-    _gap = staticmethod(_on_line)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
-        set_fields(self, direction=direction_of(self.name, self.direction))
-        *_, offset = across(self.direction, self.a, self.b)
+        set_fields(self, direction=require_direction(self.name, self.direction))
+        *_, offset = project_across(self.direction, self.a, self.b)
         gap = abs(offset)
         if gap > meeting_tolerance(self.a, self.b):
             raise BeamdaeError(
@@ -82,17 +71,23 @@ class PointOnLine(JointByFormula):
             )
 
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(*across(self.direction, self.a, self.b)[:2]),)
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Normal of the line in the drawing."""
+        return project_across(self.direction, self.a, self.b)[:2]
+
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX) -> SX:
+        """Return the distance of `b` from the line."""
+        return ca.dot(rotate(a.rotation, (nx, ny)), b.position - a.position)
 
 
 @dataclass(frozen=True, eq=False)
-class Prismatic(JointByFormula):
-    """A slider on an axis of a body: g = (n . (r_b - r_a) - offset, turn_b - turn_a).
+class Prismatic(Joint):
+    """Slider on an axis of a body: g = (n . (r_b - r_a) - offset, rotation_b - rotation_a).
 
-    The axis goes through `a` along `direction`, is fixed to the body of `a` and turns with it; n is
-    its left normal. The offset of `b` from the axis is that of the drawing. The reaction F is the
-    force on the body of `b` along n, at its point; M the moment on it.
+    The axis passes through `a` along `direction`, is fixed to the body of `a` and turns with it; n
+    is its left normal. The offset of `b` from the axis is that of the drawing. The reaction F is
+    the force on the body of `b` along n, at its point, and M the moment on that body.
 
     Examples
     --------
@@ -103,16 +98,23 @@ class Prismatic(JointByFormula):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    symbol = "slider"
     multipliers = (Named("normal", "N"), Named("angle", "N m"))
     reactions = ("F", "M")
-    _gap = staticmethod(_guided)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        set_fields(self, direction=direction_of(self.name, self.direction))
+        set_fields(self, direction=require_direction(self.name, self.direction))
 
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(*across(self.direction, self.a, self.b)),)
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Normal of the axis in the drawing, and offset of `b` [m]."""
+        return project_across(self.direction, self.a, self.b)
+
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, offset: SX) -> SX:
+        """Return the change of the offset of `b`, and the relative rotation."""
+        normal = rotate(a.rotation, (nx, ny))
+        return ca.vertcat(ca.dot(normal, b.position - a.position) - offset, b.rotation - a.rotation)

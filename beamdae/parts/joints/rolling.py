@@ -1,93 +1,32 @@
-"""Rolling without slip."""
+"""Contacts without slip: disks that roll, and skates."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_pair, require_positive, set_fields
-from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.joints.guides import left_normal
-from beamdae.parts.joints.joint import JointByFormula, load_columns, resolve_load
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
-from beamdae.symbolic.statements import (
-    SX,
-    ConstraintKernel,
-    ConstraintStatement,
-    Local,
-    Named,
-    NonholonomicKernel,
-    Quantity,
+from beamdae.errors import BeamdaeError, require_name, require_pair, require_positive, set_fields
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    require_movable,
+    rotate,
 )
+from beamdae.parts.joints.guides import left_normal
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint, PlacedPoint
+from beamdae.symbolic.statements import SX, Named, Quantity
 
-# Relative to the radius: what rounding a drawing's numbers by hand may cost.
-_TOUCHING = 1e-6
-
-
-def _on_line(time: SX, a: Any, b: Any, numbers: Callable[[], Any]) -> SX:
-    """Contact and travel of a disk on a line."""
-    (root, turned), (center, turn) = a, b
-    nx, ny, height, start = (numbers()[k] for k in range(4))
-    normal, arm = rotate(turned, (nx, ny)), center - root
-    along = normal[1] * arm[0] - normal[0] * arm[1]
-    travel = along - start + height * (turn - turned)
-    return ca.vertcat(ca.dot(normal, arm) - height, travel)
-
-
-@dataclass(frozen=True)
-class _Apart:
-    """Distance of two centers; `size` is of the first one's local coordinates."""
-
-    size: int
-
-    def __call__(self, local: Local, a: Any, b: Any, arms: Callable[[], Any]) -> Any:
-        arm = b(local.q[self.size :])[0] - a(local.q[: self.size])[0]
-        return ConstraintKernel(local, ca.norm_2(arm) - (arms()[0] - arms()[1]))
-
-
-@dataclass(frozen=True)
-class _OnCircle:
-    """Slip at the contact of two circles, which is by `arms` off their centers."""
-
-    size: int
-
-    def __call__(self, local: Local, a: Any, b: Any, arms: Callable[[], Any]) -> Any:
-        (root, turned), (center, turn) = a(local.q[: self.size]), b(local.q[self.size :])
-        arm = center - root
-        rate = local.dot(arm)
-        across = (arm[0] * rate[1] - arm[1] * rate[0]) / ca.norm_2(arm)
-        slip = across + arms()[1] * local.dot(turn) - arms()[0] * local.dot(turned)
-        return NonholonomicKernel(local, slip)
-
-
-@dataclass(frozen=True)
-class _CircleReaction:
-    """Force and moment on the circle or the disk, at its center; `size` as above.
-
-    They come from the contact, which is by `arms` off the centers.
-    """
-
-    size: int
-    on_disk: bool
-    axes: str
-
-    def __call__(self, local: Local, a: Any, b: Any, arms: Callable[[], Any]) -> SX:
-        (root, turned), (center, turn) = a(local.q[: self.size]), b(local.q[self.size :])
-        arm = (center - root) / ca.norm_2(center - root)
-        push, rub = -local.lam[0], -local.lam[1]
-        force = push * arm + rub * ca.vertcat(-arm[1], arm[0])
-        if self.on_disk:
-            return resolve_load(self.axes, turn, force, arms()[1] * rub)
-        return resolve_load(self.axes, turned, -force, -arms()[0] * rub)
+# Relative to the radius: error of coordinates rounded by hand in a drawing.
+_CONTACT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class _Rolling(JointByFormula):
-    """What both kinds of rolling have in common."""
+class _RollingJoint(Joint):
+    """Joint of a rolling disk with center `b`: normal and tangential reaction at the contact."""
 
     multipliers = (Named("normal", "N"), Named("rolling", "N"))
     reactions = ("Fn", "Ft")
@@ -98,53 +37,65 @@ class _Rolling(JointByFormula):
         require_angle(self.name, self.b)
 
     @property
-    def _drawn(self) -> np.ndarray:
+    def _drawn_arm(self) -> np.ndarray:
+        """Vector from `a` to `b` in the drawing [m]."""
         return np.subtract(self.b.point, self.a.point)
 
 
 @dataclass(frozen=True, eq=False)
-class RollingOnLine(_Rolling):
+class RollingOnLine(_RollingJoint):
     """A disk with center `b` rolls without slip on the line through `a` along `direction`.
 
     The line is fixed to the body of `a` and turns with it; n is its left normal, t its direction.
-    The disk stays at its distance, n . (r_b - r_a) = h = +-radius as drawn, and in the plane
-    rolling is holonomic: t . (r_b - r_a) + h (turn_b - turn_a) stays as it is. Reactions Fn and Ft
-    are the components along n and t of the force on the disk at the contact.
+    The disk stays at its distance, n . (r_b - r_a) = h = +-radius as drawn. In the plane rolling is
+    holonomic: t . (r_b - r_a) + h (rotation_b - rotation_a) keeps its drawn value. Reactions Fn and
+    Ft are the components along n and t of the force on the disk at the contact.
 
     Parameters
     ----------
     name, a, b
         Unique name, a point of the line, and the center of the disk.
     radius
-        Of the disk [m].
+        Radius of the disk [m].
     direction
-        Of the line in the drawing.
+        Direction of the line in the drawing.
     """
 
     radius: float = 0.0
     direction: tuple[float, float] = (1.0, 0.0)
-    _gap = staticmethod(_on_line)
+    symbol = "rolling on line"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_fields(self, radius=require_positive(self.name, "radius", self.radius))
-        gap = abs(float(self._drawn @ left_normal(self.name, self.direction)))
-        if abs(gap - self.radius) > _TOUCHING * self.radius:
+        height = abs(float(self._drawn_arm @ left_normal(self.name, self.direction)))
+        if abs(height - self.radius) > _CONTACT_TOLERANCE * self.radius:
             raise BeamdaeError(
                 f"{self.name}: the disk must touch the line in the reference drawing, but its "
-                f"center {self.b} is {gap:.6g} m off the line through {self.a}, its radius is "
+                f"center {self.b} is {height:.6g} m off the line through {self.a}, its radius is "
                 f"{self.radius:.6g} m."
             )
 
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Normal of the line, and height and travel of the disk in the drawing [m]."""
         nx, ny = left_normal(self.name, self.direction)
-        dx, dy = self._drawn.tolist()
-        return (constant_formula(nx, ny, nx * dx + ny * dy, ny * dx - nx * dy),)
+        dx, dy = self._drawn_arm.tolist()
+        return (nx, ny, nx * dx + ny * dy, ny * dx - nx * dy)
+
+    @staticmethod
+    def gap(
+        t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, height: SX, drawn_travel: SX
+    ) -> SX:
+        """Return the distance of the disk from the line, and its slip since the drawing."""
+        normal, arm = rotate(a.rotation, (nx, ny)), b.position - a.position
+        along = normal[1] * arm[0] - normal[0] * arm[1]
+        slip = along - drawn_travel + height * (b.rotation - a.rotation)
+        return ca.vertcat(ca.dot(normal, arm) - height, slip)
 
 
 @dataclass(frozen=True, eq=False)
-class RollingOnCircle(_Rolling):
+class RollingOnCircle(_RollingJoint):
     """A disk with center `b` rolls without slip on a circle around `a`, which turns with its body.
 
     Outside or inside, as drawn. The centers keep their distance; rolling is a nonholonomic
@@ -156,10 +107,11 @@ class RollingOnCircle(_Rolling):
     name, a, b
         Unique name, the center of the circle, and the center of the disk.
     radii
-        Of the circle and of the disk [m].
+        Radii of the circle and of the disk [m].
     """
 
     radii: tuple[float, float] = (0.0, 0.0)
+    symbol = "rolling on circle"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -167,50 +119,92 @@ class RollingOnCircle(_Rolling):
         set_fields(
             self, radii=tuple(require_positive(self.name, "radii", radius) for radius in radii)
         )
-        _ = self._arms
+        _ = self.gap_parameters
 
     @property
-    def _arms(self) -> tuple[float, float]:
-        """Where the contact is, from each center along e."""
-        distance, (circle, disk) = float(np.hypot(*self._drawn)), self.radii
-        arms = {
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Distance of the contact from the centers of circle and disk [m], along e."""
+        distance, (circle, disk) = float(np.hypot(*self._drawn_arm)), self.radii
+        arms_by_distance = {
             circle + disk: (circle, -disk),
             circle - disk: (circle, disk),
             disk - circle: (-circle, -disk),
         }
-        for apart, found in arms.items():
-            if apart > 0.0 and abs(apart - distance) <= _TOUCHING * max(self.radii):
-                return found
+        for touching_distance, arms in arms_by_distance.items():
+            tolerance = _CONTACT_TOLERANCE * max(self.radii)
+            if touching_distance > 0.0 and abs(touching_distance - distance) <= tolerance:
+                return arms
         raise BeamdaeError(
             f"{self.name}: the disk must touch the circle in the reference drawing, but their "
             f"centers {self.b} and {self.a} are {distance:.6g} m apart, which is neither the sum "
             f"nor the difference of the radii {circle:.6g} m and {disk:.6g} m."
         )
 
+    @staticmethod
+    def gap(t: SX, a: PlacedPoint, b: PlacedPoint, arm_a: SX, arm_b: SX) -> SX:
+        """Return the change of the distance of the centers."""
+        return ca.norm_2(b.position - a.position) - (arm_a - arm_b)
+
+    @staticmethod
+    def slip(t: SX, a: MovingPoint, b: MovingPoint, arm_a: SX, arm_b: SX) -> SX:
+        """Return the velocity of the disk relative to the circle at the contact."""
+        arm, rate = b.position - a.position, b.velocity - a.velocity
+        across = (arm[0] * rate[1] - arm[1] * rate[0]) / ca.norm_2(arm)
+        return across + arm_b * b.angular_velocity - arm_a * a.angular_velocity
+
+
+@dataclass(frozen=True, eq=False)
+class Skate(KinematicConstraint):
+    """A skate (knife edge) at `on`: its point does not move across `direction`.
+
+    The direction is that of the drawing and turns with the body; n is its left normal. The
+    constraint n . v = 0 is nonholonomic: it restricts the velocity, not the positions the body can
+    reach. The reaction F is the force on the body along n.
+
+    Parameters
+    ----------
+    name, on
+        Unique name, and the point of the blade.
+    direction
+        Direction of the blade in the drawing.
+    """
+
+    name: str
+    on: Attachment
+    direction: tuple[float, float] = (1.0, 0.0)
+    symbol = "skate"
+    multipliers = (Named("side", "N"),)
+    reactions = ("F",)
+
+    def __post_init__(self) -> None:
+        set_fields(self, name=require_name("Skate", self.name))
+        require_movable(self.name, require_attachment(self.name, "on", self.on))
+        require_angle(self.name, self.on)
+        _ = left_normal(self.name, self.direction)
+
     @property
-    def _own(self) -> tuple[Callable[..., Any], ...]:
-        return (constant_formula(*self._arms),)
+    def points(self) -> dict[str, Attachment]:
+        """The point of the blade, "on"."""
+        return {"on": self.on}
 
-    def constraints(self) -> list[ConstraintStatement]:
-        """Contact, and rolling."""
-        found = []
-        builds: tuple[Callable[..., Any], ...] = (_Apart(self.a.size), _OnCircle(self.a.size))
-        for held, build in zip(self.multipliers, builds, strict=True):
-            kernel, data = build_formula_kernel(build, self._functions, sum(self._sizes), 1)
-            found.append(ConstraintStatement(self.name, kernel, self._pieces, (held,), data))
-        return found
+    @property
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Normal of the blade in the drawing."""
+        return left_normal(self.name, self.direction)
 
-    def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
-        """Force Fx, Fy [N] and moment M [N m] on one of the bodies, at its center.
+    @staticmethod
+    def slip(t: SX, on: MovingPoint, nx: SX, ny: SX) -> SX:
+        """Return the velocity of the point across the blade."""
+        return ca.dot(rotate(on.rotation, (nx, ny)), on.velocity)
+
+    def reaction_on(self, place: str = "on", axes: str = "inertial") -> Quantity:
+        """Return force Fx, Fy [N] and moment M [N m] on the body, at the blade; M is zero.
 
         Parameters
         ----------
         place
-            "a", the circle, or "b", the disk.
+            "on", the only point.
         axes
-            "inertial", or "body": those of the drawing as the body turns them.
+            "inertial", or "body": axes of the drawing that turn with the body.
         """
-        columns = load_columns(self._place(place, axes))
-        build = _CircleReaction(self.a.size, place == "b", axes)
-        values, data = FormulaExpression.of(build, self._functions)
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
+        return super().reaction_on(place, axes)

@@ -1,12 +1,12 @@
-"""Where a run ended, to go on from there: in memory, or in a file."""
+"""Checkpoints: the last state of a run, from which another run resumes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,66 +16,43 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
+from beamdae.results.provenance import state_hash
+from beamdae.results.run import Run
 from beamdae.results.storage.files import require_file_path, write_text
 
-if TYPE_CHECKING:
-    from beamdae.results.solution import Solution
-
-_FORMAT, _VERSION = "beamdae checkpoint", 3
+_FORMAT = "beamdae checkpoint"
+_VERSION = 3
 _CHECKSUM = "checksum"
-
-
-def state_hash(t: float, q: Any, v: Any) -> str:
-    """Hash of time, positions and velocities: that of no other run."""
-    return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
-
-
-def _doubt(solution: Solution) -> str:
-    """Why the end of a run is not to be trusted, or nothing."""
-    status, due = solution.status, any(not one.done for one in solution.event_records)
-    doubtful = status.leaves_doubt(due) or PILOT_RUN_SUFFIX in status.sentence
-    return status.sentence if doubtful else ""
-
-
-def _checksum(told: dict[str, Any]) -> str:
-    """Of all that a file says but for the checksum itself; how it is laid out does not matter."""
-    said = json.dumps({name: x for name, x in told.items() if name != _CHECKSUM})
-    return hashlib.sha256(said.encode()).hexdigest()
-
-
-def _listed(names: Any) -> list[str]:
-    if not isinstance(names, list):
-        raise TypeError
-    return [str(name) for name in names]
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The last state of a run.
+    """The last state of a run, in memory or in a JSON file.
 
     Attributes
     ----------
     t
-        Its time [s].
+        Time of the state [s].
     q, v
         Coordinates and velocities by the name of the coordinate.
     events
-        Events that happened at that very time: they are not to happen there again.
+        Events that occurred and were executed at this time; they do not occur again at the start of
+        the resumed run.
     due
-        Those that happened there and have not done what they are to do yet: "up" or "down" by name.
+        Events that occurred at this time and were not executed yet: "up" or "down" by name.
     inactive
-        Joints and forces that events have switched off.
-    found
-        What joints hold that were switched on as they were, by name.
+        Joints and forces that events have deactivated.
+    frozen_gaps
+        Gaps of joints that events activated "as they are", by name.
     model, parameters
-        What ran: the name of the model, and its parameters as texts.
-    doubt
-        Why the state is not to be trusted, a sentence on how the run ended, or nothing.
-    sides
-        On which sides of their values the quantities of events were, see `Solution.event_signs`.
+        Name of the model, and its parameters as texts.
     identity
-        Of its equations, see `hash_model`; none where the state is an equilibrium, from which any
-        model may begin that has the coordinates.
+        Hash of the equations, see `hash_model`. Empty for the end of an equilibrium path, from
+        which any model with the same coordinates may start.
+    event_signs
+        Side of its value on which the quantity of each event was, see `Solution`.
+    doubt
+        Reason why the state may be wrong, or an empty text.
     """
 
     t: float
@@ -84,7 +61,7 @@ class Checkpoint:
     events: tuple[str, ...] = ()
     due: dict[str, str] = field(default_factory=dict)
     inactive: tuple[str, ...] = ()
-    found: dict[str, FrozenGap] = field(default_factory=dict)
+    frozen_gaps: dict[str, FrozenGap] = field(default_factory=dict)
     model: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     identity: str = ""
@@ -92,110 +69,139 @@ class Checkpoint:
     doubt: str = ""
 
     @classmethod
-    def of(cls, solution: Solution) -> Checkpoint:
-        """Where a run ended, whatever ended it."""
-        end, names = solution.trajectory.end, solution.equations.q_names
-        last = solution.trajectory.intervals[-1]
+    def of(cls, run: Run) -> Checkpoint:
+        """Return the checkpoint at the last state of a run, whatever ended it."""
+        last, names = run.trajectory.intervals[-1], run.equations.q_names
+        end = run.trajectory.end
         q, v = (x[-1].tolist() for x in last.state[:2])
-        active = last.configuration
-        at_end = [one for one in solution.event_records if one.t == end]
+        configuration = last.configuration
+        records = [record for record in run.event_records if record.t == end]
+        has_pending_event = any(not record.done for record in run.event_records)
+        may_be_wrong = (
+            run.status.is_unreliable(has_pending_event) or PILOT_RUN_SUFFIX in run.status.sentence
+        )
         return cls(
-            end,
-            dict(zip(names, q, strict=True)),
-            dict(zip(names, v, strict=True)),
-            tuple(one.name for one in at_end if one.done),
-            {one.name: one.direction for one in at_end if not one.done},
-            () if active is None else tuple(sorted(active.inactive)),
-            {} if active is None else dict(active.frozen_gaps),
-            str(solution.model.get("name", "")),
-            {k: str(x) for k, x in solution.model.get("parameters", {}).items()},
-            hash_model(solution.equations),
-            dict(solution.event_signs),
-            _doubt(solution),
+            t=end,
+            q=dict(zip(names, q, strict=True)),
+            v=dict(zip(names, v, strict=True)),
+            events=tuple(record.name for record in records if record.done),
+            due={record.name: record.direction for record in records if not record.done},
+            inactive=() if configuration is None else tuple(sorted(configuration.inactive)),
+            frozen_gaps={} if configuration is None else dict(configuration.frozen_gaps),
+            model=str(run.model.get("name", "")),
+            parameters={k: str(x) for k, x in run.model.get("parameters", {}).items()},
+            identity=hash_model(run.equations),
+            event_signs=dict(run.event_signs),
+            doubt=run.status.sentence if may_be_wrong else "",
         )
 
     @property
     def state(self) -> str:
-        """See `state_hash`."""
+        """Hash of time, positions and velocities."""
         return state_hash(self.t, list(self.q.values()), list(self.v.values()))
 
-    @classmethod
-    def read(cls, path: str | Path) -> Checkpoint:
-        """One that `write` wrote.
+    def write(self, path: str | Path) -> Path:
+        """Write the checkpoint as JSON, replacing the file at once; return the path.
 
         Raises
         ------
         BeamdaeError
-            If it cannot be read, or is no checkpoint of this version.
+            If the file cannot be written.
+        """
+        file = require_file_path("checkpoint", path)
+        content = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "t": self.t,
+            "events": self.events,
+            "due": self.due,
+            "inactive": self.inactive,
+            "found": {name: gap.to_record() for name, gap in self.frozen_gaps.items()},
+            "model": self.model,
+            "parameters": self.parameters,
+            "identity": self.identity,
+            "sides": self.event_signs,
+            "doubt": self.doubt,
+            "states": {name: [self.q[name], self.v[name]] for name in self.q},
+        }
+        content[_CHECKSUM] = _compute_checksum(content)
+        return write_text(file, json.dumps(content, indent=2) + "\n")
+
+    @classmethod
+    def read(cls, path: str | Path) -> Checkpoint:
+        """Read a checkpoint that `write` wrote.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be read, or is not a valid checkpoint of this version.
         """
         try:
-            told = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as problem:
             why = problem.strerror or problem
             raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
         except (ValueError, RecursionError):
-            told = None
-        if not isinstance(told, dict) or told.get("format") != _FORMAT:
-            raise BeamdaeError(f"{path}: it is no checkpoint, or not all of one.")
-        if told.get("version") != _VERSION:
+            content = None
+        if not isinstance(content, dict) or content.get("format") != _FORMAT:
+            raise BeamdaeError(f"{path}: this file is not a complete checkpoint.")
+        if content.get("version") != _VERSION:
             raise BeamdaeError(
-                f"{path}: it is a checkpoint of version {short_repr(told.get('version'))}, and this "
-                f"beamdae takes those of version {_VERSION}; run the model again from its start."
+                f"{path}: the checkpoint has version {short_repr(content.get('version'))}, but "
+                f"this beamdae reads version {_VERSION}; run the model again from its start."
             )
-        if told.get(_CHECKSUM) != _checksum(told):
-            raise BeamdaeError(f"{path}: the checkpoint is damaged, its checksum is another.")
+        if content.get(_CHECKSUM) != _compute_checksum(content):
+            raise BeamdaeError(
+                f"{path}: the checkpoint is damaged, its checksum does not match; run the model "
+                "again from its start."
+            )
         try:
-            t, states = float(told["t"]), told["states"]
-            q, v = ({str(k): float(x[i]) for k, x in states.items()} for i in range(2))
-            parameters = {str(k): str(x) for k, x in told["parameters"].items()}
-            events, inactive = (tuple(_listed(told[x])) for x in ("events", "inactive"))
-            due = {str(k): str(x) for k, x in told["due"].items()}
-            found = {
-                str(k): FrozenGap(tuple(map(float, x["found"])), str(x["event"]), float(x["since"]))
-                for k, x in told["found"].items()
-            }
-            event_signs = {str(k): int(x) for k, x in told["sides"].items()}
-            model, identity, doubt = (str(told[x]) for x in ("model", "identity", "doubt"))
+            states = content["states"]
+            checkpoint = cls(
+                t=float(content["t"]),
+                q={str(k): float(x[0]) for k, x in states.items()},
+                v={str(k): float(x[1]) for k, x in states.items()},
+                events=tuple(_require_names(content["events"])),
+                due={str(k): str(x) for k, x in content["due"].items()},
+                inactive=tuple(_require_names(content["inactive"])),
+                frozen_gaps={
+                    str(name): FrozenGap.from_record(record)
+                    for name, record in content["found"].items()
+                },
+                model=str(content["model"]),
+                parameters={str(k): str(x) for k, x in content["parameters"].items()},
+                identity=str(content["identity"]),
+                event_signs={str(k): int(x) for k, x in content["sides"].items()},
+                doubt=str(content["doubt"]),
+            )
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-            raise BeamdaeError(f"{path}: the checkpoint is damaged.") from None
-        if not np.isfinite([t, *q.values(), *v.values()]).all():
-            raise BeamdaeError(f"{path}: the checkpoint holds numbers that are not finite.")
-        known = (events, due, inactive, found, model, parameters, identity, event_signs, doubt)
-        return cls(t, q, v, *known)
+            raise BeamdaeError(
+                f"{path}: the checkpoint is damaged; run the model again from its start."
+            ) from None
+        values = [checkpoint.t, *checkpoint.q.values(), *checkpoint.v.values()]
+        if not np.isfinite(values).all():
+            raise BeamdaeError(
+                f"{path}: the checkpoint contains values that are not finite; run the model again "
+                "from its start."
+            )
+        return checkpoint
 
-    def write(self, path: str | Path) -> Path:
-        """Write it as JSON; the file appears whole or not at all.
-
-        Raises
-        ------
-        BeamdaeError
-            If it cannot be written.
-        """
-        file = require_file_path("checkpoint", path)
-        told = asdict(self)
-        told["sides"] = told.pop("event_signs")
-        q, v = told.pop("q"), told.pop("v")
-        states = {name: [q[name], v[name]] for name in q}
-        whole = {"format": _FORMAT, "version": _VERSION, **told, "states": states}
-        whole[_CHECKSUM] = _checksum(whole)
-        return write_text(file, json.dumps(whole, indent=2) + "\n")
-
-    def starting(self, equations: EquationsOfMotion) -> EquationsOfMotion:
-        """The equations, to start from here.
+    def start_equations(self, equations: EquationsOfMotion) -> EquationsOfMotion:
+        """Return the equations with this state as their start.
 
         Raises
         ------
         BeamdaeError
-            If it is of a model with other coordinates, naming the first one that differs, or of one
-            whose events switch parts where none do here.
+            If the equations have other coordinates (the first one that differs is named), or events
+            of the run switched parts and no event of these equations does.
         """
-        own, others = list(self.q), list(equations.q_names)
-        for k in range(max(len(own), len(others))):
-            has, wants = (x[k] if k < len(x) else None for x in (own, others))
-            if has != wants:
+        own, required = list(self.q), list(equations.q_names)
+        for k in range(max(len(own), len(required))):
+            name, other = (x[k] if k < len(x) else None for x in (own, required))
+            if name != other:
                 raise BeamdaeError(
-                    f"start: it is of another model, coordinate {k + 1} is "
-                    f"{short_repr(has)} there and {short_repr(wants)} here."
+                    f"start: coordinate {k + 1} is {short_repr(name)} in the start and "
+                    f"{short_repr(other)} in the model; start from a run of the same model."
                 )
         events = tuple(
             replace(
@@ -206,28 +212,40 @@ class Checkpoint:
             )
             for term in equations.events
         )
-        q, v = (np.array([x[name] for name in others]) for x in (self.q, self.v))
-        known = equations.configurations
-        switched = sorted({*self.inactive, *self.found})
-        if known is not None:
-            known = replace(
-                known, initially_inactive=frozenset(self.inactive), frozen_gaps=self.found
+        q, v = (np.array([x[name] for name in required]) for x in (self.q, self.v))
+        configurations = equations.configurations
+        switched = sorted({*self.inactive, *self.frozen_gaps})
+        if configurations is not None:
+            configurations = configurations.starting_with(
+                frozenset(self.inactive), self.frozen_gaps
             )
         elif switched:
             raise BeamdaeError(
-                f"start: events had switched {', '.join(switched)}, and in this model none do; "
-                "give it the same events."
+                f"start: events of the run had switched {', '.join(switched)}, but no event of "
+                "this model switches parts; define the same events."
             )
-        return replace(equations, q0=q, v0=v, events=events, configurations=known)
+        return replace(equations, q0=q, v0=v, events=events, configurations=configurations)
 
-    def difference(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:
-        """What is other than in the run it is of, a phrase, or nothing."""
-        changed = [
+    def describe_changes(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:
+        """Describe how a model differs from the one that ran; empty if they are the same."""
+        changes = [
             f"{name} was {self.parameters[name]}"
             for name, value in parameters.items()
             if name in self.parameters and self.parameters[name] != str(value)
         ]
-        if changed:
-            return f"other parameters, {', '.join(changed)}"
-        same = not self.identity or hash_model(equations) == self.identity
-        return "" if same else "other numbers or formulas"
+        if changes:
+            return f"other parameters, {', '.join(changes)}"
+        is_same = not self.identity or hash_model(equations) == self.identity
+        return "" if is_same else "other numbers or formulas"
+
+
+def _compute_checksum(content: dict[str, Any]) -> str:
+    """Hash the content without its checksum, whatever the layout of the file."""
+    text = json.dumps({name: x for name, x in content.items() if name != _CHECKSUM})
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _require_names(names: Any) -> list[str]:
+    if not isinstance(names, list):
+        raise TypeError
+    return [str(name) for name in names]

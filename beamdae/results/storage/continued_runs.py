@@ -1,4 +1,4 @@
-"""Tables of runs each of which went on where the one before ended, and of all of them as one."""
+"""Tables of runs that resume from each other: one per run, and one of all runs together."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from beamdae.equations.measures import ENERGIES, LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import unescape_cell, write_bytes, write_table
 
-if TYPE_CHECKING:
-    from beamdae.results.solution import Solution
-
 Array = np.ndarray
 
-# What goes on from run to run: works, and what the books are off by.
+# Works and the energy imbalance, which each run counts from its own start.
 CUMULATIVE_COLUMNS = LEDGER_COLUMNS[len(ENERGIES) :]
 _STATUS = "status"
-# What runs cost adds up, how far they are off is the most of them.
-_MOST = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
+# Entries of the result of which the whole run has the maximum; the others are added up.
+_MAXIMA = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
+# Metadata of a single run that do not hold for the whole.
+_OF_ONE_RUN = ("versions", "written", "errors")
 
 
 @dataclass(frozen=True)
 class RunParts:
-    """Runs that went on from each other, in one folder.
+    """Files of runs that resume from each other, in one folder.
 
     Attributes
     ----------
     table
-        Where the table of all of them is; those of the parts have numbers.
+        Path of the table of all runs.
     before
-        Their tables, those from the first one to the end that is gone on from.
+        Tables of the previous runs, from the first one to the one that is resumed.
     """
 
     table: Path
@@ -46,78 +46,84 @@ class RunParts:
 
     @classmethod
     def ending_at(cls, table: Path, checkpoint: Checkpoint) -> RunParts:
-        """Those that end at a checkpoint; none where there is no table.
+        """Find the runs in the folder of `table` that end at a checkpoint.
 
         Raises
         ------
         BeamdaeError
-            If the table is of another run, or a part is missing: nothing is overwritten.
+            If the table belongs to another run, or a part is missing; nothing is overwritten.
         """
         if not table.exists():
             return cls(table)
-        told = _beside(table)
-        own = [table.with_name(str(part["file"])) for part in told.get("parts", [])] or [table]
-        for k, part in enumerate(own):
+        names = [str(part["file"]) for part in _read_metadata(table).get("parts", [])]
+        parts = [table.with_name(name) for name in names] or [table]
+        for k, part in enumerate(parts):
             if not part.exists():
                 raise BeamdaeError(f"{part}: this part of the run is missing, see {table}.")
-            if _beside(part).get("end", {}).get("state") == checkpoint.state:
-                return cls(table, tuple(own[: k + 1]))
+            if _read_metadata(part).get("end", {}).get("state") == checkpoint.state:
+                return cls(table, tuple(parts[: k + 1]))
         raise BeamdaeError(
-            f"{table}: it is not of the run that is to go on, and is not overwritten; give another "
-            "--out, or move it away."
+            f"{table}: this table belongs to another run and is not overwritten; choose another "
+            "--out, or move the file."
         )
 
     @property
     def latest(self) -> Path:
-        """Where the table of the run that goes on belongs."""
-        return self._numbered(len(self.before) + 1) if self.before else self.table
+        """Path of the table of the run that resumes."""
+        return self._numbered_path(len(self.before) + 1) if self.before else self.table
 
-    def _numbered(self, number: int) -> Path:
+    def _numbered_path(self, number: int) -> Path:
         return self.table.with_name(f"{self.table.stem}_part{number}{self.table.suffix}")
 
     def write(self, solution: Solution) -> tuple[dict[str, Any], list[Path]]:
-        """Write the tables of a run that went on, and of all; the columns, and what was written.
+        """Write the table of a run that resumed, and the table of all runs.
+
+        Returns
+        -------
+        dict, list of Path
+            The columns of the table of all runs by header, and the files that were written.
 
         Raises
         ------
         BeamdaeError
-            If a file cannot be read or written; what was there before is there still.
+            If a file cannot be read or written; existing files then stay as they were.
         """
         latest = solution.to_csv(self.latest)
         if not self.before:
             return dict(solution.all_columns()), [latest, latest.with_suffix(".json")]
         before = list(self.before)
         if before == [self.table]:
-            before = [self._numbered(1)]
+            before = [self._numbered_path(1)]
             for suffix in (self.table.suffix, ".json"):
-                write_bytes(
-                    before[0].with_suffix(suffix), self.table.with_suffix(suffix).read_bytes()
-                )
+                content = self.table.with_suffix(suffix).read_bytes()
+                write_bytes(before[0].with_suffix(suffix), content)
         parts = [*before, latest]
-        columns = _joined([_read(part) for part in parts], [_beside(part) for part in parts])
-        whole, told = dict(columns), _told([(part.name, _beside(part)) for part in parts])
-        if told["status"] != "ok":
-            columns[_STATUS] = [told["status"]] * len(columns[TIME])
-        write_table(self.table, columns, told)
+        metadata = [_read_metadata(part) for part in parts]
+        columns = _join_columns([_read_columns(part) for part in parts], metadata)
+        joined = _join_metadata([part.name for part in parts], metadata)
+        written = dict(columns)
+        if joined["status"] != "ok":
+            written[_STATUS] = [joined["status"]] * len(columns[TIME])
+        write_table(self.table, written, joined)
         tables = dict.fromkeys([*parts, self.table])
-        return whole, [file for table in tables for file in (table, table.with_suffix(".json"))]
+        return columns, [file for table in tables for file in (table, table.with_suffix(".json"))]
 
 
-def _beside(table: Path) -> dict[str, Any]:
+def _read_metadata(table: Path) -> dict[str, Any]:
     path = table.with_suffix(".json")
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        metadata = json.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
         raise BeamdaeError(f"{path}: it cannot be read, {problem.strerror or problem}.") from None
     except ValueError:
-        told = None
-    if not isinstance(told, dict):
-        raise BeamdaeError(f"{path}: it is not what is written beside a table.")
-    return told
+        metadata = None
+    if not isinstance(metadata, dict):
+        raise BeamdaeError(f"{path}: this file is not the metadata of a run; run the model again.")
+    return metadata
 
 
-def _read(table: Path) -> dict[str, Array]:
-    """Columns of numbers by header, as they are in the file."""
+def _read_columns(table: Path) -> dict[str, Array]:
+    """Read the columns of numbers of a CSV file, by header."""
     try:
         with open(table, encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
@@ -131,69 +137,73 @@ def _read(table: Path) -> dict[str, Array]:
     except OSError as problem:
         raise BeamdaeError(f"{table}: it cannot be read, {problem.strerror or problem}.") from None
     except ValueError:
-        raise BeamdaeError(f"{table}: it is not a table of a run.") from None
+        raise BeamdaeError(
+            f"{table}: this file is not the table of a run; run the model again."
+        ) from None
 
 
-def _joined(tables: Sequence[dict[str, Array]], beside: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The columns of all runs, one after the other, with works that go on."""
+def _join_columns(
+    tables: Sequence[dict[str, Array]], metadata: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """Join the columns of all runs; works continue from run to run."""
     latest = tables[-1]
     for table in tables[:-1]:
         if list(table) != list(latest):
-            other = next(iter(set(table) ^ set(latest)), "their order")
+            different = next(iter(set(table) ^ set(latest)), "their order")
             raise BeamdaeError(
-                f"run: the runs have other columns and make no common table, {other} differs."
+                f"run: the runs have different columns ({different}), so they cannot be joined; "
+                "resume with the same observables, or choose another --out."
             )
-    found = {name: [tables[0][name]] for name in latest}
+    pieces = {name: [tables[0][name]] for name in latest}
     works = dict.fromkeys(CUMULATIVE_COLUMNS, 0.0)
-    for told, table in zip(beside[:-1], tables[1:], strict=True):
+    for previous, table in zip(metadata[:-1], tables[1:], strict=True):
         for name in CUMULATIVE_COLUMNS:
-            works[name] += float(told["end"][name])
+            works[name] += float(previous["end"][name])
         for name, column in table.items():
-            # The first row is the end of the run before.
-            found[name].append(column[1:] + works.get(name, 0.0))
-    return {name: np.concatenate(columns) for name, columns in found.items()}
+            # The first row repeats the end of the previous run.
+            pieces[name].append(column[1:] + works.get(name, 0.0))
+    return {name: np.concatenate(columns) for name, columns in pieces.items()}
 
 
-def _ended(beside: Sequence[dict[str, Any]]) -> Status:
-    """How runs ended that went on from each other, taken as one."""
-    status, due = REACHED_END, False
-    for told in beside:
-        status = status.followed_by(Status(told["status"], told["reason"]), due)
-        due = any(not event.get("done", True) for event in told["events"])
+def _join_status(metadata: Sequence[dict[str, Any]]) -> Status:
+    """Return the status of runs that resumed from each other, taken as one run."""
+    status, has_pending_event = REACHED_END, False
+    for part in metadata:
+        status = status.followed_by(Status(part["status"], part["reason"]), has_pending_event)
+        has_pending_event = any(not event.get("done", True) for event in part["events"])
     return status
 
 
-def _told(parts: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
-    """What is beside the table of all: that of the last run, with what adds up."""
-    latest = parts[-1][1]
-    results = [told["result"] for _, told in parts]
+def _join_metadata(names: Sequence[str], metadata: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the metadata of the table of all runs, from the file names and metadata of each."""
+    latest = metadata[-1]
+    results = [part["result"] for part in metadata]
     result = dict(latest["result"])
     for name, value in result.items():
-        if name in _MOST:
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if name in _MAXIMA:
             result[name] = max(one[name] for one in results)
-        elif (
-            name != "last_time" and isinstance(value, (int, float)) and not isinstance(value, bool)
-        ):
+        elif name != "last_time" and is_number:
             result[name] = sum(one[name] for one in results)
-    events = [one for _, told in parts[:-1] for one in told["events"] if one.get("done", True)]
-    works = {name: sum(told["end"][name] for _, told in parts) for name in CUMULATIVE_COLUMNS}
-    status = _ended([told for _, told in parts])
-    own = {k: x for k, x in latest.items() if k not in ("versions", "written", "errors")}
-    return own | {
+    # An event that a run did not execute is executed, and listed, by the next one.
+    events = [event for part in metadata[:-1] for event in part["events"] if event.get("done", True)]
+    works = {name: sum(part["end"][name] for part in metadata) for name in CUMULATIVE_COLUMNS}
+    status = _join_status(metadata)
+    return {k: x for k, x in latest.items() if k not in _OF_ONE_RUN} | {
         "status": status.kind,
         "reason": status.sentence,
         "result": result | {"status": status.kind, "reason": status.sentence},
-        "start": parts[0][1]["start"],
+        "start": metadata[0]["start"],
         "events": [*events, *latest["events"]],
-        "warnings": [sentence for _, told in parts for sentence in told["warnings"]],
+        "warnings": [warning for part in metadata for warning in part["warnings"]],
         "end": latest["end"] | works,
         "parts": [
             {
                 "file": name,
-                "to": told["result"]["last_time"],
-                "status": told["status"],
-                "reason": told["reason"],
+                "to": part["result"]["last_time"],
+                "status": part["status"],
+                "reason": part["reason"],
             }
-            for name, told in parts
+            for name, part in zip(names, metadata, strict=True)
         ],
     }

@@ -1,11 +1,11 @@
-"""All a run computed as arrays and plain values, to be kept in a file or sent to a process."""
+"""Packed runs: all data of a run as arrays and plain values, for files and other processes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,59 +14,69 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, Stat
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
+from beamdae.results.run import Run
 from beamdae.results.trajectory import Interval, Trajectory
-
-if TYPE_CHECKING:
-    from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
 
 class PackedRun(NamedTuple):
-    """Arrays and plain values (of JSON) a solution can be made of anew, given its equations."""
+    """A run without its equations and its integrator.
+
+    Attributes
+    ----------
+    arrays
+        Output times, states at the nodes of all intervals, states at the events, and the start.
+    plain
+        The remaining data as values that JSON can represent.
+    """
 
     arrays: dict[str, Array]
     plain: dict[str, Any]
 
 
-def pack_run(solution: Solution) -> PackedRun:
-    """All of a solution but its equations."""
-    e, intervals = solution.equations, solution.trajectory.intervals
+def pack_run(run: Run) -> PackedRun:
+    """Pack all data of a run except its equations and its integrator."""
+    e, intervals, records = run.equations, run.trajectory.intervals, run.event_records
     sizes = (e.n, e.n, e.n, e.m)
     arrays = {
-        "t": solution.t,
+        "t": run.t,
         "q0": e.q0,
         "v0": e.v0,
-        "nodes": np.concatenate([x.nodes for x in intervals]),
-        "ends": np.cumsum([0, *(len(x.nodes) for x in intervals)]),
-        "branches": np.array([x.branch for x in intervals]),
-        "event times": np.array([(x.t, x.branch) for x in solution.event_records]).reshape(-1, 2),
-        **_rows("", [x.rows for x in intervals], sizes),
-        **_rows("event ", [[row[None] for row in x.state] for x in solution.event_records], sizes),
+        "nodes": np.concatenate([interval.nodes for interval in intervals]),
+        "ends": np.cumsum([0, *(len(interval.nodes) for interval in intervals)]),
+        "branches": np.array([interval.branch for interval in intervals]),
+        "event times": np.array([(record.t, record.branch) for record in records]).reshape(-1, 2),
+        **_stack_states("", [interval.rows for interval in intervals], sizes),
+        **_stack_states("event ", [[x[None] for x in record.state] for record in records], sizes),
     }
     plain = {
-        "status": asdict(solution.status),
-        "statistics": asdict(solution.statistics),
-        "integrator": solution.integrator,
-        "model": solution.model,
-        "per step": [x.per_step for x in intervals],
-        "active": [_active(x.configuration) for x in intervals],
-        "events": [_event(x) for x in solution.event_records],
-        "sides": solution.event_signs,
-        "begun": list(solution.resume_warnings),
+        "status": asdict(run.status),
+        "statistics": asdict(run.statistics),
+        "integrator": run.integrator,
+        "model": run.model,
+        "per step": [interval.per_step for interval in intervals],
+        "active": [_pack_configuration(interval.configuration) for interval in intervals],
+        "events": [_pack_event(record) for record in records],
+        "sides": run.event_signs,
+        "begun": list(run.resume_warnings),
         "start": None,
     }
     if e.start is not None:
         arrays |= {"start q": e.start.q, "start v": e.start.v}
-        plain["start"] = {"told": e.start.told, "moves": e.start.moves}
+        plain["start"] = {"told": e.start.description, "moves": e.start.moves}
     return PackedRun(arrays, plain)
 
 
-def unpack_run(equations: EquationsOfMotion, kept: PackedRun, made_by: Any = None) -> Solution:
-    """The solution again, of equations that are the same but for their start."""
-    from beamdae.results.solution import Solution
+def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, Any]:
+    """Return the fields of the packed run, by the names of the fields of `Run`.
 
-    arrays, plain = kept
+    Parameters
+    ----------
+    equations
+        The equations of the run; their start may be another one.
+    """
+    arrays, plain = packed
     start = plain["start"]
     if start is not None:
         start = Start(start["told"], arrays["start q"], arrays["start v"], start["moves"])
@@ -77,7 +87,7 @@ def unpack_run(equations: EquationsOfMotion, kept: PackedRun, made_by: Any = Non
             State(*(arrays[name][first:last] for name in State._fields)),
             float(branch),
             per_step,
-            _configuration(equations, active),
+            _unpack_configuration(equations, active),
         )
         for (first, last), branch, per_step, active in zip(
             pairwise(arrays["ends"].tolist()),
@@ -87,35 +97,35 @@ def unpack_run(equations: EquationsOfMotion, kept: PackedRun, made_by: Any = Non
             strict=True,
         )
     ]
-    event_records = tuple(
+    records = [
         EventRecord(
             t=float(t),
             branch=float(branch),
             state=State(*(arrays[f"event {name}"][k] for name in State._fields)),
-            **told,
+            **event,
         )
-        for k, ((t, branch), told) in enumerate(
+        for k, ((t, branch), event) in enumerate(
             zip(arrays["event times"], plain["events"], strict=True)
         )
-    )
-    return Solution(
-        equations=equations,
-        trajectory=Trajectory(tuple(intervals)),
-        t=arrays["t"],
-        status=Status(**plain["status"]),
-        statistics=Statistics(**plain["statistics"]),
-        integrator=plain["integrator"],
-        model=plain["model"],
-        made_by=made_by,
-        event_records=event_records,
-        event_signs=plain["sides"],
-        resume_warnings=tuple(plain["begun"]),
-    )
+    ]
+    return {
+        "equations": equations,
+        "trajectory": Trajectory(tuple(intervals)),
+        "t": arrays["t"],
+        "status": Status(**plain["status"]),
+        "statistics": Statistics(**plain["statistics"]),
+        "integrator": plain["integrator"],
+        "model": plain["model"],
+        "event_records": tuple(records),
+        "event_signs": plain["sides"],
+        "resume_warnings": tuple(plain["begun"]),
+    }
 
 
-def _rows(
+def _stack_states(
     prefix: str, states: Sequence[Sequence[Array]], sizes: Sequence[int]
 ) -> Mapping[str, Array]:
+    """Stack the rows of several states, by the names of the fields of `State`."""
     columns = zip(*states, strict=True) if states else [()] * len(sizes)
     return {
         f"{prefix}{name}": np.concatenate([np.zeros((0, size)), *column])
@@ -123,24 +133,21 @@ def _rows(
     }
 
 
-def _active(configuration: Configuration | None) -> dict[str, Any] | None:
+def _pack_configuration(configuration: Configuration | None) -> dict[str, Any] | None:
     if configuration is None:
         return None
-    found = {name: asdict(held) for name, held in configuration.frozen_gaps.items()}
-    return {"inactive": sorted(configuration.inactive), "found": found}
+    gaps = {name: gap.to_record() for name, gap in configuration.frozen_gaps.items()}
+    return {"inactive": sorted(configuration.inactive), "found": gaps}
 
 
-def _configuration(equations: EquationsOfMotion, active: Any) -> Configuration | None:
-    known = equations.configurations
-    if active is None or known is None:
+def _unpack_configuration(equations: EquationsOfMotion, packed: Any) -> Configuration | None:
+    configurations = equations.configurations
+    if packed is None or configurations is None:
         return None
-    found = {
-        name: FrozenGap(tuple(x["found"]), x["event"], x["since"])
-        for name, x in active["found"].items()
-    }
-    return known.configuration_without(equations, frozenset(active["inactive"]), found)
+    gaps = {name: FrozenGap.from_record(record) for name, record in packed["found"].items()}
+    return configurations.configuration_without(equations, frozenset(packed["inactive"]), gaps)
 
 
-def _event(one: EventRecord) -> dict[str, Any]:
-    told = {name: getattr(one, name) for name in ("name", "direction", "energy_lost", "done")}
-    return {**told, "impulses": dict(one.impulses)}
+def _pack_event(record: EventRecord) -> dict[str, Any]:
+    names = ("name", "direction", "energy_lost", "done")
+    return {**{name: getattr(record, name) for name in names}, "impulses": dict(record.impulses)}

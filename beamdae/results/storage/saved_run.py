@@ -1,4 +1,4 @@
-"""Runs kept in one file each, and what was kept of a run."""
+"""Saved runs: files of `Solution.save`, and the tables that they contain."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Statistics, Status
+from beamdae.results.run import Run
 from beamdae.results.storage.files import atomic_write, require_file_path, versions, write_result
 from beamdae.results.storage.packed_run import pack_run
 from beamdae.results.time_series import TimeSeries
@@ -23,110 +24,121 @@ from beamdae.results.time_series import TimeSeries
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.results.solution import Solution
-
 Array = np.ndarray
 
-_FORMAT, _VERSION = "beamdae run", 1
-# What NumPy and zipfile make of bytes that are no longer those that were written.
-_DAMAGED = (
+_FORMAT = "beamdae run"
+_VERSION = 1
+# Exceptions of NumPy and zipfile for files that are not complete, or not what was written.
+_READ_ERRORS = (
     *(AttributeError, EOFError, KeyError, MemoryError, OSError, RuntimeError, TypeError),
     *(ValueError, struct.error, zipfile.BadZipFile, zlib.error),
 )
-_TOLD, _TABLE, _COORDINATES = "told", "table", "coordinates"
+# Names of arrays in a file; `_CONTENT` is JSON, with the headers of the other two.
+_CONTENT = "told"
+_TABLE = "table"
+_COORDINATES = "coordinates"
 
 
 @dataclass(frozen=True, repr=False)
 class SavedRun(TimeSeries):
-    """What a file keeps of a run: its tables, how it ended and how good it is.
+    """Tables, status and statistics of a saved run, loaded without its model.
 
-    It is looked at as a `Solution` is, `run["tip.y"]`, `run.plot("tip")`, `run.to_csv(path)`;
-    for what needs the equations (`observe`, `animate`, `section_forces`, times between the rows)
-    give `load` the model.
+    It supports the methods of `Solution` that need no equations, such as `run["tip.y"]`,
+    `run.plot("tip")` and `run.to_csv(path)`. For the others (`observe`, `animate`,
+    `section_forces`, times between the rows) pass the model to `load`.
 
     Attributes
     ----------
     status, statistics
-        How it ended and what it cost.
-    told
-        What `to_csv` writes as JSON beside a table, the versions that computed it among it.
+        How the run ended, and its cost.
     """
 
     status: Status
     statistics: Statistics
-    told: dict[str, Any]
-    columns: dict[str, Array] = field(repr=False)
-    kept: dict[str, Array] = field(repr=False)
+    _metadata: dict[str, Any]
+    _columns: dict[str, Array] = field(repr=False)
+    _coordinates: dict[str, Array] = field(repr=False)
 
     @property
     def label(self) -> str:
-        """Short name of what made it."""
-        return str(self.told["label"])
+        """Short name of the integrator."""
+        return str(self._metadata["label"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on what is not to be trusted as it stands."""
-        return tuple(self.told["warnings"])
+        """Warnings about the reliability of the run, see `Solution.warnings`."""
+        return tuple(self._metadata["warnings"])
 
     def all_columns(self) -> dict[str, Array]:
-        """The columns of `table` by header, as arrays."""
-        return dict(self.columns)
+        """Return the columns of `table`, (k,) each, by header."""
+        return dict(self._columns)
 
     def coordinates(self) -> pd.DataFrame:
-        """Time, all coordinates, velocities and multipliers, named by part, with units."""
+        """Return time, coordinates, velocities and multipliers, named by part, with units."""
         import pandas as pd
 
-        return pd.DataFrame(self.kept)
+        return pd.DataFrame(self._coordinates)
 
     def summary(self) -> dict[str, Any]:
-        """Status, statistics and quality as plain values."""
-        return dict(self.told["result"])
+        """Return status, statistics and quality as plain values."""
+        return dict(self._metadata["result"])
+
+    def metadata(self) -> dict[str, Any]:
+        """Return the content of the JSON file that `to_csv` writes, with the versions that ran."""
+        return dict(self._metadata)
 
     def at_times(self, times: Array) -> SavedRun:
-        """The same at some of its own times [s]."""
-        whose = f"the saved run {self.told['file']}"
-        rows = self._rows_at(times, whose, "load it with its model, bd.load(path, model)")
-        columns, kept = ({h: x[rows] for h, x in y.items()} for y in (self.columns, self.kept))
-        return SavedRun(self.status, self.statistics, self.told, columns, kept)
+        """Return the rows at these times [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no row at one of the times.
+        """
+        owner = f"the saved run {self._metadata['file']}"
+        rows = self._rows_at(times, owner, "load it with its model, bd.load(path, model)")
+        columns = {header: column[rows] for header, column in self._columns.items()}
+        coordinates = {header: column[rows] for header, column in self._coordinates.items()}
+        return SavedRun(self.status, self.statistics, self._metadata, columns, coordinates)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV and the rest as JSON beside it, as `Solution.to_csv`."""
-        return write_result(path, self.columns, self.status, self.told)
+        """Write the table as CSV and the metadata as JSON, see `Solution.to_csv`."""
+        return write_result(path, self._columns, self.status, self._metadata)
 
     def __repr__(self) -> str:
-        ended = f"{self.status.kind}, {self.status.sentence}"
         return (
-            f"<SavedRun by {self.label}: {ended}; t = {self.times[0]:g} to {self.times[-1]:g} s "
-            f"in {len(self.times)} rows; from {self.told['file']}>"
+            f"<SavedRun by {self.label}: {self.status.kind}, {self.status.sentence}; "
+            f"t = {self.times[0]:g} to {self.times[-1]:g} s in {len(self.times)} rows; "
+            f"from {self._metadata['file']}>"
         )
 
 
-def save_run(solution: Solution, path: str | Path) -> Path:
-    """Write all of a run to one file, see `load`: a zip archive of NumPy arrays and JSON.
+def save_run(run: Run, path: str | Path) -> Path:
+    """Write all data of a run to a zip archive of NumPy arrays and JSON, see `load`.
 
     Raises
     ------
     BeamdaeError
-        If it cannot be written.
+        If the file cannot be written.
     """
     file = require_file_path("save", path)
-    kept, coordinates = pack_run(solution), solution.coordinates()
-    table = solution.all_columns()
-    told = {
+    packed, table = pack_run(run), run.all_columns()
+    coordinate_headers, coordinates = run.coordinate_table()
+    content = {
         "format": _FORMAT,
         "version": _VERSION,
-        "label": solution.label,
-        "identity": hash_model(solution.equations),
-        "plain": kept.plain,
+        "label": run.label,
+        "identity": hash_model(run.equations),
+        "plain": packed.plain,
         _TABLE: list(table),
-        _COORDINATES: list(coordinates),
-        "beside": {**solution.beside(), "versions": versions()},
+        _COORDINATES: coordinate_headers,
+        "beside": {**run.metadata(), "versions": versions()},
     }
     arrays: dict[str, Any] = {
-        **kept.arrays,
+        **packed.arrays,
         _TABLE: np.stack(list(table.values())),
-        _COORDINATES: coordinates.to_numpy().T,
-        _TOLD: np.frombuffer(json.dumps(told).encode(), np.uint8),
+        _COORDINATES: coordinates.T,
+        _CONTENT: np.frombuffer(json.dumps(content).encode(), np.uint8),
     }
     with atomic_write(file) as scratch, open(scratch, "wb") as opened:
         np.savez_compressed(opened, **arrays)
@@ -134,41 +146,44 @@ def save_run(solution: Solution, path: str | Path) -> Path:
 
 
 def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """The arrays of a file, and what is told with them.
+    """Read a file of `save_run`; return its arrays and its JSON content.
 
     Raises
     ------
     BeamdaeError
-        If there is no such file, or it is none of `save_run` of this version.
+        If the file does not exist, or is not a saved run of this version.
     """
-    wrong = BeamdaeError(f"{file}: it is no saved run of version {_VERSION}, or not all of one.")
+    invalid = BeamdaeError(
+        f"{file}: this file is not a complete saved run of version {_VERSION}; save the run again."
+    )
     try:
-        whole = file.read_bytes()
+        raw = file.read_bytes()
     except OSError as problem:
         why = problem.strerror or problem
         raise BeamdaeError(f"{file}: it cannot be read, {why}.") from None
     try:
-        # Nothing that could be executed is read.
-        with np.load(io.BytesIO(whole), allow_pickle=False) as archive:
+        # Pickled objects are refused because reading them could execute code.
+        with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        told = json.loads(arrays[_TOLD].tobytes())
-    except _DAMAGED:
-        raise wrong from None
-    if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (
-        _FORMAT,
-        _VERSION,
-    ):
-        raise wrong
-    return arrays, told
+        content = json.loads(arrays[_CONTENT].tobytes())
+    except _READ_ERRORS:
+        raise invalid from None
+    if not isinstance(content, dict):
+        raise invalid
+    if (content.get("format"), content.get("version")) != (_FORMAT, _VERSION):
+        raise invalid
+    return arrays, content
 
 
-def saved_run_from_arrays(file: Path, arrays: dict[str, Array], told: dict[str, Any]) -> SavedRun:
-    """What `read_saved_run` found as tables."""
-    plain = told["plain"]
+def saved_run_from_arrays(
+    file: Path, arrays: dict[str, Array], content: dict[str, Any]
+) -> SavedRun:
+    """Return the tables in the result of `read_saved_run`."""
+    plain = content["plain"]
     return SavedRun(
         Status(**plain["status"]),
         Statistics(**plain["statistics"]),
-        {**told["beside"], "label": told["label"], "file": file.name},
-        dict(zip(told[_TABLE], arrays[_TABLE], strict=True)),
-        dict(zip(told[_COORDINATES], arrays[_COORDINATES], strict=True)),
+        {**content["beside"], "label": content["label"], "file": file.name},
+        dict(zip(content[_TABLE], arrays[_TABLE], strict=True)),
+        dict(zip(content[_COORDINATES], arrays[_COORDINATES], strict=True)),
     )
