@@ -1,32 +1,32 @@
-"""Equations of motion of a mechanism: F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0.
+"""Equations of motion F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0, as immutable data.
 
-Immutable: a structure, which models that differ in numbers alone share, and the numbers.
+They consist of a structure, shared by models that differ in numbers only, and the numbers p.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.parts.events import Impact
+from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import Named, RangeStatement
 
-if TYPE_CHECKING:
-    from beamdae.equations.assembly.configurations import Configurations
-    from beamdae.parts.mechanism import Mechanism
-
 Array = np.ndarray
+FrozenGaps = Mapping[str, FrozenGap]
 
 
 class State(NamedTuple):
-    """Rows of a trajectory: coordinates, velocities, accelerations and multipliers."""
+    """Coordinates, velocities, accelerations and multipliers, at one time or in rows."""
 
     q: Array
     v: Array
@@ -36,25 +36,38 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class RangeTerm:
-    """What tells how far a part's strains are to be trusted, on the global coordinates."""
+    """Measures of the deformation of a part, on the global coordinates."""
 
     statement: RangeStatement
     operator: sp.csr_array
 
-    def largest(self, q: Array) -> Array:
-        """Largest (deflection over length, rotation [rad], strain) over rows of coordinates."""
+    def largest_deformation(self, q: Array) -> Array:
+        """Return the largest (deflection over length, rotation [rad], strain) over rows of q."""
         kernel, data = self.statement.kernel, self.statement.data
         copies = data.shape[1]
         local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
-        found = kernel.function(local, np.tile(data.T, (len(q), 1)))
-        return found.max(axis=0)
+        values = kernel.function(local, np.tile(data.T, (len(q), 1)))
+        return values.max(axis=0)
 
 
 @dataclass(frozen=True)
 class Observable:
-    """Named columns with units, and the function that gives them.
+    """Named columns with units and the function that evaluates them.
 
-    `data` tells where its numbers are in p, `rows` which multipliers it asks for.
+    Attributes
+    ----------
+    name
+        Name given to `observe`, the prefix of the columns.
+    columns
+        Name and unit of each column.
+    function
+        Compiled function of time, local coordinates, local velocities, numbers and multipliers.
+    operator
+        Maps global to local coordinates.
+    data
+        Slice of p with its numbers.
+    rows
+        Slice of the multipliers it depends on.
     """
 
     name: str
@@ -75,12 +88,27 @@ class Observable:
 
 @dataclass(frozen=True)
 class EventTerm:
-    """What a run watches: a column of an observable, the value it crosses, and what is done then.
+    """Event of a run: an observed column crosses a value.
 
-    `direction` is 1 for up, -1 for down and 0 for both; where it `begins_there`, the run begins at
-    the event, up to what a consistent start changes, and it does not happen there again. Where it
-    is `due`, 1 up or -1 down, the run begins with it. `side` is that of the value on which a run
-    before left the column, 1, -1, or 0 where that is not known.
+    Attributes
+    ----------
+    name
+        Name of the event.
+    observable, column
+        The column that is watched.
+    crosses
+        The value it crosses, in the unit of the column.
+    direction
+        1 for upward, -1 for downward crossings, 0 for both.
+    do
+        Action of the event.
+    begins_there
+        True if the run starts at the event, up to what a consistent start changes; the event does
+        not occur there again.
+    due
+        1 (up) or -1 (down) if the run starts with this event, otherwise 0.
+    side
+        Side of the value on which an earlier run left the column, 1 or -1; 0 if unknown.
     """
 
     name: str
@@ -93,8 +121,8 @@ class EventTerm:
     due: int = 0
     side: int = 0
 
-    def beyond(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """How far the column is beyond its value, at rows of states."""
+    def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
+        """Return the column minus its value at rows of states, with times (t, branch)."""
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
@@ -106,12 +134,11 @@ class PartCoordinates(NamedTuple):
     Attributes
     ----------
     name
-        Of the part, or of the coordinate.
+        Name of the part, or of the coordinate.
     rows
-        Which coordinates.
+        Slice of the coordinates.
     size
-        How far from each other its points are [m]: an angle is worth the way it carries a point
-        that far away.
+        Largest distance between its points [m]; scales angles to displacements.
     """
 
     name: str
@@ -120,19 +147,19 @@ class PartCoordinates(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A start other than the drawing.
+    """Requested start other than the drawing.
 
     Attributes
     ----------
-    told
-        In words.
+    description
+        The request in words.
     q, v
-        What was asked for, before joints made it consistent.
+        Requested coordinates and velocities, before joints make them consistent.
     moves
-        Whether other positions than those drawn were asked for.
+        True if positions differ from the drawing.
     """
 
-    told: str
+    description: str
     q: Array
     v: Array
     moves: bool
@@ -140,14 +167,22 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
-    """F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0 with everything integrators ask of them.
+    """Equations of motion of a mechanism or a constrained system.
+
+    They read
+
+        F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
+
+    where F is inertia minus applied forces, and constraints on velocities alone,
+    0 = A(t, q) v + b(t, q), take the rows of g_dot with A in place of G. The object is immutable:
+    formulations, integrators and analyses derive what they need from it and share the results.
 
     Attributes
     ----------
     coordinates, multipliers
-        'part.coordinate' and unit of each coordinate and multiplier.
+        Name 'part.coordinate' or 'part.constraint' and unit of each coordinate and multiplier.
     q0, v0
-        Start, as drawn or of `start`; `consistent_start.Starter` makes it consistent.
+        Start as drawn or as requested, (n,) each; integrators make it consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length
@@ -158,25 +193,29 @@ class EquationsOfMotion:
         Ascending times [s] at which a law changes its formula; integrators stop and restart there.
     time_scale
         Shortest time [s] over which a law changes, or None.
-    scales
-        How far each coordinate moves [its unit], (n,), where that is given; None: integrators
-        find out.
+    observables
+        Columns evaluated along a run.
     structure
-        The kernels of forces and joints, without numbers.
+        Kernels of forces and joints with their operators, without numbers.
+    scales
+        Amplitude of each coordinate [its unit], (n,), if the model states it; None: integrators
+        estimate it.
+    ranges
+        Measures of the deformation of parts.
     laws
-        Those that change with time, with the parts that follow them.
+        Laws that change with time, with their parts.
     start
-        What was asked for instead of the drawing, if anything.
+        Requested start, if it is not the drawing.
     redundant
-        Whether constraints that follow from others are spared, see `reduced.reduced`; they are
-        refused if not.
+        True if redundant constraints are removed and their reactions restored with minimum norm;
+        otherwise they are refused.
     events
-        What a run watches for.
+        Events to be detected in a run.
     configurations
-        `Configurations` of a mechanism whose parts are switched; None: all are always active.
+        Equations with some parts inactive, if events switch parts; otherwise None.
     mechanism
-        What they are the equations of, for drawing and observing it after a run; None where they
-        were stated otherwise.
+        The mechanism they were assembled from, for drawing and observing after a run; None for a
+        constrained system.
     """
 
     coordinates: tuple[Named, ...]
@@ -222,8 +261,8 @@ class EquationsOfMotion:
 
     @cached_property
     def nonholonomic_rows(self) -> Array:
-        """Which constraints hold velocities alone."""
-        rows = [term.rows.indices for term in self.joints if not term.kernel.is_holonomic]
+        """Indices of the constraints on velocities alone."""
+        rows = [term.rows.indices for term in self.joints if not term.kernel.holonomic]
         return np.concatenate([np.zeros(0, np.int64), *rows])
 
     @cached_property
@@ -238,6 +277,92 @@ class EquationsOfMotion:
 
     @cached_property
     def position_scales(self) -> Array:
-        """Natural size of each coordinate: the characteristic length, or 1 for an angle."""
+        """Natural size of each coordinate, (n,): the characteristic length, or 1 for an angle."""
         angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         return np.where(angle, 1.0, self.length)
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration:
+    """Equations of the active parts of a mechanism, between two events.
+
+    Attributes
+    ----------
+    equations
+        Equations on the same coordinates as those of all parts.
+    multiplier_rows
+        Indices of their multipliers among those of all parts.
+    inactive
+        Names of the inactive parts.
+    frozen_gaps
+        Offsets of joints that an event switched on as they were, by name.
+    """
+
+    equations: EquationsOfMotion
+    multiplier_rows: Array
+    inactive: frozenset[str]
+    frozen_gaps: FrozenGaps = field(default_factory=dict)
+
+    def select_multipliers(self, lam: Array) -> Array:
+        """Return the columns of the active constraints from rows of all multipliers."""
+        return lam[:, self.multiplier_rows]
+
+    def expand_multipliers(self, lam: Array, m: int) -> Array:
+        """Return rows of all `m` multipliers, zero for inactive parts."""
+        multipliers = np.zeros((len(lam), m))
+        multipliers[:, self.multiplier_rows] = lam
+        return multipliers
+
+
+@dataclass(frozen=True)
+class ImpactEquations:
+    """Equations with the constraints that an impact acts on.
+
+    Attributes
+    ----------
+    restitution
+        Coefficient of restitution by name of the multiplier.
+    gaps
+        Names of those multipliers whose gaps open freely.
+    """
+
+    equations: EquationsOfMotion
+    restitution: Mapping[str, float]
+    gaps: frozenset[str]
+
+
+class Configurations(Protocol):
+    """Configurations of a mechanism whose parts are switched by events.
+
+    `whole` are the equations of all parts; times are arrays (t, branch).
+    """
+
+    @property
+    def initially_inactive(self) -> frozenset[str]:
+        """Names of the parts that are inactive at the start of a run."""
+
+    def starting_with(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Configurations:
+        """Return the configurations of a run that starts with these parts inactive."""
+
+    def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
+        """Return the configuration at the start of a run."""
+
+    def configuration_without(
+        self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
+    ) -> Configuration:
+        """Return the configuration with these parts inactive and these gaps frozen."""
+
+    def configuration_after(
+        self,
+        whole: EquationsOfMotion,
+        now: Configuration,
+        event: EventTerm,
+        time: Array,
+        q: Array,
+    ) -> Configuration:
+        """Return the configuration after an event at `time` and positions `q`."""
+
+    def impact_equations(
+        self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
+    ) -> ImpactEquations:
+        """Return the equations of all active parts and of the impacts of an event."""

@@ -7,7 +7,7 @@ from scipy.linalg import eigh, null_space
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
@@ -21,8 +21,8 @@ def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np
     e = bd.equations_of_motion(mechanism)
     starter, start = ConsistencySolver(e), np.zeros(2)
     rest = State(e.q0, np.zeros(e.n), np.zeros(e.n), np.zeros(e.m))
-    stiffness, damping, mass = (m.toarray() for m in starter.linearized(start, rest))
-    load = -starter.forces(start, rest, np.zeros(e.n))
+    stiffness, damping, mass = (m.toarray() for m in starter.linearize_forces(start, rest))
+    load = -starter.force(start, rest.q, rest.v, np.zeros(e.n))
     g = starter.constraint_matrix(start, rest.q).toarray()
 
     free = null_space(g)

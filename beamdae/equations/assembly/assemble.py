@@ -1,4 +1,4 @@
-"""From what the parts of a mechanism state to its equations of motion."""
+"""Assembly of the equations of motion from the statements of the parts of a mechanism."""
 
 from __future__ import annotations
 
@@ -41,121 +41,132 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# What elements that interpolate their curve may miss it by, over the size of the mechanism.
-_AS_DRAWN = 1e-2
-# What a run takes at least for each coordinate [bytes]; measured: 14 kB where nothing is joined.
-_MEMORY = 1e4
+_MAX_DRAWING_ERROR = 1e-2  # of interpolated curves, relative to the size of the mechanism
+_BYTES_PER_COORDINATE = 1e4  # least memory of a run; measured: 14 kB without any joint
 
 
 def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfMotion:
-    """Equations of motion of a mechanism: the sum of what its parts state.
+    """Assemble the equations of motion of a mechanism from the statements of its parts.
 
-    `start` stands for that of the mechanism, see `Mechanism`.
+    Parameters
+    ----------
+    mechanism
+        Parts, observables, events and gravity. Later changes of it do not affect the result.
+    start
+        Replaces the start of the mechanism, see `Mechanism`.
+
+    Returns
+    -------
+    EquationsOfMotion
+        F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0.
 
     Raises
     ------
     BeamdaeError
-        If nothing can move, a part has nothing to say, or states what does not fit its bodies.
+        If no body can move, or a part states nothing or something that does not fit its bodies.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
             f"equations_of_motion: expected a Mechanism, got {short_repr(mechanism)}."
         )
-    kept = _as_it_is(mechanism)
-    configurations = build_configurations(kept, equations_of_motion)
+    snapshot = copy(mechanism)
+    snapshot.parts, snapshot.events = dict(mechanism.parts), list(mechanism.events)
+    coordinate_map = map_coordinates(mechanism)
+    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
-    owners = map_coordinates(mechanism)
-    if owners.n == 0:
-        raise BeamdaeError("Mechanism: it needs at least one body that can move.")
-    what = f"a run of its {owners.n} coordinates"
-    require_memory("Mechanism", what, _MEMORY * owners.n, "take fewer bodies, or fewer elements")
+    n = coordinate_map.n
+    if n == 0:
+        raise BeamdaeError("Mechanism: it needs at least one body that can move; add one.")
+    require_memory(
+        "Mechanism",
+        f"a run of its {n} coordinates",
+        _BYTES_PER_COORDINATE * n,
+        "take fewer bodies, or fewer elements",
+    )
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
     ranges: list[RangeStatement] = []
-    # Points that tell the size of the drawing: those of the bodies, and where they are joined.
-    drawn = [np.asarray(part.outline, float) for part in parts]
+    # The outlines of the bodies and the attachments of joints determine the size of the drawing.
+    outlines = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
-        own_forces, held, reaching = collect_statements(part, mechanism.gravity, owners.sizes)
+        part_forces, part_constraints, part_ranges = collect_statements(
+            part, mechanism.gravity, coordinate_map.sizes
+        )
         if mechanism.gravity_laws is not None:
-            own_forces = mechanism.gravity_laws.statements(part.forces)
-        forces += own_forces
-        constraints += held
-        ranges += reaching
-        if held:
-            drawn += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
+            part_forces = mechanism.gravity_laws.statements(part.forces)
+        forces += part_forces
+        constraints += part_constraints
+        ranges += part_ranges
+        if part_constraints:
+            outlines += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in mechanism.observables.items():
-        require_pieces_fit(name, quantity.pieces, owners.sizes)
-    length = largest_distance(np.concatenate(drawn)) or 1.0
+        require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
+    length = largest_distance(np.concatenate(outlines)) or 1.0
     q0 = np.concatenate([part.initial_position for part in parts])
-    _require_drawn_where_they_are(mechanism, owners, q0, length)
+    _require_drawn_attachments(mechanism, coordinate_map, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
-    drawn_equations = build_equations(
+    equations = build_equations(
         coordinates=tuple(
             Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
         ),
         q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),
         length=length,
-        parts=_part_coordinates(parts, owners, length),
+        parts=_part_coordinates(parts, coordinate_map, length),
         breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
         ranges=ranges,
         observables=mechanism.observables,
-        owners=owners,
+        coordinate_map=coordinate_map,
         laws=collect_varying_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
-    drawn_equations = replace(drawn_equations, mechanism=kept)
+    equations = replace(equations, mechanism=snapshot)
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
-                f"Mechanism: redundant={MINIMUM_NORM!r} needs parts that are always active, events "
-                "must not switch any; leave out the constraints that follow from others."
+                f"Mechanism: redundant={MINIMUM_NORM!r} does not work with events that switch "
+                "parts; leave out the redundant constraints."
             )
-        drawn_equations = replace(drawn_equations, redundant=True)
-    return apply_initial_conditions(drawn_equations, mechanism.start if start is None else start)
-
-
-def _as_it_is(mechanism: Mechanism) -> Mechanism:
-    """The same parts and events, whatever is added to the mechanism later."""
-    kept = copy(mechanism)
-    kept.parts, kept.events = dict(mechanism.parts), list(mechanism.events)
-    return kept
+        equations = replace(equations, redundant=True)
+    return apply_initial_conditions(equations, mechanism.start if start is None else start)
 
 
 def _part_coordinates(
-    parts: Sequence[Part], owners: CoordinateMap, length: float
+    parts: Sequence[Part], coordinate_map: CoordinateMap, length: float
 ) -> tuple[PartCoordinates, ...]:
-    """Coordinates and size of each part that has some; `length` where it has no size."""
-    found = []
-    for part in parts:
-        first, count = owners.offsets[id(part)], owners.sizes[id(part)]
-        if count:
-            size = largest_distance(np.asarray(part.outline, float)) or length
-            found.append(PartCoordinates(part.name, slice(first, first + count), size))
-    return tuple(found)
+    """Return coordinates and size of each part with coordinates; `length` replaces size zero."""
+    return tuple(
+        PartCoordinates(
+            part.name,
+            coordinate_map.slice_of(part),
+            largest_distance(np.asarray(part.outline, float)) or length,
+        )
+        for part in parts
+        if coordinate_map.sizes[id(part)]
+    )
 
 
-def _require_drawn_where_they_are(
-    mechanism: Mechanism, owners: CoordinateMap, q0: Array, length: float
+def _require_drawn_attachments(
+    mechanism: Mechanism, coordinate_map: CoordinateMap, q0: Array, length: float
 ) -> None:
-    """Refuse attachments whose motion does not start at the point of the drawing they are named by.
+    """Refuse attachments whose position at q0 is not their point of the drawing.
 
-    Joints compare the points of the drawing: they would tear together what is drawn as meeting.
+    Joints compare points of the drawing: they would tear apart what is drawn as meeting.
     """
-    found = [a for part in mechanism.parts.values() for a in part.attachments]
-    if not found:
+    attachments = [a for part in mechanism.parts.values() for a in part.attachments]
+    if not attachments:
         return
-    started = locate_attachments(found, q0, owners)
-    gaps = np.linalg.norm(started - [attachment.point for attachment in found], axis=1)
+    positions = locate_attachments(attachments, q0, coordinate_map)
+    gaps = np.linalg.norm(positions - [attachment.point for attachment in attachments], axis=1)
     worst = int(np.argmax(gaps))
-    if not gaps[worst] <= _AS_DRAWN * length:
+    if not gaps[worst] <= _MAX_DRAWING_ERROR * length:
         raise BeamdaeError(
-            f"{found[worst]}: its motion starts {gaps[worst]:.3g} m away from there, "
+            f"{attachments[worst]}: its motion starts {gaps[worst]:.3g} m away from the drawing; "
             "an attachment must start where it is drawn."
         )

@@ -1,4 +1,4 @@
-"""From statements on bodies to terms in the global coordinates, and to equations of motion."""
+"""Equations of motion from statements on bodies: terms on the global coordinates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.configurations import Configurations
 from beamdae.equations.assembly.coordinate_map import CoordinateMap
 from beamdae.equations.assembly.statement_checks import (
     call_part,
@@ -19,6 +18,7 @@ from beamdae.equations.assembly.statement_checks import (
     select_multipliers,
 )
 from beamdae.equations.equations_of_motion import (
+    Configurations,
     EquationsOfMotion,
     EventTerm,
     Observable,
@@ -36,7 +36,7 @@ from beamdae.equations.structure import (
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
-from beamdae.symbolic.kernel_groups import KernelGroup, generalize_quantity, group_by_kernel
+from beamdae.symbolic.kernel_groups import generalize_quantity, group_by_kernel
 from beamdae.symbolic.rotations import RotatedOperator, factor_operator
 from beamdae.symbolic.statements import (
     SX,
@@ -48,53 +48,6 @@ from beamdae.symbolic.statements import (
     QuantityKernel,
     RangeStatement,
 )
-
-
-def build_event_terms(
-    events: Sequence[Event],
-    observed: Sequence[Observable],
-    stated: Callable[[str, Quantity], Observable],
-) -> tuple[EventTerm, ...]:
-    """The events on the global coordinates.
-
-    Parameters
-    ----------
-    observed
-        What the columns are that they name.
-    stated
-        Makes an observable of a quantity.
-
-    Raises
-    ------
-    BeamdaeError
-        If there is no such column, a quantity has several, or two events have one name.
-    """
-    found: list[EventTerm] = []
-    columns = {
-        ".".join(filter(None, (o.name, column.name))): (o, k)
-        for o in observed
-        for k, column in enumerate(o.columns)
-    }
-    for event in events:
-        name = str(event.name)
-        if name in (other.name for other in found):
-            raise BeamdaeError(f"event: the name {name!r} is taken, every event needs its own.")
-        if isinstance(event.what, str):
-            if event.what not in columns:
-                near = suggest(event.what, columns)
-                raise BeamdaeError(f"{name}: no column {short_repr(event.what)} is observed{near}.")
-            observable, column = columns[event.what]
-        else:
-            if len(event.what.columns) != 1:
-                told = ", ".join(column.name for column in event.what.columns)
-                raise BeamdaeError(
-                    f"{name}: its quantity has several columns ({told}); observe it, and name one."
-                )
-            observable, column = stated(name, event.what), 0
-        direction = DIRECTIONS[event.direction]
-        found.append(EventTerm(name, observable, column, event.crosses, direction, event.do))
-    return tuple(found)
-
 
 Array = np.ndarray
 
@@ -111,54 +64,67 @@ def build_equations(
     forces: list[ForceStatement],
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
-    owners: CoordinateMap,
+    coordinate_map: CoordinateMap,
     ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
     laws: tuple[PartLaw, ...] = (),
     events: Sequence[Event] = (),
     configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
-    """Resolve statements on bodies to terms in the global coordinates."""
+    """Build equations of motion from statements on bodies.
+
+    Statements with one kernel become one term: its copies share the kernel and differ in their
+    numbers and in the rows of the operator that gathers their local coordinates. See
+    `EquationsOfMotion` for the other arguments.
+    """
     numbers = NumberStore()
-    held = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
+    multipliers = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
-    places = [np.arange(first, last) for first, last in pairwise(ends)]
+    multiplier_rows = [np.arange(first, last) for first, last in pairwise(ends)]
     rows: dict[str, slice] = {}
     for statement, (first, last) in zip(constraints, pairwise(ends.tolist()), strict=True):
-        # A part may state several constraints, one after the other.
+        # The constraints of one part follow each other.
         rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
-    force_terms = [
-        _force_term(
-            alike,
-            owners.globally([piece for k in alike.members for piece in forces[k].pieces]),
-            numbers,
-            select_multipliers([forces[k] for k in alike.members], rows),
-            len(held),
+    force_terms = []
+    for group in group_by_kernel(forces):
+        members = [forces[k] for k in group.members]
+        operator = coordinate_map.global_operator([piece for x in members for piece in x.pieces])
+        count = group.data.shape[1]
+        depends_on = select_multipliers(members, rows)
+        rotated = RotatedOperator(operator, None, np.zeros((0, count)))
+        if group.kernel.reused and depends_on is None:
+            rotated = factor_operator(operator, count)
+        data = numbers.store(np.concatenate([group.data, rotated.data]))
+        force_rows = None if depends_on is None else _selection(depends_on, len(multipliers))
+        force_terms.append(
+            ForceTerm(group.kernel, rotated.selection, rotated.rotation, data, count, force_rows)
         )
-        for alike in group_by_kernel(forces)
-    ]
-    constraint_terms = [
-        ConstraintTerm(
-            alike.kernel,
-            owners.globally([piece for k in alike.members for piece in constraints[k].pieces]),
-            numbers.store(alike.data),
-            _selection(np.concatenate([places[k] for k in alike.members]), len(held)),
-            alike.data.shape[1],
+    constraint_terms = []
+    for group in group_by_kernel(constraints):
+        pieces = [piece for k in group.members for piece in constraints[k].pieces]
+        own_rows = np.concatenate([multiplier_rows[k] for k in group.members])
+        constraint_terms.append(
+            ConstraintTerm(
+                group.kernel,
+                coordinate_map.global_operator(pieces),
+                numbers.store(group.data),
+                _selection(own_rows, len(multipliers)),
+                group.data.shape[1],
+            )
         )
-        for alike in group_by_kernel(constraints)
-    ]
-    observed = [
-        build_observable(name, quantity, owners, numbers, rows)
-        for name, quantity in observables.items()
-    ]
-    require_unique_headers(coordinates, held, observed)
-    watched = build_event_terms(
-        events, observed, lambda name, what: build_observable(name, what, owners, numbers, rows)
+
+    def observe(name: str, quantity: Quantity) -> Observable:
+        return build_observable(name, quantity, coordinate_map, numbers, rows)
+
+    observed = [observe(name, quantity) for name, quantity in observables.items()]
+    require_unique_headers(coordinates, multipliers, observed)
+    event_terms = _build_event_terms(events, observed, observe)
+    structure = Structure(
+        len(coordinates), len(multipliers), tuple(force_terms), tuple(constraint_terms)
     )
-    terms = (tuple(force_terms), tuple(constraint_terms))
     return EquationsOfMotion(
         coordinates=coordinates,
-        multipliers=tuple(held),
+        multipliers=tuple(multipliers),
         q0=read_only_copy(q0),
         v0=read_only_copy(v0),
         p=read_only_copy(numbers.all),
@@ -168,96 +134,39 @@ def build_equations(
         time_scale=time_scale,
         scales=None if scales is None else read_only_copy(scales),
         observables=tuple(observed),
-        structure=intern_structure(Structure(len(coordinates), len(held), *terms)),
-        ranges=tuple(RangeTerm(said, owners.globally(said.pieces)) for said in ranges),
+        structure=intern_structure(structure),
+        ranges=tuple(RangeTerm(x, coordinate_map.global_operator(x.pieces)) for x in ranges),
         laws=laws,
-        events=watched,
+        events=event_terms,
         configurations=configurations,
     )
-
-
-def _force_term(
-    alike: KernelGroup,
-    operator: sp.csr_array,
-    numbers: NumberStore,
-    multipliers: Array | None,
-    m: int,
-) -> ForceTerm:
-    """Elements and whatever else is of a kind turn within, by numbers of the model."""
-    count = alike.data.shape[1]
-    by = RotatedOperator(operator, None, np.zeros((0, count)))
-    if alike.kernel.reused and multipliers is None:
-        by = factor_operator(operator, count)
-    stored = numbers.store(np.concatenate([alike.data, by.data]))
-    rows = None if multipliers is None else _selection(multipliers, m)
-    return ForceTerm(alike.kernel, by.selection, by.rotation, stored, count, rows)
-
-
-def require_unique_headers(
-    coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
-) -> None:
-    """Refuse columns that could not be told apart in a table."""
-    own = [header for observable in observed for header in observable.headers]
-    require_unique("observed columns", "headers", [*own, *LEDGER_COLUMNS, TIME])
-    rates = [coordinate.rate for coordinate in coordinates]
-    held = [Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
-    headers = [column.header for column in (*coordinates, *rates, *held)]
-    require_unique("coordinates and multipliers", "headers", [*headers, TIME])
-
-
-def read_only_copy(values: Array) -> Array:
-    """A copy that nobody can change."""
-    copy = np.array(values, float)
-    copy.setflags(write=False)
-    return copy
-
-
-class NumberStore:
-    """The numbers of the model, one after the other."""
-
-    def __init__(self, stored: Array | None = None) -> None:
-        self._stored: list[Array] = [] if stored is None else [stored]
-        self._end = sum(map(len, self._stored))
-
-    @property
-    def all(self) -> Array:
-        """Those stored so far."""
-        return np.concatenate([np.zeros(0), *self._stored])
-
-    def store(self, values: Array) -> slice:
-        """Where the values are from now on, column after column."""
-        begin = self._end
-        self._stored.append(np.asarray(values, float).ravel(order="F"))
-        self._end += len(self._stored[-1])
-        return slice(begin, self._end)
-
-
-def _selection(picked: Array, size: int) -> sp.csr_array:
-    """The operator that picks these of so many rows."""
-    parts = (np.ones(len(picked)), picked, np.arange(len(picked) + 1))
-    return sp.csr_array(parts, shape=(len(picked), size))
 
 
 def build_observable(
     name: str,
     quantity: Quantity,
-    owners: CoordinateMap,
+    coordinate_map: CoordinateMap,
     numbers: NumberStore,
     rows: dict[str, slice],
 ) -> Observable:
-    """A quantity in the global coordinates; `rows` are those of the multipliers of each part."""
+    """Return a quantity on the global coordinates; `rows` are the multipliers of each part."""
     if quantity.joint is not None and quantity.joint not in rows:
-        raise BeamdaeError(f"{name}: {quantity.joint!r} holds nothing, it has no reaction.")
+        raise BeamdaeError(
+            f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "
+            "the reaction of a joint."
+        )
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
-    operator = owners.globally(quantity.pieces)
+    operator = coordinate_map.global_operator(quantity.pieces)
     data = np.asarray(quantity.data, float)
     require_columns_fit(name, quantity.columns)
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
     if isinstance(expression, FormulaExpression) and expression.is_shareable:
-        kernel, more = _build_combined_kernel(expression, *sizes), np.zeros(0)
+        kernel, more = _build_shared_kernel(expression, *sizes), np.zeros(0)
     else:
-        kernel, more = generalize_quantity(_build_kernel(name, expression, Local(*sizes)))
+        local = Local(*sizes)
+        values = call_part(name, "expression", lambda: ca.densify(SX(expression(local))))
+        kernel, more = generalize_quantity(QuantityKernel(local, values))
     if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
@@ -268,15 +177,87 @@ def build_observable(
     return Observable(name, quantity.columns, kernel.function, operator, stored, lam_rows)
 
 
-def _build_kernel(name: str, expression: Callable[[Local], SX], local: Local) -> QuantityKernel:
-    return QuantityKernel(
-        local, call_part(name, "expression", lambda: ca.densify(SX(expression(local))))
-    )
-
-
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _build_combined_kernel(
-    combined: FormulaExpression, size: int, n_data: int, n_multipliers: int
+def _build_shared_kernel(
+    expression: FormulaExpression, size: int, n_data: int, n_multipliers: int
 ) -> QuantityKernel:
     local = Local(size, n_data, n_multipliers)
-    return QuantityKernel(local, combined(local))
+    return QuantityKernel(local, expression(local))
+
+
+def _build_event_terms(
+    events: Sequence[Event],
+    observed: Sequence[Observable],
+    observe: Callable[[str, Quantity], Observable],
+) -> tuple[EventTerm, ...]:
+    """Return events on the global coordinates; `observe` builds an observable of a quantity."""
+    terms: dict[str, EventTerm] = {}
+    columns = {
+        ".".join(filter(None, (o.name, column.name))): (o, k)
+        for o in observed
+        for k, column in enumerate(o.columns)
+    }
+    for event in events:
+        name = str(event.name)
+        if name in terms:
+            raise BeamdaeError(f"event: the name {name!r} is taken; give every event its own name.")
+        if isinstance(event.what, str):
+            if event.what not in columns:
+                near = suggest(event.what, columns)
+                raise BeamdaeError(f"{name}: no column {short_repr(event.what)} is observed{near}.")
+            observable, column = columns[event.what]
+        else:
+            if len(event.what.columns) != 1:
+                names = ", ".join(column.name for column in event.what.columns)
+                raise BeamdaeError(
+                    f"{name}: its quantity has several columns ({names}); observe it and name one."
+                )
+            observable, column = observe(name, event.what), 0
+        direction = DIRECTIONS[event.direction]
+        terms[name] = EventTerm(name, observable, column, event.crosses, direction, event.do)
+    return tuple(terms.values())
+
+
+def require_unique_headers(
+    coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
+) -> None:
+    """Refuse two columns of a table with one header."""
+    observed_headers = [header for observable in observed for header in observable.headers]
+    require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
+    rates = [coordinate.rate for coordinate in coordinates]
+    lam = [Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
+    headers = [column.header for column in (*coordinates, *rates, *lam)]
+    require_unique("coordinates and multipliers", "headers", [*headers, TIME])
+
+
+class NumberStore:
+    """Collects the numbers p of a model."""
+
+    def __init__(self, stored: Array | None = None) -> None:
+        self._stored: list[Array] = [] if stored is None else [stored]
+        self._end = sum(map(len, self._stored))
+
+    @property
+    def all(self) -> Array:
+        """All numbers stored so far."""
+        return np.concatenate([np.zeros(0), *self._stored])
+
+    def store(self, values: Array) -> slice:
+        """Append values column by column; return their slice."""
+        begin = self._end
+        self._stored.append(np.asarray(values, float).ravel(order="F"))
+        self._end += len(self._stored[-1])
+        return slice(begin, self._end)
+
+
+def read_only_copy(values: Array) -> Array:
+    """Return a copy that cannot be written to."""
+    copy = np.array(values, float)
+    copy.setflags(write=False)
+    return copy
+
+
+def _selection(indices: Array, size: int) -> sp.csr_array:
+    """Return the operator that selects these of `size` rows."""
+    parts = (np.ones(len(indices)), indices, np.arange(len(indices) + 1))
+    return sp.csr_array(parts, shape=(len(indices), size))

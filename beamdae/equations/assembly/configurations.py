@@ -172,9 +172,7 @@ class MechanismConfigurations:
                 parts[name] = part
                 continue
             gap = frozen_gaps[name]
-            if not isinstance(part, KinematicConstraint) or len(part.multipliers) != len(
-                gap.offsets
-            ):
+            if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
                     f"{name}: an event before the start froze it with {len(gap.offsets)} offsets, "
                     "which do not fit this model; use the model of the earlier run."

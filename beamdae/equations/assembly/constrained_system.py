@@ -262,7 +262,7 @@ class ConstrainedSystem(HasOrigin):
             constraints=held,
             observables=self._observables(coordinates, piece, held),
             events=self.events,
-            owners=CoordinateMap({id(self): n}),
+            coordinate_map=CoordinateMap({id(self): n}),
             laws=select_varying_laws(laws),
         )
 

@@ -1,4 +1,4 @@
-"""Whose coordinates stand where among those of all, and where points of the owners are."""
+"""Map of each body to its slice of the global coordinates, and positions of attachments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
-from beamdae.symbolic.sparse_operators import to_casadi_constant
 from beamdae.symbolic.statements import SX, Piece
 
 Array = np.ndarray
@@ -24,13 +23,19 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class CoordinateMap:
-    """Whose coordinates stand where among those of all; the ground has none."""
+    """Maps each body to its slice of the global coordinates; the ground has none.
+
+    Attributes
+    ----------
+    sizes
+        Number of coordinates by the identity of the body, in the order of the coordinates.
+    """
 
     sizes: dict[int, int]
 
     @cached_property
     def offsets(self) -> dict[int, int]:
-        """First coordinate of each owner."""
+        """First coordinate by the identity of the body."""
         starts = np.cumsum([0, *self.sizes.values()])[:-1]
         return dict(zip(self.sizes, starts.tolist(), strict=True))
 
@@ -39,67 +44,64 @@ class CoordinateMap:
         """Number of coordinates."""
         return sum(self.sizes.values())
 
-    def slice(self, owner: Any) -> slice:
-        """Where the coordinates of an owner stand."""
-        first = self.offsets[id(owner)]
-        return slice(first, first + self.sizes[id(owner)])
+    def slice_of(self, body: Any) -> slice:
+        """Return the slice of the coordinates of a body."""
+        first = self.offsets[id(body)]
+        return slice(first, first + self.sizes[id(body)])
 
-    def globally(self, pieces: Sequence[Piece]) -> sp.csr_array:
-        """The operators of the pieces on all coordinates, one above the other."""
-        found = [(sp.csr_array(x.operator), self.offsets[id(x.owner)]) for x in pieces]
-        ends = np.cumsum([0, *(operator.nnz for operator, _ in found)])
-        data = [operator.data for operator, _ in found]
-        indices = [operator.indices + offset for operator, offset in found]
-        starts = [op.indptr[:-1] + first for (op, _), first in zip(found, ends, strict=False)]
-        parts = (
+    def global_operator(self, pieces: Sequence[Piece]) -> sp.csr_array:
+        """Stack the operators of the pieces, extended to all coordinates, (rows, n)."""
+        operators = [(sp.csr_array(x.operator), self.offsets[id(x.owner)]) for x in pieces]
+        ends = np.cumsum([0, *(operator.nnz for operator, _ in operators)])
+        data = [operator.data for operator, _ in operators]
+        indices = [operator.indices + offset for operator, offset in operators]
+        starts = [op.indptr[:-1] + first for (op, _), first in zip(operators, ends, strict=False)]
+        arrays = (
             np.concatenate([np.zeros(0), *data]),
             np.concatenate([np.zeros(0, np.int32), *indices]),
             np.concatenate([*starts, ends[-1:]]),
         )
-        return sp.csr_array(parts, shape=(len(parts[2]) - 1, self.n))
+        return sp.csr_array(arrays, shape=(len(arrays[2]) - 1, self.n))
 
 
 def map_coordinates(mechanism: Mechanism) -> CoordinateMap:
-    """The ground and the parts of a mechanism."""
-    owners: list[Part] = [mechanism.ground, *mechanism.parts.values()]
-    return CoordinateMap({id(part): len(part.coordinates) for part in owners})
+    """Return the coordinate map of the ground and the parts of a mechanism."""
+    bodies: list[Part] = [mechanism.ground, *mechanism.parts.values()]
+    return CoordinateMap({id(body): len(body.coordinates) for body in bodies})
 
 
-def locate_attachments(places: Sequence[Attachment], q0: Array, owners: CoordinateMap) -> Array:
-    """Where the places are at q0, (number of places, 2)."""
-    found = np.empty((len(places), 2))
+def locate_attachments(
+    attachments: Sequence[Attachment], q: Array, coordinates: CoordinateMap
+) -> Array:
+    """Return the positions (x, y) [m] of attachments at global coordinates q, (count, 2)."""
+    positions = np.empty((len(attachments), 2))
+    # Attachments of one formula are evaluated together, by one compiled function.
     kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
-    for k, place in enumerate(places):
-        moved, local = place.checked_kinematics, place.operator @ q0[owners.slice(place.body)]
-        if isinstance(moved, Formula):
-            kind = (moved.kind, len(moved.numbers), place.size)
-            kinds.setdefault(kind, []).append((k, local, moved.numbers))
+    for k, attachment in enumerate(attachments):
+        formula = attachment.checked_kinematics
+        local = attachment.operator @ q[coordinates.slice_of(attachment.body)]
+        if isinstance(formula, Formula):
+            kind = (formula.kind, len(formula.numbers), attachment.size)
+            kinds.setdefault(kind, []).append((k, local, formula.numbers))
         else:
-            found[k] = _compile_place(moved, place.size, SX(0, 1))(local[None], np.zeros(0))
+            function = _compile_position(formula, attachment.size, SX(0, 1))
+            positions[k] = function(local[None], np.zeros(0))
     for kind, members in kinds.items():
-        which, own, numbers = zip(*members, strict=True)
-        found[list(which)] = _compile_kind(*kind)(np.array(own), np.array(numbers, dtype=float))
-    return found
+        rows, local_rows, numbers = zip(*members, strict=True)
+        function = _compile_position_kind(*kind)
+        positions[list(rows)] = function(np.array(local_rows), np.array(numbers, dtype=float))
+    return positions
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _compile_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
+def _compile_position_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
     numbers = SX.sym("numbers", count)
-    return _compile_place(Formula(kind, numbers), size, numbers)
+    return _compile_position(Formula(kind, numbers), size, numbers)
 
 
-def _compile_place(moved: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX) -> RowFunction:
-    """Rows of (local coordinates, numbers) -> rows of (x, y)."""
+def _compile_position(
+    formula: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX
+) -> RowFunction:
+    """Compile rows of (local coordinates, numbers) -> rows of (x, y)."""
     q = SX.sym("q", size)
-    return RowFunction(ca.Function("place", [q, numbers], [ca.densify(moved(q)[0])]))
-
-
-def compile_positions(mechanism: Mechanism, places: Sequence[Attachment]) -> RowFunction:
-    """All coordinates of a mechanism -> (x, y) of the places, one after the other."""
-    owners = map_coordinates(mechanism)
-    q = ca.SX.sym("q", owners.n)
-    own = {key: q[first : first + owners.sizes[key]] for key, first in owners.offsets.items()}
-    found = [
-        place.position(to_casadi_constant(place.operator) @ own[id(place.body)]) for place in places
-    ]
-    return RowFunction(ca.Function("positions", [q], [ca.densify(ca.vertcat(*found))]))
+    return RowFunction(ca.Function("place", [q, numbers], [ca.densify(formula(q)[0])]))

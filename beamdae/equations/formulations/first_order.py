@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
-    C_A,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -19,10 +18,17 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import require_choice
-from beamdae.native.loop_functions import combine, fill
+from beamdae.native.loop_functions import combine
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import Tangents
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
+from beamdae.symbolic.local_symbols import C_A
 
 
 @dataclass(frozen=True)
@@ -242,9 +248,7 @@ def evaluate_jacobian(
 ) -> None:
     """The non-zeros of dR/dy + c dR/dy', into `result`."""
     _set_time(form, form.jacobian, t, branch, y, yp)
-    shared = form.jacobian.shared
-    # c_q, c_v, c_a, c_l, c_h, c_r as in MATRIX_SHARED.
-    shared[2], shared[3], shared[4], shared[5], shared[6], shared[7] = 1.0, 1.0, c, c, 1.0, 1.0
+    set_matrix_factors(form.jacobian, 1.0, 1.0, c, c, 1.0, 1.0)
     evaluate_sum(form.jacobian, form.x, result)
 
 
@@ -253,7 +257,7 @@ def _set_time(
 ) -> None:
     combine(form.x[: form.size], (1.0,), (y,))
     combine(form.x[form.size :], (1.0,), (yp,))
-    total.shared[0], total.shared[1] = t, branch
+    set_time(total, t, branch)
 
 
 def evaluate_jacobian_parts(
@@ -261,7 +265,7 @@ def evaluate_jacobian_parts(
 ) -> None:
     """The non-zeros of dR/dy, then those of dR/dy', into `result`; `form` has them apart."""
     _set_time(form, form.jacobian, t, branch, y, yp)
-    fill(form.jacobian.shared[2:], 1.0)
+    set_matrix_factors(form.jacobian, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     evaluate_sum(form.jacobian, form.x, result)
 
 

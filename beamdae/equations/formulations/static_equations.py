@@ -18,7 +18,13 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
 
 Array = np.ndarray
 
@@ -104,7 +110,7 @@ class StaticEquations:
     def tangent(self, q: Array, lam: Array) -> Array:
         """Non-zeros of the derivative of the residual by (q, lam) on `pattern`."""
         # Every factor is one, those of damping and mass have nothing to multiply.
-        self._tangent.shared[2:] = 1.0
+        set_matrix_factors(self._tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         return self._evaluated(self._tangent, q, lam, self.pattern.nnz)
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
@@ -113,7 +119,7 @@ class StaticEquations:
         return sp.csc_array(own, shape=self.pattern.shape)
 
     def _evaluated(self, total: Sum, q: Array, lam: Array, size: int) -> Array:
-        total.shared[:2] = self.time
+        set_time(total, *self.time)
         result = np.zeros(size)
         with np.errstate(over="ignore", invalid="ignore"):
             evaluate_sum(total, np.concatenate([q, np.zeros(len(q)), lam]), result)

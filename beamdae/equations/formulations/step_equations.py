@@ -21,7 +21,13 @@ from beamdae.equations.formulations.sums import (
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import Tangents
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
 
 Array = np.ndarray
 
@@ -170,9 +176,8 @@ def evaluate_step_residual(
 ) -> None:
     """The equations at x, into `result`, which has zeros for r."""
     n, m, c = form.n, form.m, at.coefficients
-    shared = form.residual.shared
-    form.anchor.shared[0], form.anchor.shared[1] = t, branch
-    shared[0], shared[1] = t, branch
+    set_time(form.anchor, t, branch)
+    set_time(form.residual, t, branch)
     _set_motion(form, at, x, 1.0 / c[2])
     evaluate_sum(form.residual, form.motion, result)
     combine(result[:n], (c[2],), (result[:n],))
@@ -188,12 +193,10 @@ def evaluate_step_matrix(
     form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
     """The non-zeros of the iteration matrix at x, into `result`."""
-    c, shared = at.coefficients, form.matrix.shared
-    form.anchor.shared[0], form.anchor.shared[1] = t, branch
-    shared[0], shared[1] = t, branch
-    # c_q, c_v, c_a, c_l, c_h, c_r as in MATRIX_SHARED.
-    shared[2], shared[3], shared[4] = c[2], c[2] * c[0], c[2] * c[1]
-    shared[5], shared[6], shared[7] = 1.0, 1.0 / c[0], 1.0 / c[2]
+    c = at.coefficients
+    set_time(form.anchor, t, branch)
+    set_time(form.matrix, t, branch)
+    set_matrix_factors(form.matrix, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
     _set_motion(form, at, x, 1.0)
     evaluate_sum(form.matrix, form.motion, result)
 

@@ -17,11 +17,9 @@ from beamdae.symbolic.rotations import rotate_kernel
 from beamdae.symbolic.sum_builder import KernelCopies, LocalInput, SumBuilder
 
 Array = np.ndarray
-_TIME_SIZE = 2
+TIME_SIZE = 2
 # Energies and powers, the first rows of a balance.
 N_BALANCE_SCALARS = 6
-# Where the coefficients stand among what the kernels of matrices share.
-C_Q, C_V, C_A, C_L, C_H = (MATRIX_SHARED.index(c) for c in ("c_q", "c_v", "c_a", "c_l", "c_h"))
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ def assemble_residual(
 
     See `ConstraintKernel.residual_kernel`.
     """
-    n, m, total = structure.n, structure.m, SumBuilder(_TIME_SIZE)
+    n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     _add_forces(total, structure, at, dynamic)
     for joint in structure.joints:
         asked = joint.kernel.effective_levels(levels, stabilized)
@@ -125,7 +123,7 @@ def _add_joint(
 
 def assemble_motion(structure: Structure, at: InputLayout) -> SumBuilder:
     """Rows: F, g, g_dot and g_ddot; what is not finite in G leaves them as they are."""
-    total = SumBuilder(_TIME_SIZE)
+    total = SumBuilder(TIME_SIZE)
     _add_forces(total, structure, at, 0)
     for joint in structure.joints:
         levels = (0, 1, 2) if joint.kernel.is_holonomic else (1, 2)
@@ -137,7 +135,7 @@ def assemble_motion(structure: Structure, at: InputLayout) -> SumBuilder:
 
 def assemble_accelerations(structure: Structure, at: InputLayout) -> SumBuilder:
     """Rows: g_ddot of what holds positions."""
-    total = SumBuilder(_TIME_SIZE)
+    total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure):
         copies = _add_joint(total, joint, at, (2,), False)
         total.add_column(copies, 1, joint.rows, 0)
@@ -148,7 +146,7 @@ def assemble_reactions(
     structure: Structure, at: InputLayout, of_positions: bool = False
 ) -> SumBuilder:
     """Rows: G^T lam, if `of_positions` without what holds velocities alone."""
-    total = SumBuilder(_TIME_SIZE)
+    total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure) if of_positions else structure.joints:
         copies = _add_joint(total, joint, at, (), False)
         total.add_column(copies, 0, joint.operator, 0)
@@ -166,7 +164,7 @@ def assemble_balance(structure: Structure, at: InputLayout) -> SumBuilder:
     The first are (kinetic, strain, gravity) [J] and the power of the loads, that of the drivers and
     the dissipated one [W].
     """
-    n, m, total = structure.n, structure.m, SumBuilder(_TIME_SIZE)
+    n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     residual = N_BALANCE_SCALARS
     reaction, still, level = residual + n, residual + 2 * n, residual + 3 * n
     for term in structure.forces:

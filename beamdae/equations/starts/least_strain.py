@@ -1,106 +1,115 @@
-"""Positions moved to fit the joints, without the strain a straight way there would leave.
+"""Positions that satisfy constraints with the least motion and strain energy.
 
-Nodes of a beam that is turned by linear steps move along tangents: it would be stretched by half
-the square of the angle.
+Newton's method moves nodes of a rotating beam along tangents, which stretches the beam by half the
+square of the angle; minimizing the strain energy removes that strain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import balance_rows
-
-if TYPE_CHECKING:
-    from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
-# What is missed, and its derivative.
+# Positions -> gaps (k,) and their derivative (k, n).
 ConstraintFunction = Callable[[Array], tuple[Array, Any]]
 
-# Beside the largest entry: what lets rows that depend on each other be solved with.
-_DEPENDENT = 1e-13
-# Largest change of an iteration, and the one at which it ends, in natural sizes of coordinates.
-_FARTHEST, _STEADY, _ITERATIONS = 0.5, 1e-10, 30
+_REGULARIZATION = 1e-13  # of the largest weight; makes dependent rows solvable
+_MAX_CHANGE = 0.5  # per iteration, in natural sizes of coordinates
+_CONVERGED_CHANGE = 1e-10  # in natural sizes of coordinates
+_MAX_ITERATIONS = 30
+_STRAIN_COLUMN = 1  # of the rows of the energy balance
 
 
-def solve_least_change(weight: Any, rows: Any, wanted: Array, force: Array | None = None) -> Array:
-    """The change x with rows @ x = wanted that is least as `weight` has it.
+def solve_least_change(weight: Any, rows: Any, values: Array, force: Array | None = None) -> Array:
+    """Return the x with rows @ x = values that minimizes x . weight x / 2 - x . force.
 
-    Under a `force` it is the one that makes weight @ x - force vanish but for what the rows bear.
+    Parameters
+    ----------
+    weight, rows
+        Sparse matrices (n, n) and (k, n); dependent rows are allowed.
+    values, force
+        Right-hand sides (k,) and (n,); the force defaults to zero.
+
+    Returns
+    -------
+    Array
+        Shape (n,); nan if the matrix is singular.
     """
     n, count = weight.shape[0], rows.shape[0]
     size = float(abs(weight).max()) or 1.0
-    inverse = sp.eye_array(count) * (_DEPENDENT / size)
-    matrix = sp.block_array([[weight, rows.T], [rows, -inverse]], format="csc")
-    given = np.concatenate([np.zeros(n) if force is None else force, wanted])
+    regularization = sp.eye_array(count) * (_REGULARIZATION / size)
+    matrix = sp.block_array([[weight, rows.T], [rows, -regularization]], format="csc")
+    right = np.concatenate([np.zeros(n) if force is None else force, values])
     try:
-        return splu(matrix).solve(given)[:n]
+        return splu(matrix).solve(right)[:n]
     except RuntimeError:
         return np.full(n, np.nan)
 
 
 def minimize_strain(
-    starter: ConsistencySolver,
+    evaluator: StateEvaluator,
     time: Array,
-    begun: Array,
+    begin: Array,
     q: Array,
-    free: Array,
-    held: ConstraintFunction,
+    unstrained: Array,
+    constraints: ConstraintFunction,
     square: float,
 ) -> Array:
-    """Positions near `q` that satisfy what is held, with the least of motion and elastic energy.
+    """Return positions near `q` that satisfy constraints with the least motion and strain energy.
 
-    M (q - begun) + T^2 (F(q) - F(free)) + R^T mu = 0, by Newton's method: elastic forces are those
-    beyond the ones at the positions `free`, such as the drawing. Loads on coordinates that turn
-    with a beam are among them where they change: what comes of it is taken if it strains less.
+    Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: only elastic
+    forces beyond those at `unstrained`, such as in the drawing, count. Loads on coordinates that
+    rotate with a beam enter as far as they change; the result is used only if it strains less.
 
     Parameters
     ----------
-    starter
-        Of the equations.
+    evaluator
+        Evaluates the equations of motion.
     time
         (t, branch).
-    begun
-        Where the motion began.
+    begin
+        Positions (n,) from which the motion is measured.
     q
-        Positions that satisfy what is held.
-    free
-        Positions whose elastic forces, weights and loads are none of this.
-    held
-        Positions -> what is missed (k,) and its derivative R (k, n).
+        Positions (n,) that satisfy the constraints.
+    unstrained
+        Positions (n,) whose elastic forces, weights and loads do not count.
+    constraints
+        Positions -> gaps (k,) and their derivative R (k, n).
     square
-        T^2 [s^2].
+        T^2 [s^2], the weight of elastic forces against inertia.
 
     Returns
     -------
     Array
-        `q` itself where the iteration does not end, or ends at more strain energy.
+        `q` itself if the iteration fails or ends at more strain energy.
     """
-    still, scale = np.zeros(len(q)), starter.equations.position_scales
-    at_free = starter.forces(time, starter.rest_state(free), still)
-    found = q
-    for _ in range(_ITERATIONS):
-        state = starter.rest_state(found)
-        stiffness, _, mass = starter.linearize_forces(time, state)
-        beyond = starter.forces(time, state, still) - at_free
-        missed, rows = held(found)
-        force = -(mass @ (found - begun) + square * beyond)
-        change = solve_least_change(mass + square * stiffness, rows, -missed, force)
-        far = float(np.max(np.abs(change) / scale))
-        if not np.isfinite(far):
+    zeros, scale = np.zeros(len(q)), evaluator.equations.position_scales
+    reference = evaluator.force(time, unstrained, zeros, zeros)
+    best = q
+    for _ in range(_MAX_ITERATIONS):
+        stiffness, _, mass = evaluator.linearize_forces(time, evaluator.rest_state(best))
+        elastic = evaluator.force(time, best, zeros, zeros) - reference
+        gaps, rows = constraints(best)
+        force = -(mass @ (best - begin) + square * elastic)
+        change = solve_least_change(mass + square * stiffness, rows, -gaps, force)
+        size = float(np.max(np.abs(change) / scale))
+        if not np.isfinite(size):
             break
-        found = found + change * min(1.0, _FARTHEST / max(far, _FARTHEST))
-        if far < _STEADY:
-            return min(q, found, key=lambda at: _strain_energy(starter.equations, time, at))
+        best = best + change * min(1.0, _MAX_CHANGE / max(size, _MAX_CHANGE))
+        if size < _CONVERGED_CHANGE:
+            return min(q, best, key=lambda at: _strain_energy(evaluator, time, at))
     return q
 
 
-def _strain_energy(equations: EquationsOfMotion, time: Array, q: Array) -> float:
-    still, loose = np.zeros((1, equations.n)), np.zeros((1, equations.m))
-    return float(balance_rows(equations)(time[None], q[None], still, still, loose)[0, 1])
+def _strain_energy(evaluator: StateEvaluator, time: Array, q: Array) -> float:
+    equations = evaluator.equations
+    zeros, no_reactions = np.zeros((1, equations.n)), np.zeros((1, equations.m))
+    rows = balance_rows(equations)(time[None], q[None], zeros, zeros, no_reactions)
+    return float(rows[0, _STRAIN_COLUMN])

@@ -1,4 +1,4 @@
-"""What can move at the start of a mechanism: free motions and loose parts."""
+"""Mobility of a mechanism at its start: free motions, degrees of freedom and loose parts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.redundant_constraints import ConstraintRank
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions, describe_free_motion
 from beamdae.equations.starts.state_evaluator import plan_state_sums
@@ -15,41 +16,40 @@ from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-# Singular values of the scaled joints, and shares of a motion, that are none.
-_NONE = 1e-9
+_MIN_SHARE = 1e-9  # of a coordinate in a motion, relative to the largest
 
 
 def describe_free_motions(
-    e: EquationsOfMotion, q: Array, joints: ConstraintRank
+    e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank
 ) -> tuple[str, ...]:
-    """Motions of the bodies that no joint and no driver holds, in words; beams are stiff in them.
+    """Describe a basis of the rigid motions that no joint or driver blocks.
 
-    As many as are independent of each other, each of as few bodies as can be.
+    Each motion involves as few bodies as possible; beams count as rigid.
     """
     motions = compute_rigid_motions(e, q)
-    space = la.null_space(joints.matrix @ motions, rcond=_NONE)
+    space = la.null_space(constraint_rank.matrix @ motions, rcond=RANK_TOLERANCE)
     count = space.shape[1]
     if not count:
         return ()
     _, _, order = la.qr(space.T, mode="economic", pivoting=True)
-    apart = space @ la.inv(space[order[:count]])
-    apart[np.abs(apart) < _NONE * np.max(np.abs(apart))] = 0.0
+    basis = space @ la.inv(space[order[:count]])
+    basis[np.abs(basis) < _MIN_SHARE * np.max(np.abs(basis))] = 0.0
     return tuple(
-        describe_free_motion(e, q, motions @ apart[:, k] * e.position_scales)
+        describe_free_motion(e, q, motions @ basis[:, k] * e.position_scales)
         for k in np.argsort(order[:count])
     )
 
 
-def count_rigid_mobility(e: EquationsOfMotion, q: Array, joints: ConstraintRank) -> int:
-    """Degrees of freedom that are left to the bodies if beams are rigid."""
+def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> int:
+    """Return the number of degrees of freedom of the mechanism with rigid beams."""
     motions = compute_rigid_motions(e, q)
-    matrix = joints.matrix @ motions
-    rank = int(np.sum(la.svdvals(matrix) > _NONE)) if matrix.size else 0
+    matrix = constraint_rank.matrix @ motions
+    rank = int(np.sum(la.svdvals(matrix) > RANK_TOLERANCE)) if matrix.size else 0
     return motions.shape[1] - rank
 
 
 def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
-    """Groups of parts that joints and forces tie to each other, but no joint to the ground."""
+    """Return the groups of connected parts, by name, that no joint ties to the ground."""
     owner = np.zeros(e.n, int)
     for k, part in enumerate(e.parts):
         owner[part.rows] = k
@@ -63,12 +63,11 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
             if len(tied) == 1:
                 grounded.add(int(tied[0]))
     block = plan_state_sums(e.structure).block
-    ties += list(
-        zip(owner[block.pattern.indices], owner[column_indices(block.pattern)], strict=True)
-    )
+    columns = column_indices(block.pattern)
+    ties += list(zip(owner[block.pattern.indices], owner[columns], strict=True))
     pairs = np.array(ties, int).reshape(-1, 2).T
     graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))
     count, group = connected_components(graph.tocsr(), directed=False)
-    held = {group[k] for k in grounded}
+    grounded_groups = {group[k] for k in grounded}
     names = np.array([part.name for part in e.parts], object)
-    return tuple(tuple(names[group == k]) for k in range(count) if k not in held)
+    return tuple(tuple(names[group == k]) for k in range(count) if k not in grounded_groups)

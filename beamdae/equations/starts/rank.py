@@ -1,4 +1,4 @@
-"""How near the joints of a mechanism are to losing rank: singular values of G over a run."""
+"""Rank of the constraint Jacobian G over a run: its smallest singular values and closed loops."""
 
 from __future__ import annotations
 
@@ -15,94 +15,90 @@ from beamdae.symbolic.sparse_operators import column_indices, multiply_entries
 
 Array = np.ndarray
 
-# Of matrices that are in memory at once.
-_ENTRIES = 2_000_000
-# Singular values of rows of length one that are none.
-_DEPENDENT = 1e-9
-# Stands for what has no coordinates.
+RANK_TOLERANCE = 1e-9  # singular values of rows of length one below this count as zero
+_MAX_ENTRIES = 2_000_000  # entries of dense matrices held in memory at once
+_INVOLVED_SHARE = 0.1  # of the largest share; keeps rounding from naming a joint
 _GROUND = ""
 
 
 @dataclass(frozen=True)
 class ConstraintJacobian:
-    """G = dg/dq in natural units: coordinates by their scales, rows of length one.
+    """G = dg/dq in natural units: columns scaled by coordinate sizes, rows of length one.
 
     Attributes
     ----------
     equations
-        Whose joints they are.
+        Equations of motion with the constraints.
     pattern
         CSC pattern of G.
-    placed
-        Of each of the joints: from the gradients of its copies to the non-zeros of G.
+    scatter
+        For each joint, the operator from the gradients of its copies to the non-zeros of G.
     rank
-        Of G where it is not singular: less than m where constraints follow from others.
+        Rank of G in regular positions; less than m if constraints are redundant.
     """
 
     equations: EquationsOfMotion
     pattern: sp.csc_array
-    placed: tuple[sp.csr_array, ...]
+    scatter: tuple[sp.csr_array, ...]
     rank: int
 
-    def of_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
-        """The same, its rank that of G at (t, branch) and q."""
+    def with_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
+        """Return a copy whose regular rank is that of G at `time` = (t, branch) and `q`."""
         singular = np.linalg.svd(self.at(time[None], q[None])[0], compute_uv=False)
-        return replace(self, rank=int(np.sum(singular > _DEPENDENT)))
+        return replace(self, rank=int(np.sum(singular > RANK_TOLERANCE)))
 
     def at(self, times: Array, q: Array) -> Array:
-        """G at rows of (t, branch) and q, columns of zeros left out, shape (rows, m, .)."""
+        """Return G at rows of (t, branch) and q without zero columns, (rows, m, columns)."""
         pattern = self.pattern
         count = np.diff(pattern.indptr)
-        (held,) = np.nonzero(count)
-        column = np.repeat(np.arange(len(held)), count[held])
+        (constrained,) = np.nonzero(count)
+        column = np.repeat(np.arange(len(constrained)), count[constrained])
         values = self._nonzeros(times, q)
-        values *= np.repeat(self.equations.position_scales[held], count[held])
-        matrix = np.zeros((len(q), self.equations.m, len(held)))
+        values *= np.repeat(self.equations.position_scales[constrained], count[constrained])
+        matrix = np.zeros((len(q), self.equations.m, len(constrained)))
         matrix[:, pattern.indices, column] = values
         length = np.linalg.norm(matrix, axis=2, keepdims=True)
         return matrix / np.where(length > 0.0, length, 1.0)
 
-    def _nonzeros(self, times: Array, q: Array) -> Array:
-        """Non-zeros of G at rows of (t, branch) and q, a row each."""
-        total = np.zeros((len(q), self.pattern.nnz))
-        for joint, placed in zip(self.equations.joints, self.placed, strict=True):
-            count, size = joint.count, joint.kernel.local.size
-            local = np.asarray(joint.operator @ q.T).T.reshape(len(q) * count, size)
-            data = np.tile(term_data(self.equations, joint).T, (len(q), 1))
-            own = joint.kernel.gradients(np.repeat(times, count, axis=0), local, data)
-            total += own.reshape(len(q), -1) @ placed
-        return total
+    def smallest_singular_values(self, times: Array, q: Array) -> Array:
+        """Return the smallest singular value of G at rows of (t, branch) and q, (rows,).
 
-    def smallest(self, times: Array, q: Array) -> Array:
-        """Smallest singular value of G at rows of (t, branch) and q, shape (rows,).
-
-        Of those that are none of redundant constraints.
+        The zeros that redundant constraints contribute everywhere are skipped.
         """
-        at_once = max(1, _ENTRIES // (self.equations.m * max(self.pattern.nnz, 1)))
-        parts = range(0, len(q), at_once)
-        which = self.equations.m - self.rank
-        return np.concatenate(
-            [
-                _singular_values(self.at(times[i : i + at_once], q[i : i + at_once]), which)
-                for i in parts
-            ]
-        )
+        m = self.equations.m
+        rows_at_once = max(1, _MAX_ENTRIES // (m * max(self.pattern.nnz, 1)))
+        blocks = []
+        for first in range(0, len(q), rows_at_once):
+            block = slice(first, first + rows_at_once)
+            matrices = self.at(times[block], q[block])
+            squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
+            blocks.append(np.sqrt(np.maximum(squares[:, m - self.rank], 0.0)))
+        return np.concatenate(blocks)
 
-    def losing(self, time: Array, q: Array) -> list[str]:
-        """Names of the joints whose reactions balance each other where G has lost rank."""
+    def singular_joints(self, time: Array, q: Array) -> list[str]:
+        """Return the joints whose reactions balance each other where G has lost rank."""
         left, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
-        # A tenth of the largest, so that rounding names nobody.
+        involved = share > _INVOLVED_SHARE * share.max()
         return list(
-            dict.fromkeys(
-                name for name, s in zip(names, share, strict=True) if s > 0.1 * share.max()
-            )
+            dict.fromkeys(name for name, is_in in zip(names, involved, strict=True) if is_in)
         )
+
+    def _nonzeros(self, times: Array, q: Array) -> Array:
+        """Return the non-zeros of G at rows of (t, branch) and q, one row each."""
+        total = np.zeros((len(q), self.pattern.nnz))
+        for joint, scatter in zip(self.equations.joints, self.scatter, strict=True):
+            count, size = joint.count, joint.kernel.local.size
+            local = np.asarray(joint.operator @ q.T).T.reshape(len(q) * count, size)
+            data = np.tile(term_data(self.equations, joint).T, (len(q), 1))
+            gradients = joint.kernel.gradients(np.repeat(times, count, axis=0), local, data)
+            total += gradients.reshape(len(q), -1) @ scatter
+        return total
 
 
 def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
-    """The joint matrix of a mechanism, all of whose constraints are independent."""
+    """Return the Jacobian of the constraints, taken to be independent in regular positions."""
     return ConstraintJacobian(
         e, plan_state_sums(e.structure).gradient_pattern, _scatter_operators(e.structure), e.m
     )
@@ -111,33 +107,27 @@ def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
 @cache_on_owner
 def _scatter_operators(structure: Structure) -> tuple[sp.csr_array, ...]:
     pattern = plan_state_sums(structure).gradient_pattern
-    place = column_indices(pattern) * structure.m + pattern.indices
-    return tuple(_scatter_operator(joint, structure.m, place) for joint in structure.joints)
+    positions = column_indices(pattern) * structure.m + pattern.indices
+    return tuple(_scatter_operator(joint, structure.m, positions) for joint in structure.joints)
 
 
-def _scatter_operator(joint: ConstraintTerm, m: int, place: Array) -> sp.csr_array:
-    """From the gradients of all copies to entries of G, which are at column * m + row = `place`."""
-    own = joint.kernel.gradient_pattern
-    row, column = (np.array(x, int) for x in own.get_triplet())
+def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr_array:
+    """Map gradients of all copies to entries of G, whose column * m + row are `positions`."""
+    pattern = joint.kernel.gradient_pattern
+    row, column = (np.array(x, int) for x in pattern.get_triplet())
     copy = np.repeat(np.arange(joint.count), len(row))
     i, j, source, weight = multiply_entries(
         joint.rows,
-        copy * own.size1() + np.tile(row, joint.count),
+        copy * pattern.size1() + np.tile(row, joint.count),
         joint.operator,
-        copy * own.size2() + np.tile(column, joint.count),
+        copy * pattern.size2() + np.tile(column, joint.count),
     )
-    to = np.searchsorted(place, j.astype(np.int64) * m + i)
-    return sp.csr_array((weight, (source, to)), shape=(len(copy), len(place)))
-
-
-def _singular_values(matrices: Array, which: int) -> Array:
-    """Singular values of wide matrices, counted upwards from the smallest, 0."""
-    squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
-    return np.sqrt(np.maximum(squares[:, which], 0.0))
+    target = np.searchsorted(positions, j.astype(np.int64) * m + i)
+    return sp.csr_array((weight, (source, target)), shape=(len(copy), len(positions)))
 
 
 def has_closed_loops(e: EquationsOfMotion) -> bool:
-    """Whether joints close a loop: those of an open chain never lose rank."""
+    """Return True if joints close a kinematic loop; open chains never lose rank."""
     owner = [name.rpartition(".")[0] for name in e.q_names]
     group = {body: body for body in (*owner, _GROUND)}
 

@@ -1,4 +1,4 @@
-"""Equations of motion without constraints that follow from others, and reactions of all of them."""
+"""Equations of motion without redundant constraints, and the reactions of all constraints."""
 
 from __future__ import annotations
 
@@ -9,50 +9,49 @@ import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.rank import RANK_TOLERANCE, build_constraint_jacobian
 from beamdae.equations.starts.redundant_constraints import (
     analyze_constraint_rank,
     find_dependent_sets,
 )
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import Structure, intern_structure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# What redundant constraints may differ by where the others are closed, of the mechanism.
-_AGREE = 1e-9
-# Singular values of the scaled joints below this are none.
-_NONE = 1e-9
+# Gap of redundant constraints where the others are closed, relative to the mechanism.
+_AGREEMENT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class ReducedEquations:
-    """Equations with independent constraints only.
+    """Equations of motion with independent constraints only.
 
     Attributes
     ----------
-    whole, equations
-        The mechanism with all of its constraints, and without those that can be spared.
-    kept, dropped
-        Which of all constraints are in the equations, and which not.
+    full, equations
+        The equations with all constraints, and without the redundant ones.
+    independent, redundant
+        Numbers of the constraints of `full` that are kept and removed, ascending.
     """
 
-    whole: EquationsOfMotion
+    full: EquationsOfMotion
     equations: EquationsOfMotion
-    kept: Array
-    dropped: Array
+    independent: Array
+    redundant: Array
 
     @property
-    def told(self) -> str:
-        """What was done, for those who read the result."""
-        names = ", ".join(self.whole.lam_names[k] for k in self.dropped)
-        follow = "follows" if len(self.dropped) == 1 else "follow"
+    def description(self) -> str:
+        """Sentence for the result: which constraints were removed."""
+        names = ", ".join(self.full.lam_names[k] for k in self.redundant)
+        follow = "follows" if len(self.redundant) == 1 else "follow"
         return (
             f"minimum norm: {names} {follow} from the others, reactions are the least that balance"
         )
 
     def require_agreement(self, time: Array) -> None:
-        """Refuse redundant constraints that contradict those kept, or are needed elsewhere.
+        """Refuse redundant constraints that contradict the others or are needed elsewhere.
 
         Raises
         ------
@@ -60,80 +59,87 @@ class ReducedEquations:
             Naming one of them.
         """
         state = ConsistencySolver(self.equations).state(time, self.equations.q0, self.equations.v0)
-        starter = ConsistencySolver(self.whole)
-        joints = analyze_constraint_rank(starter, time, state.q)
-        sets = find_dependent_sets(starter, time, state.q, state.v, joints)
-        wrong = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
-        if wrong is not None:
+        evaluator = StateEvaluator(self.full)
+        constraint_rank = analyze_constraint_rank(evaluator, time, state.q)
+        sets = find_dependent_sets(evaluator, time, state.q, state.v, constraint_rank)
+        needed = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
+        if needed is not None:
             raise BeamdaeError(
-                f"{', '.join(wrong.constraints)}: none of them can be spared, {wrong}."
+                f"{', '.join(needed.constraints)}: none of these constraints is redundant, {needed}."
             )
-        for off in starter.constraint_levels(time, state.q, state.v)[:2]:
-            worst = int(np.argmax(np.abs(off)))
-            if abs(off[worst]) > _AGREE * max(1.0, self.whole.length):
+        for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
+            worst = int(np.argmax(np.abs(gaps)))
+            if abs(gaps[worst]) > _AGREEMENT_TOLERANCE * max(1.0, self.full.length):
                 raise BeamdaeError(
-                    f"{self.whole.lam_names[worst]}: it contradicts the constraints it depends on "
-                    f"at t = {time[0]:g}, by {abs(off[worst]):.3g}."
+                    f"{self.full.lam_names[worst]}: it contradicts the constraints it depends on "
+                    f"by {abs(gaps[worst]):.3g} at t = {time[0]:g} s; make them agree or remove it."
                 )
 
-    def reactions(self, times: Array, q: Array, lam: Array) -> Array:
-        """Multipliers of all constraints that give the forces of those kept, of least norm.
+    def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
+        """Return the minimum-norm multipliers of all constraints with the same forces, (rows, m).
 
-        The norm is that of forces in natural units: moments count by the size of the mechanism.
+        The norm is that of forces in natural units: moments are divided by the characteristic
+        length of the mechanism.
+
+        Parameters
+        ----------
+        times, q, lam
+            Rows of (t, branch), coordinates and multipliers of the independent constraints.
         """
-        whole = np.zeros((len(lam), self.whole.m))
-        lengths = self._lengths(times, q)
-        matrices = build_constraint_jacobian(self.whole)
-        for k in range(len(lam)):
-            matrix = matrices.at(times[k : k + 1], q[k : k + 1])[0]
-            # G^T lam = (D G)^T lam / D, rows of D G of length one.
-            scaled = lam[k] * lengths[k, self.kept]
-            left, singular, _ = la.svd(matrix, full_matrices=False)
-            held = left[:, singular > _NONE]
-            whole[k, self.kept] = scaled
-            whole[k] = held @ (held.T @ whole[k])
-        return whole / np.where(lengths > 0.0, lengths, 1.0)
-
-    def _lengths(self, times: Array, q: Array) -> Array:
-        """Lengths of the rows of G in natural sizes."""
-        starter = ConsistencySolver(self.whole)
-        return np.array(
+        multipliers = np.zeros((len(lam), self.full.m))
+        evaluator, scales = StateEvaluator(self.full), self.full.position_scales[None]
+        lengths = np.array(
             [
                 np.sqrt(
-                    (starter.constraint_matrix(time, x).multiply(self.whole.position_scales[None]))
-                    .power(2)
-                    .sum(axis=1)
+                    evaluator.constraint_matrix(time, x).multiply(scales).power(2).sum(axis=1)
                 ).ravel()
                 for time, x in zip(times, q, strict=True)
             ]
         )
+        jacobian = build_constraint_jacobian(self.full)
+        for k in range(len(lam)):
+            matrix = jacobian.at(times[k : k + 1], q[k : k + 1])[0]
+            # G^T lam = (D G)^T lam / D, where the rows of D G have length one.
+            left, singular, _ = la.svd(matrix, full_matrices=False)
+            basis = left[:, singular > RANK_TOLERANCE]
+            multipliers[k, self.independent] = lam[k] * lengths[k, self.independent]
+            multipliers[k] = basis @ (basis.T @ multipliers[k])
+        return multipliers / np.where(lengths > 0.0, lengths, 1.0)
 
 
-def remove_redundant_constraints(whole: EquationsOfMotion, time: Array) -> ReducedEquations | None:
-    """The mechanism without constraints that can be spared at its start; None if there are none.
+def remove_redundant_constraints(
+    equations: EquationsOfMotion, time: Array
+) -> ReducedEquations | None:
+    """Return the equations without the constraints redundant at the start; None without any.
 
     Raises
     ------
     BeamdaeError
-        If these contradict the others.
+        If redundant constraints contradict the others.
     """
-    found = drop_dependent_constraints(whole, time)
-    if found is not None:
-        found.require_agreement(time)
-    return found
+    reduction = drop_dependent_constraints(equations, time)
+    if reduction is not None:
+        reduction.require_agreement(time)
+    return reduction
 
 
-def drop_dependent_constraints(whole: EquationsOfMotion, time: Array) -> ReducedEquations | None:
-    """The same, whatever they say."""
-    split = analyze_constraint_rank(ConsistencySolver(whole), time, whole.q0).split
-    if not len(split.dropped):
+def drop_dependent_constraints(
+    equations: EquationsOfMotion, time: Array
+) -> ReducedEquations | None:
+    """Return the equations without dependent constraints, even if these contradict the others."""
+    rows = analyze_constraint_rank(StateEvaluator(equations), time, equations.q0).rows
+    if not len(rows.dependent):
         return None
-    kept, own = split.kept, whole.structure
-    joints = tuple(replace(joint, rows=joint.rows[:, kept].tocsr()) for joint in own.joints)
-    equations = replace(
-        whole,
-        multipliers=tuple(whole.multipliers[k] for k in kept),
-        observables=(),
-        structure=intern_structure(Structure(own.n, len(kept), own.forces, joints)),
+    independent, structure = rows.independent, equations.structure
+    joints = tuple(
+        replace(joint, rows=joint.rows[:, independent].tocsr()) for joint in structure.joints
     )
-    return ReducedEquations(whole, equations, kept, split.dropped)
+    reduced = replace(
+        equations,
+        multipliers=tuple(equations.multipliers[k] for k in independent),
+        observables=(),
+        structure=intern_structure(
+            Structure(structure.n, len(independent), structure.forces, joints)
+        ),
+    )
+    return ReducedEquations(equations, reduced, independent, rows.dependent)

@@ -1,6 +1,6 @@
-"""What a consistent start asks of the equations of motion, as sums of kernels.
+"""Constraints, forces and matrices of the equations of motion, evaluated at single states.
 
-These are evaluated a few times a run: by CasADi's virtual machine, for which nothing is compiled.
+They are evaluated a few times a run by CasADi's virtual machine, which compiles nothing.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
+    TIME_SIZE,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -22,6 +23,7 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -29,18 +31,18 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class ForceBlock:
-    """The block of F in the saddle matrix: stiffness, damping and mass.
+    """Block of F in the saddle-point matrix: stiffness, damping and mass.
 
     Attributes
     ----------
     pattern
         CSC pattern, (n, n).
     entries
-        Which of the non-zeros of the saddle matrix they are.
+        Indices of the block's entries among the non-zeros of the saddle-point matrix.
     columns
-        Of the entries; their rows are the indices of the pattern.
+        Column of each entry; the rows are the indices of the pattern.
     mirrored
-        Of each entry which one is on the other side of the diagonal, -1 if there is none.
+        Index of the entry on the other side of the diagonal; -1 if there is none.
     """
 
     pattern: sp.csc_array
@@ -49,18 +51,18 @@ class ForceBlock:
     mirrored: Array
 
     def transposed(self, values: Array) -> Array:
-        """Of each entry the one on the other side of the diagonal, zero where there is none."""
+        """Return each entry's mirror image about the diagonal; zero if it is not in the pattern."""
         return np.append(values, 0.0)[self.mirrored]
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
-        """The block as a matrix; `nonzeros` are those of the saddle matrix."""
-        own = (nonzeros[self.entries], self.pattern.indices, self.pattern.indptr)
-        return sp.csc_array(own, shape=self.pattern.shape)
+        """Return the block as a matrix, given the non-zeros of the saddle-point matrix."""
+        entries = (nonzeros[self.entries], self.pattern.indices, self.pattern.indptr)
+        return sp.csc_array(entries, shape=self.pattern.shape)
 
 
 @dataclass(frozen=True)
 class StateSums:
-    """Sums over (q, v, a, lam) and patterns, see `StateEvaluator`."""
+    """Sums over (q, v, a, lam) with the patterns of their matrices, see `StateEvaluator`."""
 
     motion: SumPlan
     gradients: SumPlan
@@ -72,23 +74,22 @@ class StateSums:
 
 @cache_on_owner
 def plan_state_sums(structure: Structure) -> StateSums:
-    """The sums of the start, built once."""
     n, m = structure.n, structure.m
-    at = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
     jacobian = create_matrix_sum()
-    for joint, copies in add_joint_matrices(jacobian, structure, at, (), False):
+    for joint, copies in add_joint_matrices(jacobian, structure, layout, (), False):
         jacobian.add_matrix(copies, 0, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = create_matrix_sum()
-    for term, copies in add_tangents(total, structure, at, ((0, 1, 2),)):
+    for term, copies in add_tangents(total, structure, layout, ((0, 1, 2),)):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
             total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
-    for joint, copies in add_joint_matrices(total, structure, at, (), False):
+    for joint, copies in add_joint_matrices(total, structure, layout, (), False):
         total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
         total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
     pattern, saddle = total.matrix((n + m, n + m))
-    motion = assemble_motion(structure, at).vector()
+    motion = assemble_motion(structure, layout).vector()
     return StateSums(
         motion, gradients, gradient_pattern, saddle, pattern, _locate_force_block(pattern, n)
     )
@@ -99,22 +100,26 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     (entries,) = np.nonzero((pattern.indices < n) & (column < n))
     rows, columns = pattern.indices[entries].astype(np.int64), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
-    own = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
-    # Ascending, as CSC entries are.
+    block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
+    # Positions ascend because the entries are sorted by column and row.
     place, across = columns * n + rows, rows * n + columns
     mirrored = np.minimum(np.searchsorted(place, across), len(place) - 1)
-    return ForceBlock(own, entries, columns, np.where(place[mirrored] == across, mirrored, -1))
+    return ForceBlock(block, entries, columns, np.where(place[mirrored] == across, mirrored, -1))
 
 
 @dataclass(frozen=True)
 class StateEvaluator:
-    """Constraints, forces and matrices at one state after the other; not for several threads."""
+    """Evaluates constraints, forces and matrices at single states.
+
+    Times are arrays (t, branch) with t [s]. Instances own buffers: do not share one between
+    threads.
+    """
 
     equations: EquationsOfMotion
 
     @property
     def sums(self) -> StateSums:
-        """What they are built from."""
+        """Sums and patterns shared by all models of one structure."""
         return plan_state_sums(self.equations.structure)
 
     @cached_property
@@ -129,12 +134,21 @@ class StateEvaluator:
     def _saddle(self) -> Sum:
         return self.sums.saddle.sum(False, self.equations.p)
 
+    def rest_state(self, q: Array) -> State:
+        """Return the state at positions `q` with zero velocities, accelerations and reactions."""
+        zeros = np.zeros(self.equations.n)
+        return State(q, zeros, zeros, np.zeros(self.equations.m))
+
     def constraint_levels(
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
     ) -> Array:
-        """g, g_dot and g_ddot, (3, m)."""
+        """Return g, g_dot and g_ddot, (3, m); omitted arguments count as zero."""
         n, m = self.equations.n, self.equations.m
-        return self._evaluated(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
+        return self._evaluate(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
+
+    def position_gaps(self, time: Array, q: Array) -> Array:
+        """Return g, the gap of each constraint, (m,)."""
+        return self.constraint_levels(time, q)[0]
 
     def force(
         self,
@@ -144,29 +158,46 @@ class StateEvaluator:
         a: Array | None = None,
         lam: Array | None = None,
     ) -> Array:
-        """F."""
+        """Return F, (n,); omitted arguments count as zero."""
         n, m = self.equations.n, self.equations.m
-        return self._evaluated(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
+        return self._evaluate(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
 
     def gradients(self, time: Array, q: Array) -> Array:
-        """Non-zeros of G on its pattern."""
+        """Return the non-zeros of G on `sums.gradient_pattern`."""
         size = self.sums.gradient_pattern.nnz
-        return self._evaluated(self._gradients, time, (q, None, None), size)
+        return self._evaluate(self._gradients, time, (q, None, None), size)
 
-    def saddle(
+    def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
+        """Return G = dg/dq, sparse (m, n)."""
+        pattern, nonzeros = self.sums.gradient_pattern, self.gradients(time, q)
+        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    def saddle_matrix(
         self,
         time: Array,
         q: Array,
         v: Array,
         a: Array | None,
-        c: Sequence[float],
+        coefficients: Sequence[float],
         lam: Array | None = None,
     ) -> Array:
-        """Non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]] on its pattern."""
-        self._saddle.shared[2:] = *c, 1.0, 1.0, 1.0
-        return self._evaluated(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
+        """Return the non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]].
 
-    def _evaluated(
+        K, C and M are dF/dq, dF/dv and dF/da; the pattern is `sums.saddle_pattern`.
+        """
+        shared = self._saddle.shared
+        shared[C_Q], shared[C_V], shared[C_A] = coefficients
+        shared[C_L] = shared[C_H] = shared[C_R] = 1.0
+        return self._evaluate(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
+
+    def linearize_forces(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
+        """Return stiffness dF/dq, damping dF/dv and mass dF/da, each sparse (n, n)."""
+        q, v, a, _ = state
+        return tuple(
+            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in np.eye(3).tolist()
+        )
+
+    def _evaluate(
         self,
         total: Sum,
         time: Array,
@@ -175,9 +206,9 @@ class StateEvaluator:
         lam: Array | None = None,
     ) -> Array:
         n, m = self.equations.n, self.equations.m
-        given = [np.zeros(n) if x is None else x for x in state]
-        given.append(np.zeros(m) if lam is None else lam)
-        total.shared[:2] = time
+        inputs = [np.zeros(n) if x is None else x for x in state]
+        inputs.append(np.zeros(m) if lam is None else lam)
+        total.shared[:TIME_SIZE] = time
         result = np.zeros(size)
-        evaluate_sum(total, np.concatenate(given), result)
+        evaluate_sum(total, np.concatenate(inputs), result)
         return result

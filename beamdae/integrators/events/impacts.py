@@ -1,4 +1,4 @@
-"""Impacts: velocities that jump by Newton's restitution, within all joints that hold."""
+"""Impacts: velocity jumps by Newton's law of restitution, subject to all active joints."""
 
 from __future__ import annotations
 
@@ -8,52 +8,55 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.assembly.configurations import ImpactEquations
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import ImpactEquations, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.redundant_constraints import require_independent_constraints
 
 Array = np.ndarray
 
 
 def solve_impulses(
-    names: tuple[str, ...], mass: sp.csc_array, gradient: sp.csc_array, rates: Array
+    names: tuple[str, ...], mass: sp.csc_array, gradient: sp.csc_array, rate_changes: Array
 ) -> tuple[Array, Mapping[str, float]]:
-    """The change of velocities that changes the rates of constraints, and its impulses by name.
+    """Return the velocity change that changes the constraint rates, and its impulses by name.
 
-    M (v+ - v-) = -G^T P, G (v+ - v-) = `rates`.
+    Solves M (v+ - v-) = -G^T P, G (v+ - v-) = `rate_changes` for v+ - v-, (n,), and P, (m,).
     """
-    n, m = mass.shape[0], len(rates)
-    if not m or not np.any(rates):
+    n, m = mass.shape[0], len(rate_changes)
+    if not m or not np.any(rate_changes):
         return np.zeros(n), dict.fromkeys(names, 0.0)
     saddle = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
-    found = splu(saddle).solve(np.concatenate([np.zeros(n), rates]))
-    return found[:n], dict(zip(names, found[n:].tolist(), strict=True))
+    unknowns = splu(saddle).solve(np.concatenate([np.zeros(n), rate_changes]))
+    return unknowns[:n], dict(zip(names, unknowns[n:].tolist(), strict=True))
 
 
 def apply_impact(
-    struck: ImpactEquations, time: Array, state: State
+    impact: ImpactEquations, time: Array, state: State
 ) -> tuple[Array, Mapping[str, float]]:
-    """Velocities after an impact at time = (t, branch), and its impulses by multiplier.
+    """Return the velocities after an impact at time = (t, branch), and its impulses by multiplier.
+
+    Closed gaps that already open are left out: contacts only push.
 
     Raises
     ------
     BeamdaeError
-        If joints do not leave what is struck any motion.
+        If the active joints leave the impacting bodies no motion.
     """
-    e, starter = struck.equations, ConsistencySolver(struck.equations)
-    rates = starter.constraint_levels(time, state.q, state.v)[1]
-    restitution = np.array([struck.restitution.get(name, 0.0) for name in e.lam_names])
-    opens = np.array([name in struck.gaps for name in e.lam_names]) & (rates <= 0.0)
-    (held,) = np.nonzero(~opens)
-    if not any(e.lam_names[k] in struck.restitution for k in held):
+    equations, solver = impact.equations, ConsistencySolver(impact.equations)
+    names = equations.lam_names
+    rates = solver.constraint_levels(time, state.q, state.v)[1]
+    restitution = np.array([impact.restitution.get(name, 0.0) for name in names])
+    opening = np.array([name in impact.gaps for name in names]) & (rates <= 0.0)
+    (active,) = np.nonzero(~opening)
+    if not any(names[k] in impact.restitution for k in active):
         return state.v, {}
-    starter.require_independent(time, state.q)
-    own = State(state.q, state.v, np.zeros(e.n), np.zeros(e.m))
-    gradient = sp.csc_array(starter.constraint_matrix(time, state.q)[held])
+    require_independent_constraints(solver, time, state.q)
+    unforced = State(state.q, state.v, np.zeros(equations.n), np.zeros(equations.m))
+    gradient = sp.csc_array(solver.constraint_matrix(time, state.q)[active])
     change, impulses = solve_impulses(
-        tuple(e.lam_names[k] for k in held),
-        starter.linearize_forces(time, own)[2],
+        tuple(names[k] for k in active),
+        solver.linearize_forces(time, unforced)[2],
         gradient,
-        -(1.0 + restitution[held]) * rates[held],
+        -(1.0 + restitution[active]) * rates[active],
     )
     return state.v + change, impulses
