@@ -71,6 +71,7 @@ from .parts.joints.gears import Gear as Gear
 from .parts.joints.gears import RackAndPinion as RackAndPinion
 from .parts.joints.guides import PointOnLine as PointOnLine
 from .parts.joints.guides import Prismatic as Prismatic
+from .parts.joints.joint import Joint as Joint
 from .parts.joints.joint import Revolute as Revolute
 from .parts.joints.joint import Weld as Weld
 from .parts.joints.rolling import RollingOnCircle as RollingOnCircle
@@ -90,9 +91,9 @@ from .report.pictures.mode_shapes import animate_mode as animate_mode
 from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
-from .report.pictures.time_plots import Plot as Plot
 from .report.pictures.time_plots import plot as plot
 from .results.diagnostics.strain_validity import BeamRange as BeamRange
+from .results.displays import Plot as Plot
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium
 from .results.frequency_response import FrequencyResponse as FrequencyResponse

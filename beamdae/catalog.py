@@ -96,6 +96,7 @@ GROUPS = (
         "parts",
         "Joints",
         (
+            Public("Joint", "beamdae.parts.joints.joint"),
             Public("Revolute", "beamdae.parts.joints.joint"),
             Public("Weld", "beamdae.parts.joints.joint"),
             Public("Prismatic", "beamdae.parts.joints.guides"),

@@ -1,4 +1,4 @@
-"""Loads along a beam: by length, and a force that moves along it."""
+"""Loads along a beam: force per length, and a force that moves along the beam."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import Beam, require_beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import (
     BeamdaeError,
@@ -20,7 +20,6 @@ from beamdae.errors import (
     require_pair,
     require_point,
     set_fields,
-    short_repr,
 )
 from beamdae.parts.attachments import rotate
 from beamdae.parts.forces.formula_checks import (
@@ -39,58 +38,56 @@ from beamdae.symbolic.formulas import (
 )
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
-# No force moves as slowly: times beyond this one [s] are no numbers of laws.
+# Longest time that a moving force may take to pass the beam [s], so that times of laws are finite.
 _MAX_TIME = 1e30
 
 
 @dataclass(frozen=True)
 class _LineLoad:
-    """A load per length in some axes on a section; own numbers: weight, inclination, arc length."""
+    """Load per length on a section, by laws of time, in the axes `axes`.
+
+    Numbers: quadrature weight, inclination of the section, arc length.
+    """
 
     axes: str
 
-    def load(self, local: Local, turn: SX, own: Any, components: SX) -> SX:
+    def load(self, local: Local, rotation: SX, numbers: Any, components: SX) -> SX:
+        weight, inclination = numbers[0], numbers[1]
         if self.axes == "section":
-            components = rotate(own[1] + turn, components)
-        return own[0] * components
+            components = rotate(inclination + rotation, components)
+        return weight * components
 
-    def __call__(self, local: Local, on: Any, own: Callable[[], Any], *laws: Any) -> ForceKernel:
-        place, turn = on(local.q)
+    def __call__(
+        self, local: Local, motion: Any, numbers: Callable[[], Any], *laws: Any
+    ) -> ForceKernel:
+        position, rotation = motion(local.q)
         components = ca.vertcat(*(law(local.time) for law in laws))
-        return load_kernel(local, place, self.load(local, turn, own(), components))
+        return load_kernel(local, position, self.load(local, rotation, numbers(), components))
 
 
 @dataclass(frozen=True)
 class _FormulaLineLoad(_LineLoad):
-    """The same by a user's function of (s, x, y, t)."""
+    """Load per length on a section by a user's function of (s, x, y, t)."""
 
     part: str
     law: Callable[..., Any]
 
-    def __call__(self, local: Local, on: Any, own: Callable[[], Any], *laws: Any) -> ForceKernel:
-        place, turn = on(local.q)
-        components = _evaluate_formula(
-            self.part, self.law, own()[2], place[0], place[1], local.time[0]
-        )
-        return load_kernel(local, place, self.load(local, turn, own(), components))
+    def __call__(
+        self, local: Local, motion: Any, numbers: Callable[[], Any], *laws: Any
+    ) -> ForceKernel:
+        position, rotation = motion(local.q)
+        _, _, s = (numbers()[k] for k in range(3))
+        components = _evaluate_law(self.part, self.law, s, position[0], position[1], local.time[0])
+        return load_kernel(local, position, self.load(local, rotation, numbers(), components))
 
 
-def _evaluate_formula(part: str, law: Callable[..., Any], *given: SX) -> SX:
-    return require_column(part, "law", evaluate_formula(part, "law", law, *given), 2)
-
-
-def _require_beam(part: str, beam: Any) -> None:
-    if not isinstance(beam, Beam):
-        raise BeamdaeError(f"{part}: beam must be a Beam, got {short_repr(beam)}.")
+def _evaluate_law(part: str, law: Callable[..., Any], *arguments: SX) -> SX:
+    return require_column(part, "law", evaluate_formula(part, "law", law, *arguments), 2)
 
 
 @dataclass(frozen=True, eq=False)
 class DistributedForce(Part):
-    """Force per arc length of the undeformed axis [N/m], all along a beam.
-
-    A dead load in the axes "inertial", one that follows the sections in the axes "section": its
-    components are along the section's direction and along its left normal, so that a pressure p
-    from the right is (0, p).
+    """Force per arc length of the undeformed axis [N/m], along a whole beam.
 
     Parameters
     ----------
@@ -99,11 +96,17 @@ class DistributedForce(Part):
     beam
         The beam.
     law
-        Pair of laws of time: numbers, functions of t or `Law`s; or one formula `law(s, x, y, t)` of
-        the arc length, the place of the deformed axis in the inertial frame and time, that gives
-        such a pair.
+        Components of the load [N/m]: a pair of laws of time (numbers, functions of t or `Law`s), or
+        one formula `law(s, x, y, t)` that returns such a pair, where s [m] is the arc length,
+        (x, y) [m] the position of the deformed axis in the inertial frame and t [s] the time.
     axes
-        "inertial" or "section".
+        "inertial" (default) for a dead load, or "section" for a follower load with components
+        along the section's direction and its left normal: a pressure p from the right is (0, p).
+
+    Raises
+    ------
+    BeamdaeError
+        If `law` is neither a pair nor a formula that returns two numbers and has no jumps.
 
     Examples
     --------
@@ -113,6 +116,7 @@ class DistributedForce(Part):
     >>> snow = bd.DistributedForce("snow", beam, (0.0, -12.0))
     """
 
+    symbol = "distributed force"
     is_load = True
     name: str
     beam: Beam
@@ -121,32 +125,31 @@ class DistributedForce(Part):
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("DistributedForce", self.name))
-        _require_beam(self.name, self.beam)
+        require_beam(self.name, self.beam)
         set_fields(self, axes=require_choice(self.name, "axes", self.axes, ("inertial", "section")))
         if callable(self.law) and not isinstance(self.law, Law):
-            given = [SX.sym(x) for x in ("s", "x", "y", "t")]
-            require_continuous_formula(
-                self.name, "law", _evaluate_formula(self.name, self.law, *given), given
-            )
+            arguments = [SX.sym(x) for x in ("s", "x", "y", "t")]
+            components = _evaluate_law(self.name, self.law, *arguments)
+            require_continuous_formula(self.name, "law", components, arguments)
         else:
-            what = "a pair of laws (fx, fy) or a function of (s, x, y, t)"
-            set_fields(self, law=require_pair(self.name, "law", self.law, what))
+            expected = "a pair of laws (fx, fy) or a function of (s, x, y, t)"
+            set_fields(self, law=require_pair(self.name, "law", self.law, expected))
             _ = self.laws
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Both components over time, if they depend on nothing else."""
+        """Laws of time of both components; empty for a formula of (s, x, y, t)."""
         if callable(self.law):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
     def load_distribution(self) -> str:
-        """Per length."""
+        """A force per length."""
         return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The load at the points at which inertia is integrated."""
+        """Return the load at the quadrature points of the inertia terms."""
         mesh = self.beam.mesh
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
@@ -157,43 +160,54 @@ class DistributedForce(Part):
         xi, _ = gauss_points(mesh.nodes)
         weights, _ = mesh.gauss(mesh.nodes)
         element = np.repeat(np.arange(mesh.elements), mesh.nodes)
-        places = (element + 0.5 * (np.tile(xi, mesh.elements) + 1.0)) / mesh.elements
-        shared: dict[FormulaExpression, ForceKernel] = {}
-        said = []
-        for s, weight in zip((places * self.beam.length).tolist(), weights.tolist(), strict=True):
-            on = self.beam.at(s)
-            functions = (on.checked_kinematics, constant_formula(weight, on.inclination, s), *laws)
-            kernel, data = self._kernel(kind, functions, on.size, shared)
-            said.append(ForceStatement(self.name, kernel, (on.piece,), data))
-        return said
+        fractions = (element + 0.5 * (np.tile(xi, mesh.elements) + 1.0)) / mesh.elements
+        kernels: dict[FormulaExpression, ForceKernel] = {}
+        statements = []
+        arc_lengths = (fractions * self.beam.length).tolist()
+        for s, weight in zip(arc_lengths, weights.tolist(), strict=True):
+            section = self.beam.at(s)
+            functions = (
+                section.checked_kinematics,
+                constant_formula(weight, section.inclination, s),
+                *laws,
+            )
+            kernel, data = self._build_kernel(kind, functions, section.size, kernels)
+            statements.append(ForceStatement(self.name, kernel, (section.piece,), data))
+        return statements
 
-    def _kernel(
-        self, kind: Any, functions: Any, size: int, shared: dict[FormulaExpression, ForceKernel]
+    def _build_kernel(
+        self, kind: Any, functions: Any, size: int, kernels: dict[FormulaExpression, ForceKernel]
     ) -> tuple[ForceKernel, np.ndarray]:
-        """The kernel of one point: with a function of the user's own the points alone share it."""
-        combined, numbers = FormulaExpression.of(kind, functions)
-        if combined.is_shareable and not callable(self.law):
+        """Return the kernel and data of one point.
+
+        Points under a user's formula share a kernel within this part only, in `kernels`.
+        """
+        expression, numbers = FormulaExpression.of(kind, functions)
+        if expression.is_kind and not callable(self.law):
             return build_formula_kernel(kind, functions, size)
-        if combined not in shared:
-            # Points of a kinematics without formulas have kernels of their own, which are compared.
-            alike = isinstance(functions[0], Formula)
-            shared[combined] = replace(combined(Local(size, len(numbers))), reused=alike)
-        return shared[combined], numbers[:, None]
+        if expression not in kernels:
+            # Without a formula of the kinematics each point has its own kernel; equal ones are
+            # found by comparison.
+            reused = isinstance(functions[0], Formula)
+            kernels[expression] = replace(expression(Local(size, len(numbers))), reused=reused)
+        return kernels[expression], numbers[:, None]
 
 
 @dataclass(frozen=True)
 class _NodalForce:
-    """What a node of an element has of a force at a + b t, Lagrange's polynomial of so many nodes.
+    """Force on one node of an element while a force passes at the local coordinate a + b t.
 
-    Numbers: the force over the product of distances, a, b, and the other nodes.
+    It follows the Lagrange polynomial of the node. Numbers: the force over the product of the
+    node's distances from the other nodes, a, b, and the local coordinates of the other nodes.
     """
 
     nodes: int
 
     def __call__(self, t: Any, numbers: Any) -> Any:
-        at, value = numbers[1] + numbers[2] * t, numbers[0]
+        value, first, rate = (numbers[k] for k in range(3))
+        xi = first + rate * t
         for k in range(self.nodes - 1):
-            value = value * (at - numbers[3 + k])
+            value = value * (xi - numbers[3 + k])
         return value
 
 
@@ -203,11 +217,11 @@ def _zero_force(t: Any, numbers: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class MovingForce(Part):
-    """A constant force in the inertial frame that moves along a beam at a constant speed.
+    """Constant force in the inertial frame that moves along a beam at constant speed.
 
-    At the time t it acts at the arc length start + speed t, and not at all off the beam. Between
-    nodes it is given to those of the element by their shape functions; integrators stop where it
-    goes from one element to the next.
+    At time t it acts at the arc length start + speed t, and vanishes beyond the ends of the beam.
+    The shape functions of the element distribute it to the nodes. Integrators stop and restart
+    where it passes from one element to the next.
 
     Parameters
     ----------
@@ -218,11 +232,24 @@ class MovingForce(Part):
     force
         (Fx, Fy) [N].
     speed
-        Of arc length [m/s]; negative from the end to the start.
+        Rate of the arc length [m/s]; negative from the end to the start, not zero.
     start
-        Arc length at t = 0 [m], also off the beam.
+        Arc length at t = 0 [m]; may lie beyond the ends of the beam.
+
+    Raises
+    ------
+    BeamdaeError
+        If `speed` is zero or too small to pass the beam in a finite time.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    >>> beam = bd.Beam("bridge", bd.Line((0.0, 0.0), (10.0, 0.0)), strip)
+    >>> wheel = bd.MovingForce("wheel", beam, (0.0, -20.0), speed=5.0)
     """
 
+    symbol = "moving force"
     is_load = True
     name: str
     beam: Beam
@@ -232,7 +259,7 @@ class MovingForce(Part):
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("MovingForce", self.name))
-        _require_beam(self.name, self.beam)
+        require_beam(self.name, self.beam)
         set_fields(
             self,
             force=require_point(self.name, "force", self.force),
@@ -240,61 +267,62 @@ class MovingForce(Part):
             start=require_finite(self.name, "start", self.start),
         )
         if self.speed == 0.0:
-            raise BeamdaeError(f"{self.name}: speed must not be zero, take a Force on beam.at(s).")
+            raise BeamdaeError(f"{self.name}: speed must not be zero; use a Force on beam.at(s).")
         if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_TIME:
             raise BeamdaeError(
                 f"{self.name}: speed must pass the beam within {_MAX_TIME:g} s, got {self.speed:g}."
             )
 
     @cached_property
-    def _shares(self) -> list[tuple[Law, Law]]:
-        """What each node of the beam has of both components."""
-        mesh, found = self.beam.mesh, []
+    def _nodal_laws(self) -> list[tuple[Law, Law]]:
+        """Laws of both force components on each node of the beam."""
+        mesh, laws = self.beam.mesh, []
         for node in range(mesh.node_count):
             step = mesh.nodes - 1
             elements = {min(node // step, mesh.elements - 1), max((node - 1) // step, 0)}
-            ascending = sorted(elements, reverse=self.speed < 0.0)
-            x, y = (self._law(node, ascending, component) for component in self.force)
-            found.append((x, y))
-        return found
+            in_passing_order = sorted(elements, reverse=self.speed < 0.0)
+            x, y = (self._nodal_law(node, in_passing_order, component) for component in self.force)
+            laws.append((x, y))
+        return laws
 
-    def _law(self, node: int, elements: list[int], force: float) -> Law:
-        """The share of a node in one element after the other."""
+    def _nodal_law(self, node: int, elements: list[int], force: float) -> Law:
+        """Return the law of one force component on a node of these elements."""
         mesh = self.beam.mesh
         length = self.beam.length / mesh.elements
         xi = np.linspace(-1.0, 1.0, mesh.nodes)
         pieces = []
         for element in elements:
-            own = node - element * (mesh.nodes - 1)
-            others = np.delete(xi, own)
+            local_node = node - element * (mesh.nodes - 1)
+            others = np.delete(xi, local_node)
             first = 2.0 * (self.start / length - element) - 1.0
-            numbers = (force / np.prod(xi[own] - others), first, 2.0 * self.speed / length, *others)
+            factor = force / np.prod(xi[local_node] - others)
+            numbers = (factor, first, 2.0 * self.speed / length, *others)
             pieces.append(Formula(_NodalForce(mesh.nodes), tuple(map(float, numbers))))
         bounds = np.unique([[x, x + 1] for x in elements]) * length
         times = np.sort((bounds - self.start) / self.speed)
-        nothing = Formula(_zero_force)
-        lasting = length / abs(self.speed)
-        return Law((nothing, *pieces, nothing), tuple(map(float, times)), lasting)
+        no_force = Formula(_zero_force)
+        time_scale = length / abs(self.speed)
+        return Law((no_force, *pieces, no_force), tuple(map(float, times)), time_scale)
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """One that stops integrators where the force goes from one element to the next."""
+        """One law that stops integrators where the force passes from one element to the next."""
         mesh = self.beam.mesh
         bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
         times = np.sort((bounds - self.start) / self.speed)
-        lasting = self.beam.length / mesh.elements / abs(self.speed)
+        time_scale = self.beam.length / mesh.elements / abs(self.speed)
         pieces = (Formula(_zero_force),) * (len(times) + 1)
-        return (Law(pieces, tuple(map(float, times)), lasting),)
+        return (Law(pieces, tuple(map(float, times)), time_scale),)
 
     @property
     def load_distribution(self) -> str:
-        """Between the nodes that have shares of it."""
+        """Shares of one force between the nodes."""
         return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The shares of all nodes."""
-        places = self.beam.mesh.node_arc_lengths.tolist()
+        """Return the forces on all nodes."""
+        arc_lengths = self.beam.mesh.node_arc_lengths.tolist()
         return [
             load_statement(self.name, self.beam.at(s), dead_load, laws)
-            for s, laws in zip(places, self._shares, strict=True)
+            for s, laws in zip(arc_lengths, self._nodal_laws, strict=True)
         ]

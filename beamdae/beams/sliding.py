@@ -214,6 +214,7 @@ class SlidingOnBeam(Part):
     >>> slider = bd.SlidingOnBeam("slider", bead.point, beam)
     """
 
+    symbol = "sleeve"
     name: str
     a: Attachment
     beam: Beam

@@ -39,9 +39,9 @@ class Part:
     name: str
     # Whether it is a load, which the load factor of an equilibrium scales unless others are named.
     is_load: ClassVar[bool] = False
-    # Name of the symbol it is drawn with, see `beamdae.report.scene`; "": a diamond, or what `draw`
-    # returns.
-    symbol: ClassVar[str] = ""
+    # Name of the symbol in drawings, one of `beamdae.report.scene.symbols`; a marker is a diamond at
+    # each attachment.
+    symbol: ClassVar[str] = "marker"
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:

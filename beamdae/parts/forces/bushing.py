@@ -69,6 +69,7 @@ class Bushing(ForceElement):
     >>> mount = bd.Bushing("mount", foot, motor.at(0.0, 0.0), kx=5e4, ky=2e5, ktheta=30.0, cy=200.0)
     """
 
+    symbol = "bushing"
     kx: float = 0.0
     ky: float = 0.0
     ktheta: float = 0.0

@@ -157,6 +157,7 @@ class Contact(Part):
     >>> bounce = bd.Contact("bounce", ball.point, floor, 1e6, restitution=0.7, impact_speed=4.4)
     """
 
+    symbol = "contact"
     name: str
     point: Attachment
     surface: LineSurface | CircleSurface

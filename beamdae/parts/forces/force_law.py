@@ -163,6 +163,7 @@ class ForceLaw(Part):
     >>> drag = bd.ForceLaw("drag", block.point, drag, dissipative=True)
     """
 
+    symbol = "force law"
     name: str
     on: Any
     law: Callable[..., Any]

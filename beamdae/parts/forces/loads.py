@@ -77,6 +77,7 @@ class Force(Part):
     >>> push = bd.Force("push", ball.point, (bd.sine(2.0, frequency=5.0), 0.0))
     """
 
+    symbol = "force"
     is_load = True
     name: str
     on: Attachment
@@ -117,6 +118,7 @@ class Force(Part):
 class Moment(Part):
     """Moment [N m], counter-clockwise positive, on an attachment; `law` a number or law of t."""
 
+    symbol = "moment"
     is_load = True
     name: str
     on: Attachment

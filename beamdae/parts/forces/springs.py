@@ -113,6 +113,7 @@ class SpringDamper(_SpringLaw):
     >>> mech.observe("strut", mech.add(strut).force)
     """
 
+    symbol = "spring-damper"
     stiffness: float = 0.0
     damping: float = 0.0
     free_length: float | None = None
@@ -214,6 +215,7 @@ class TorsionSpring(_SpringLaw):
     >>> spring = bd.TorsionSpring("spring", foot, flap.at(0.0, 0.0), stiffness=2.0, preload=0.5)
     """
 
+    symbol = "torsion spring"
     stiffness: float = 0.0
     damping: float = 0.0
     free_angle: float = 0.0
