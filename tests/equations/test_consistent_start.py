@@ -272,7 +272,7 @@ def system(mass, force=None, constraints=None):
     ],
 )
 def test_a_coordinate_without_mass_is_named(mass, constraints, name):
-    with pytest.raises(bd.BeamdaeError, match=f"^{name}: it can move without inertia at t = 0, "):
+    with pytest.raises(bd.BeamdaeError, match=f"^{name}: this coordinate has no inertia at t = 0 s; "):
         system(mass, constraints=constraints)
 
 

@@ -183,7 +183,7 @@ def test_constraints_that_cannot_be_met_are_named():
 
 def test_a_coordinate_without_inertia_is_named():
     light = system(mass=[1.0, 0.0], constraints=None)
-    with pytest.raises(bd.BeamdaeError, match=r"q1.*without inertia"):
+    with pytest.raises(bd.BeamdaeError, match=r"q1.*has no inertia"):
         bd.simulate(light, bd.Ida(), 1.0)
 
 
@@ -216,7 +216,7 @@ def test_a_constraint_that_cannot_be_met_is_not_called_dependent():
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     circle = {"constraints": ca.dot(q, q) + 1.0, "q0": [1, 0], "v0": [0, 0]}
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1, 1], force=[0, 0], **circle)
-    with pytest.raises(bd.BeamdaeError, match=r"g0: (this constraint holds|the joints cannot)"):
+    with pytest.raises(bd.BeamdaeError, match=r"g0: (this constraint has a zero gradient|the joints cannot)"):
         bd.simulate(system, t_end=1.0)
 
 
@@ -247,9 +247,9 @@ def test_units_are_in_the_headers():
     ("units", "message"),
     [
         (("m",), r"units must have 2 entries, got 1: \('m',\)"),
-        ("mm", "units must be a list of 2 entries, texts, got 'mm'"),
-        (("m", 3), "units must be texts such as 'm' and 'rad', got 3"),
-        (("m", ""), "units must be texts such as 'm' and 'rad', got ''"),
+        ("mm", "units must be a list of 2 strings, got 'mm'"),
+        (("m", 3), "units must be strings such as 'm' and 'rad', got 3"),
+        (("m", ""), "units must be strings such as 'm' and 'rad', got ''"),
     ],
 )
 def test_wrong_units_are_told(units, message):

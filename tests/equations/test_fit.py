@@ -136,12 +136,12 @@ def test_a_body_no_field_shows_is_refused_when_it_is_assembled():
     ("words", "message"),
     [
         ({"columns": 1}, "push: its operator on 'second' has 4 columns, the body has 3 coord"),
-        ({"rows": 1}, "push: its operators have 4 rows for 1 x 3 local coordinates, these must"),
+        ({"rows": 1}, "push: its operators have 4 rows for 1 x 3 local coordinates; the"),
         (
             {"data": (3.0, 1.0)},
             r"push: its data must be an array of shape \(1, num",
         ),
-        ({"told_as": "pull"}, "push: its statements must bear its name, got 'pull'"),
+        ({"told_as": "pull"}, "push: its statements must carry its name, got 'pull'"),
     ],
 )
 def test_statements_that_do_not_fit_are_refused(words, message):
@@ -201,10 +201,13 @@ def stating(forces=lambda: [], constraints=lambda: []):
             r"its data must be an array of shape \(1, num",
         ),
         (stating(lambda: [force(pieces=PIECE)]), "pieces must be a list of Piece, got Piece"),
-        (stating(lambda: [force(pieces=(POINT,))]), "pieces must hold Piece alone, got RigidBody"),
+        (
+            stating(lambda: [force(pieces=(POINT,))]),
+            "pieces must contain only Piece, got RigidBody",
+        ),
         (
             stating(constraints=lambda: [held(multipliers=("x",))]),
-            "multipliers must hold Named alone, got 'x'",
+            "multipliers must contain only Named, got 'x'",
         ),
         (
             stating(constraints=lambda: [held(LOCAL.q[:2])]),
@@ -218,7 +221,7 @@ def stating(forces=lambda: [], constraints=lambda: []):
         # Ran on one piece of the law for the whole time before.
         (
             stating(lambda: [force(bd.run_up(1.0, 0.1)(LOCAL.time) * ca.SX.ones(3))]),
-            "it follows a law of several pieces, which its property 'laws' must list",
+            "it follows a piecewise law; list the law in its property 'laws'",
         ),
     ],
 )
@@ -316,15 +319,15 @@ class Body(bd.Part):
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (Mute(), "mute: the part has nothing to say"),
+        (Mute(), "mute: the part has no effect"),
         (
             Confused(),
-            r"confused: forces\(\) must hold ForceStatement alone, got Constraint",
+            r"confused: forces\(\) must contain only ForceStatement, got Constraint",
         ),
-        (Body(("x",)), "body: coordinates must hold Named alone, got 'x'"),
+        (Body(("x",)), "body: coordinates must contain only Named, got 'x'"),
         (Body(lambda: ()), "body: coordinates must be a list of Named, got <function"),
         (Body((Named("x", "deg"),)), "body: angles must be in 'rad', got 'deg'"),
-        (Body((Named("x", " m"),)), "body: units must be texts such as 'm' and 'rad', got ' m'"),
+        (Body((Named("x", " m"),)), "body: units must be strings such as 'm' and 'rad', got ' m'"),
         (Body((Named("x", "m"),) * 2), "body: its coordinates must differ, x comes twice"),
         (Body((Named("x", "m"),), (0.0, 1.0)), r"body: initial_position must have shape \(1,\)"),
     ],
@@ -354,7 +357,7 @@ def test_a_reaction_of_what_holds_nothing_is_refused():
     mech = pushed()
     joint = bd.Revolute("push", mech.ground.at(0.0, 0.0), mech.part("first").at(0.0, 0.0))
     mech.observe("force", joint.reaction)
-    with pytest.raises(bd.BeamdaeError, match=r"^force: 'push' holds nothing, it has no reaction"):
+    with pytest.raises(bd.BeamdaeError, match=r"^force: 'push' has no constraints and therefore no reaction"):
         bd.equations_of_motion(mech)
 
 

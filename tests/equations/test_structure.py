@@ -13,7 +13,7 @@ from beamdae.equations import structure
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.linear import pivots as analysis
+from beamdae.linear import pivots
 
 # Fixed steps, adaptive ones, and both ways to first-order equations.
 METHODS = [
@@ -27,7 +27,11 @@ METHODS = [
 @pytest.fixture
 def forgetful():
     """Nothing is kept of models before."""
-    for kept in (structure._intern_equal, analysis._kept_plan, analysis._kept_ordered):
+    for kept in (
+        structure._intern_equal,
+        pivots._cached_analyze_pattern,
+        pivots._cached_order_pattern,
+    ):
         kept.cache_clear()
 
 

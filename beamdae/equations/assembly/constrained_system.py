@@ -1,4 +1,4 @@
-"""Constrained mechanics stated directly in CasADi expressions."""
+"""Constrained systems stated directly in CasADi expressions."""
 
 from __future__ import annotations
 
@@ -48,120 +48,66 @@ from beamdae.symbolic.statements import (
     Quantity,
 )
 
-# What multipliers are named after.
-CONSTRAINT = "constraint"
-
-
-def constraint_statements(
-    given: Expressions, piece: Piece, constraints: Any, velocity_constraints: Any
-) -> list[ConstraintStatement]:
-    """The constraints there are, each an expression, a dict of them by name, or None.
-
-    Raises
-    ------
-    BeamdaeError
-        On two of a name, those of positions that depend on v, or those of velocities that are not
-        linear in v.
-    """
-    found = []
-    for stated, what, letter in ((constraints, "constraint", "g"), (velocity_constraints, _V, "h")):
-        local, rows, held = _stated(given, stated, what, letter)
-        if not held:
-            continue
-        kind = ConstraintKernel
-        if what == _V:
-            kind = NonholonomicKernel
-            _require_linear(rows, local)
-        elif ca.depends_on(rows, local.v):
-            raise BeamdaeError(f"{KIND}: constraints must not depend on v.")
-        kernel, data = kind(local, rows), given.numbers[:, None]
-        found.append(ConstraintStatement(CONSTRAINT, kernel, (piece,), held, data))
-    require_unique(KIND, "constraints", [x.name for s in found for x in s.multipliers])
-    return found
-
-
-_V = "velocity constraint"
-
-
-def _stated(
-    given: Expressions, stated: Any, what: str, letter: str
-) -> tuple[Local, SX, tuple[Named, ...]]:
-    """Rows of constraints in symbols with multipliers for them, and what these are called."""
-    by_name = isinstance(stated, dict)
-    if by_name:
-        named = {parse_header(header): expression for header, expression in stated.items()}
-        told = [f"the {what} {x.name}" for x in named]
-    else:
-        named = {} if stated is None else {Named(letter, "-"): stated}
-        told = [f"{what.replace(' ', '_')}s"]
-    local = given.local()
-    found = [given.stated(local, x, name) for x, name in zip(named.values(), told, strict=False)]
-    rows = ca.vertcat(SX(0, 1), *(ca.vec(x) for x in found))
-    held = tuple(
-        Named(x.name if by_name and rows_of.numel() == 1 else f"{x.name}{i}", x.unit)
-        for x, rows_of in zip(named, found, strict=True)
-        for i in range(rows_of.numel())
-    )
-    own = given.local(len(held))
-    symbols = [(x.time, x.q, x.v, x.data) for x in (local, own)]
-    (moved,) = ca.substitute([ca.densify(rows)], *map(list, symbols))
-    return own, moved, held
-
-
-def _require_linear(rows: SX, local: Local) -> None:
-    if not ca.is_linear(rows, local.v) or not ca.depends_on(rows, local.v):
-        raise BeamdaeError(f"{KIND}: velocity_constraints must be linear in v.")
+_CONSTRAINTS = "constraint"  # name under which all constraints are stated
 
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedSystem(HasOrigin):
-    """M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), from CasADi expressions.
+    """Constrained system M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), G = dg/dq.
+
+    The equations are CasADi expressions, for mechanics beyond the built-in parts. They become the
+    same `EquationsOfMotion` as those of a mechanism: every integrator, study and report works on
+    them. Nonholonomic constraints 0 = A(t, q) v + b(t, q) enter with A in place of G.
 
     Parameters
     ----------
     t, q, v
-        Symbols: scalar time, coordinates (n,) and velocities (n,), all SX (or all MX).
+        Symbols: scalar time [s], coordinates (n,) and velocities (n,), all SX or all MX.
     mass
-        M, an (n, n) expression, or (n,) for a diagonal one.
+        M, an expression of shape (n, n), or (n,) for a diagonal matrix.
     force
         f, shape (n,).
     constraints
-        g, shape (m,), or by name of the multiplier with its unit, {"rod [N]": g_rod, ...}; may be
-        left out.
+        g, shape (m,), or expressions by header of the multiplier, {"rod [N]": g_rod, ...}.
+        Default: none.
     velocity_constraints
-        A(t, q) v + b(t, q), shape (k,) or by name as `constraints`: nonholonomic constraints, which
-        hold velocities alone. Their multipliers come after the others.
+        A(t, q) v + b(t, q), shape (k,) or by header as `constraints`. Their multipliers follow
+        those of `constraints`.
     q0, v0
-        Start; made consistent with the constraints.
+        Start, (n,) each; made consistent with the constraints.
     names
         Names of the coordinates; default q0, q1, ...
     units
-        Their units, such as "m" and "rad"; default "-". Angles ("rad") are of size 1, all others
-        of the size of the largest of them at the start: scales follow from units, never from names.
+        Units of the coordinates, such as "m" and "rad"; default "-". Scales follow from units:
+        angles ("rad") have size 1, all others the largest absolute start value of these.
     observe
-        Further columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam; without
-        a unit it is "-".
+        Further columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam; a header
+        without a unit has "-".
     lam
-        Symbol of the multipliers (m,), for columns that show reactions.
+        Symbol of the multipliers (m,), for columns that depend on reactions.
     parameters
-        What further symbols stand for, {m: 2.0, u: bd.run_up(...)}: numbers, which systems of one
-        statement may differ in and share their machine code, or laws of time.
+        Values of further symbols, {m: 2.0, u: bd.run_up(...)}: numbers or laws of time. Systems
+        that differ in these numbers only share their machine code.
     strain_energy, gravity_energy
-        Potentials [J] in t and q that f comes from in part, for the energy ledger.
+        Potentials [J] in t and q whose forces are part of f; columns of the energy ledger.
     dissipated_power
-        What f dissipates [W]. What of its power is neither that nor taken from a potential counts
-        as work of loads.
+        Power dissipated by f [W]. The remaining power of f counts as work of loads.
     breakpoints
-        Times [s] at which an expression jumps or kinks in t; integrators stop and restart there.
-        Those of laws are known.
+        Ascending times [s] at which an expression jumps or kinks in t; integrators stop and
+        restart there. Breakpoints of laws are added.
     time_scale
-        Shortest time [s] over which an expression changes with t, if it is much shorter than the
-        run: no step is longer.
+        Shortest time [s] over which an expression changes with t, if much shorter than the run;
+        no step is longer.
     scales
-        How far each coordinate moves, about half its range: what `rtol` is relative to. Default:
-        adaptive integrators go ahead with a loose tolerance to see.
+        Amplitude of each coordinate, about half its range, to which `rtol` refers, (n,). Default:
+        adaptive integrators estimate it by a pilot run with a loose tolerance.
     events
-        What runs watch for: `Event`s on coordinates and observed columns, by name.
+        `Event`s on coordinates and observed columns, by name.
+
+    Raises
+    ------
+    BeamdaeError
+        If symbols, shapes, names or units do not fit each other.
 
     Examples
     --------
@@ -199,16 +145,20 @@ class ConstrainedSystem(HasOrigin):
     events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
-        given = self._expressions
+        expressions = self._expressions
         n = self.q.numel()
+        times = require_sequence(KIND, "breakpoints", self.breakpoints, "a list of times")
+        breakpoints = tuple(require_finite(KIND, "breakpoints", x) for x in times)
+        if any(b <= a for a, b in pairwise(breakpoints)):
+            raise BeamdaeError(f"{KIND}: breakpoints must ascend, got {short_repr(breakpoints)}.")
         set_fields(
             self,
-            parameters=given.parameters,
+            parameters=expressions.parameters,
             q0=parse_numbers("q0", self.q0, n),
             v0=parse_numbers("v0", self.v0, n),
             names=parse_names("names", self.names, n) or tuple(f"q{i}" for i in range(n)),
             units=parse_names("units", self.units, n) or ("-",) * n,
-            breakpoints=self._checked_breakpoints(),
+            breakpoints=breakpoints,
         )
         for unit in self.units:
             require_unit(KIND, unit)
@@ -235,16 +185,20 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
-        """Equations of motion, the same type a mechanism gives."""
+        """Equations of motion, of the same type as those of a mechanism."""
         n = self.q.numel()
-        named = zip(self.names, self.units, strict=True)
-        coordinates = tuple(Named(name, unit) for name, unit in named)
-        length = _length(self.q0, coordinates)
+        coordinates = tuple(
+            Named(name, unit) for name, unit in zip(self.names, self.units, strict=True)
+        )
+        # Size of the coordinates that are not angles: the largest at the start, or 1.
+        sizes = [
+            abs(x) for x, c in zip(self.q0.tolist(), coordinates, strict=True) if c.unit != "rad"
+        ]
+        length = max(sizes, default=0.0) or 1.0
         piece = Piece(self, sp.csr_array(sp.eye_array(n, format="csr")))
-        given = self._expressions
-        held = constraint_statements(given, piece, self.constraints, self.velocity_constraints)
-        laws = given.laws
-        scales = [self.time_scale, *(law.time_scale for _, law in laws)]
+        constraints = self._constraint_statements(piece)
+        laws = self._expressions.laws
+        time_scales = [self.time_scale, *(law.time_scale for _, law in laws)]
         return build_equations(
             coordinates=coordinates,
             q0=self.q0,
@@ -256,11 +210,11 @@ class ConstrainedSystem(HasOrigin):
             breakpoints=tuple(
                 sorted({*self.breakpoints, *(b for _, law in laws for b in law.breakpoints)})
             ),
-            time_scale=min((x for x in scales if x is not None), default=None),
+            time_scale=min((x for x in time_scales if x is not None), default=None),
             scales=self.scales,
             forces=[self._force_statement(piece)],
-            constraints=held,
-            observables=self._observables(coordinates, piece, held),
+            constraints=constraints,
+            observables=self._observables(coordinates, piece, constraints),
             events=self.events,
             coordinate_map=CoordinateMap({id(self): n}),
             laws=select_varying_laws(laws),
@@ -272,42 +226,38 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def _observed(self) -> dict[Named, Any]:
-        """Further columns, an expression each."""
+        """Expressions of the further columns."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
                 f"{KIND}: observe must give expressions by name, got {short_repr(self.observe)}."
             )
         return {parse_header(header): expression for header, expression in self.observe.items()}
 
-    def _checked_breakpoints(self) -> tuple[float, ...]:
-        given = require_sequence(KIND, "breakpoints", self.breakpoints, "a list of times")
-        times = tuple(require_finite(KIND, "breakpoints", b) for b in given)
-        if any(b <= a for a, b in pairwise(times)):
-            raise BeamdaeError(f"{KIND}: breakpoints must ascend, got {short_repr(times)}.")
-        return times
-
     def _force_statement(self, piece: Piece) -> ForceStatement:
-        n, given = self.q.numel(), self._expressions
-        local = given.local()
-        mass = given.stated(local, self.mass, "mass")
+        n, expressions = self.q.numel(), self._expressions
+        local = expressions.local()
+        mass = expressions.substitute(local, self.mass, "mass")
         if mass.shape != (n, n) and min(mass.shape) == 1:
             mass = ca.diag(mass)
-        force = given.stated(local, self.force, "force")
-        strain = given.stated(local, self.strain_energy, "strain_energy", ("t", "q"))
-        gravity = given.stated(local, self.gravity_energy, "gravity_energy", ("t", "q"))
-        dissipated = given.stated(local, self.dissipated_power, "dissipated_power")
-        for what, found, wanted in (
+        force = expressions.substitute(local, self.force, "force")
+        potentials = ("t", "q")
+        strain = expressions.substitute(local, self.strain_energy, "strain_energy", potentials)
+        gravity = expressions.substitute(local, self.gravity_energy, "gravity_energy", potentials)
+        dissipated = expressions.substitute(local, self.dissipated_power, "dissipated_power")
+        for name, expression, shape in (
             ("mass", mass, (n, n)),
             ("force", force, (n, 1)),
             ("strain_energy", strain, (1, 1)),
             ("gravity_energy", gravity, (1, 1)),
             ("dissipated_power", dissipated, (1, 1)),
         ):
-            if found.shape != wanted:
-                raise BeamdaeError(f"{KIND}: {what} must have shape {wanted}, got {found.shape}.")
+            if expression.shape != shape:
+                raise BeamdaeError(
+                    f"{KIND}: {name} must have shape {shape}, got {expression.shape}."
+                )
         kinetic = 0.5 * ca.dot(local.v, mass @ local.v)
-        # What of the force is inertia, where the mass depends on q or t, changes no energy: the
-        # kinetic one changes by v . M a + v . M' v / 2.
+        # The kinetic energy changes by v . M a + v . M' v / 2. Where M depends on q or t, the part
+        # of f that is inertia therefore changes no energy.
         power = ca.dot(force, local.v) + local.dot(kinetic + strain + gravity) + dissipated
         kernel = ForceKernel(
             local,
@@ -315,13 +265,43 @@ class ConstrainedSystem(HasOrigin):
             ca.densify(ca.vertcat(kinetic, strain, gravity)),
             ca.densify(ca.vertcat(power, dissipated)),
         )
-        return ForceStatement("system", kernel, (piece,), given.numbers[:, None])
+        return ForceStatement("system", kernel, (piece,), expressions.numbers[:, None])
+
+    def _constraint_statements(self, piece: Piece) -> list[ConstraintStatement]:
+        """Return constraints on positions, then those on velocities alone."""
+        expressions = self._expressions
+        data, statements = expressions.numbers[:, None], []
+        local, rows, multipliers = _stack_constraints(
+            expressions, self.constraints, "constraint", "g"
+        )
+        if multipliers:
+            if ca.depends_on(rows, local.v):
+                raise BeamdaeError(
+                    f"{KIND}: constraints must not depend on v; use velocity_constraints."
+                )
+            kernel = ConstraintKernel(local, rows)
+            statements.append(
+                ConstraintStatement(_CONSTRAINTS, kernel, (piece,), multipliers, data)
+            )
+        local, rows, multipliers = _stack_constraints(
+            expressions, self.velocity_constraints, "velocity constraint", "h"
+        )
+        if multipliers:
+            if not ca.is_linear(rows, local.v) or not ca.depends_on(rows, local.v):
+                raise BeamdaeError(f"{KIND}: velocity_constraints must be linear in v.")
+            kernel = NonholonomicKernel(local, rows)
+            statements.append(
+                ConstraintStatement(_CONSTRAINTS, kernel, (piece,), multipliers, data)
+            )
+        names = [x.name for statement in statements for x in statement.multipliers]
+        require_unique(KIND, "constraints", names)
+        return statements
 
     def _observables(
-        self, coordinates: tuple[Named, ...], piece: Piece, held: list[ConstraintStatement]
+        self, coordinates: tuple[Named, ...], piece: Piece, constraints: list[ConstraintStatement]
     ) -> dict[str, Quantity]:
-        """The coordinates, and what else is to be observed."""
-        given, m = self._expressions, sum(len(x.multipliers) for x in held)
+        """Return the coordinates and the further columns as quantities."""
+        expressions, m = self._expressions, sum(len(x.multipliers) for x in constraints)
         on: tuple[str, ...] = ("t", "q", "v")
         joint = None
         if self.lam is not None:
@@ -330,22 +310,49 @@ class ConstrainedSystem(HasOrigin):
                     f"{KIND}: lam must have an entry for each of {m} constraints, "
                     f"got {self.lam.numel()}."
                 )
-            on, joint = (*on, "lam"), CONSTRAINT
+            on, joint = (*on, "lam"), _CONSTRAINTS
 
         def quantity(name: str, unit: str, expression: Any) -> Quantity:
             return Quantity(
                 (Named("", unit),),
                 (piece,),
-                lambda local: given.stated(local, expression, name, on, observed=True),
-                given.numbers,
+                lambda local: expressions.substitute(local, expression, name, on, observed=True),
+                expressions.numbers,
                 joint,
             )
 
-        found = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
-        return found | {x.name: quantity(*x, e) for x, e in self._observed.items()}
+        quantities = {"": Quantity(coordinates, (piece,), lambda local: local.q)}
+        return quantities | {x.name: quantity(*x, e) for x, e in self._observed.items()}
 
 
-def _length(q0: np.ndarray, coordinates: tuple[Named, ...]) -> float:
-    """Size of the coordinates that are no angles: the largest at the start, or 1."""
-    sizes = [abs(x) for x, c in zip(q0.tolist(), coordinates, strict=True) if c.unit != "rad"]
-    return max(sizes, default=0.0) or 1.0
+def _stack_constraints(
+    expressions: Expressions, constraints: Any, what: str, letter: str
+) -> tuple[Local, SX, tuple[Named, ...]]:
+    """Return symbols, rows in them and multipliers of one kind of constraints.
+
+    `constraints` are an expression, a dict of expressions by header, or None; `letter` names
+    multipliers without a header.
+    """
+    by_name = isinstance(constraints, dict)
+    if by_name:
+        named = {parse_header(header): x for header, x in constraints.items()}
+        descriptions = [f"the {what} {x.name}" for x in named]
+    else:
+        named = {} if constraints is None else {Named(letter, "-"): constraints}
+        descriptions = [f"{what.replace(' ', '_')}s"]
+    symbols = expressions.local()
+    blocks = [
+        expressions.substitute(symbols, x, description)
+        for x, description in zip(named.values(), descriptions, strict=False)
+    ]
+    multipliers = tuple(
+        Named(x.name if by_name and block.numel() == 1 else f"{x.name}{i}", x.unit)
+        for x, block in zip(named, blocks, strict=True)
+        for i in range(block.numel())
+    )
+    # The symbols of the multipliers need their number, which the blocks determine.
+    local = expressions.local(len(multipliers))
+    old, new = ([x.time, x.q, x.v, x.data] for x in (symbols, local))
+    rows = ca.densify(ca.vertcat(SX(0, 1), *(ca.vec(x) for x in blocks)))
+    (rows,) = ca.substitute([rows], old, new)
+    return local, rows, multipliers

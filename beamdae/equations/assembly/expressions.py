@@ -1,4 +1,4 @@
-"""Expressions of the user's own in CasADi symbols, and what these may be made of."""
+"""CasADi expressions of a constrained system: validation and substitution of symbols."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ from beamdae.symbolic.statements import SX, Local, Named
 
 Array = np.ndarray
 MX = ca.MX
-KIND = "ConstrainedSystem"
+KIND = "ConstrainedSystem"  # prefix of messages
+_MAX_LISTED_SYMBOLS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """What the symbols of a system stand for.
+    """Symbols of a constrained system and the values of its parameters.
 
     Attributes
     ----------
     t, q, v, lam
-        Symbols of time, coordinates, velocities and multipliers, columns; `lam` or None.
+        Symbols of time, coordinates, velocities and multipliers, columns; `lam` may be None.
     parameters
         Numbers and laws of time by symbol.
     """
@@ -47,12 +48,12 @@ class Expressions:
 
     @classmethod
     def of(cls, t: Any, q: Any, v: Any, lam: Any, parameters: Any) -> Expressions:
-        """With everything checked.
+        """Validate symbols and parameters.
 
         Raises
         ------
         BeamdaeError
-            On what is no symbol, sizes that do not fit, or parameters without a value.
+            If an argument is not a symbol, sizes differ, or a parameter has no value.
         """
         symbols = {"t": t, "q": q, "v": v} | ({} if lam is None else {"lam": lam})
         for name, symbol in symbols.items():
@@ -64,34 +65,34 @@ class Expressions:
             )
         if any(not isinstance(symbol, type(t)) for symbol in symbols.values()):
             raise BeamdaeError(f"{KIND}: {_join_names(symbols)} must be all SX or all MX symbols.")
-        found = cls(t, q, v, lam, _parse_parameters(type(t), parameters))
-        own = [_symbol_key(x) for symbol in found.symbols for x in ca.symvar(symbol)]
-        if len(own) > len(set(own)):
-            told = _join_names([*symbols, *(["parameters"] if found.parameters else [])])
-            raise BeamdaeError(f"{KIND}: {told} must be symbols of their own each.")
-        return found
+        expressions = cls(t, q, v, lam, _parse_parameters(type(t), parameters))
+        keys = [_symbol_key(x) for symbol in expressions.symbols for x in ca.symvar(symbol)]
+        if len(keys) > len(set(keys)):
+            names = _join_names([*symbols, *(["parameters"] if expressions.parameters else [])])
+            raise BeamdaeError(f"{KIND}: {names} must be different symbols.")
+        return expressions
 
     @property
     def symbols(self) -> list[Any]:
-        """All of them."""
-        held = [] if self.lam is None else [self.lam]
-        return [self.t, self.q, self.v, *self.parameters, *held]
+        """All symbols."""
+        multipliers = [] if self.lam is None else [self.lam]
+        return [self.t, self.q, self.v, *self.parameters, *multipliers]
 
     @cached_property
     def laws(self) -> tuple[tuple[str, Law], ...]:
-        """The laws among the parameters, by name."""
+        """Laws among the parameters, with the names of their symbols."""
         return tuple((s.name(), x) for s, x in self.parameters.items() if isinstance(x, Law))
 
     @cached_property
     def numbers(self) -> Array:
-        """The numbers among the parameters."""
+        """Numbers among the parameters."""
         return np.array([x for x in self.parameters.values() if not isinstance(x, Law)], float)
 
     def local(self, n_multipliers: int = 0) -> Local:
-        """Symbols of a statement about the whole system."""
+        """Return the symbols of a statement about the whole system."""
         return Local(self.q.numel(), len(self.numbers), n_multipliers)
 
-    def stated(
+    def substitute(
         self,
         local: Local,
         expression: Any,
@@ -99,52 +100,62 @@ class Expressions:
         on: tuple[str, ...] = ("t", "q", "v"),
         observed: bool = False,
     ) -> SX:
-        """An expression in the symbols of `local`, if it depends on those named alone.
+        """Return an expression in the symbols of `local`.
 
-        Numbers in it must be finite, unless it is `observed`: runs tell of columns that are not.
+        Parameters
+        ----------
+        local
+            Symbols of the statement.
+        expression
+            Numbers and expressions, or nested lists of them.
+        name
+            Name of the expression in messages.
+        on
+            Symbols it may depend on, besides the parameters.
+        observed
+            True for columns, which may contain numbers that are not finite: runs warn of these.
 
         Raises
         ------
         BeamdaeError
-            Naming what it depends on, or cannot be.
+            If it depends on another symbol, is not an expression, or contains nan or inf.
         """
         kind = type(self.t)
-        told = _join_names([*on, *(["parameters"] if self.parameters else [])])
+        allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])
         try:
-            found = kind(_stack(expression))
+            stacked = kind(_stack(expression))
         except Exception:
             raise BeamdaeError(
                 f"{KIND}: {name} must be made of numbers and {kind.__name__} expressions in "
-                f"{told}, in rows of one length, got {short_repr(expression)}."
+                f"{allowed_names}, in rows of one length, got {short_repr(expression)}."
             ) from None
-        given = [*(getattr(self, symbol) for symbol in on), *self.parameters]
-        allowed = {_symbol_key(x) for symbol in given for x in ca.symvar(symbol)}
-        others = [x.name() for x in ca.symvar(found) if _symbol_key(x) not in allowed]
+        symbols = [*(getattr(self, symbol) for symbol in on), *self.parameters]
+        allowed = {_symbol_key(x) for symbol in symbols for x in ca.symvar(symbol)}
+        others = [x.name() for x in ca.symvar(stacked) if _symbol_key(x) not in allowed]
         if others:
             raise BeamdaeError(
-                f"{KIND}: {name} must depend on {told} alone, not on {', '.join(others[:3])}."
+                f"{KIND}: {name} must depend on {allowed_names} alone, not on "
+                f"{', '.join(others[:_MAX_LISTED_SYMBOLS])}."
             )
         values = {"t": local.time[0], "q": local.q, "v": local.v, "lam": local.lam}
-        inputs = [*(values[symbol] for symbol in on), *self._values(local)]
+        indices = iter(range(len(self.numbers)))
+        parameters = [
+            value(local.time) if isinstance(value, Law) else local.data[next(indices)]
+            for value in self.parameters.values()
+        ]
         try:
-            value = ca.Function("stated", given, [found])(*inputs)
+            value = ca.Function("stated", symbols, [stacked])(
+                *(values[symbol] for symbol in on), *parameters
+            )
         except Exception:
             raise BeamdaeError(
-                f"{KIND}: {name} uses a function without a formula, such as a "
-                "solver of equations, it must be an expression that SX can hold."
+                f"{KIND}: {name} uses a function that SX cannot expand, such as a root finder; "
+                "state it as a closed expression."
             ) from None
         for entry in ca.vertsplit(value.nz[:]):
             if entry.is_constant() and not observed:
                 require_finite(KIND, name, float(entry))
         return value
-
-    def _values(self, local: Local) -> list[SX]:
-        """What stands for each parameter."""
-        places = iter(range(len(self.numbers)))
-        return [
-            value(local.time) if isinstance(value, Law) else local.data[next(places)]
-            for value in self.parameters.values()
-        ]
 
 
 def _require_symbol(name: str, symbol: Any) -> None:
@@ -159,27 +170,28 @@ def _require_symbol(name: str, symbol: Any) -> None:
         )
 
 
-def _parse_parameters(kind: Any, given: Any) -> dict[Any, float | Law]:
-    """Numbers and laws by symbol."""
-    if not isinstance(given, Mapping) or not all(
+def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
+    """Return numbers and laws by symbol."""
+    if not isinstance(parameters, Mapping) or not all(
         isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
-        for symbol in given
+        for symbol in parameters
     ):
         raise BeamdaeError(
             f"{KIND}: parameters must give a number or a law of time by symbol, each such as "
-            f'{kind.__name__}.sym("m"), got {short_repr(given)}.'
+            f'{kind.__name__}.sym("m"), got {short_repr(parameters)}.'
         )
-    return {symbol: _parse_parameter(symbol.name(), value) for symbol, value in given.items()}
-
-
-def _parse_parameter(name: str, value: Any) -> float | Law:
-    if isinstance(value, Law) or callable(value):
-        return as_law(name, value)
-    return require_finite(KIND, f"the parameter {name}", value)
+    values: dict[Any, float | Law] = {}
+    for symbol, value in parameters.items():
+        name = symbol.name()
+        if isinstance(value, Law) or callable(value):
+            values[symbol] = as_law(name, value)
+        else:
+            values[symbol] = require_finite(KIND, f"the parameter {name}", value)
+    return values
 
 
 def _stack(expression: Any) -> Any:
-    """An expression from a list of entries, or of rows."""
+    """Stack an expression given as a list of entries, or of rows."""
     if not isinstance(expression, (list, tuple)):
         return _require_entry(expression)
     rows = [
@@ -198,22 +210,22 @@ def _require_entry(expression: Any) -> Any:
 
 
 def _symbol_key(symbol: Any) -> int:
-    """What a symbol is known by; names are not unique."""
+    """Return a key that identifies a symbol; names are not unique."""
     return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
 
 
 def _join_names(names: Any) -> str:
-    *most, last = names
-    return f"{', '.join(most)} and {last}"
+    *first, last = names
+    return f"{', '.join(first)} and {last}"
 
 
 def parse_header(header: Any) -> Named:
-    """The name and unit that a header such as 'tip.x [m]' tells; without a unit it is '-'.
+    """Return name and unit of a header such as 'tip.x [m]'; the unit defaults to '-'.
 
     Raises
     ------
     BeamdaeError
-        If it is no such text.
+        If it is not such a string.
     """
     name, unit = header, "-"
     if isinstance(header, str) and header.endswith("]") and " [" in header:
@@ -223,24 +235,24 @@ def parse_header(header: Any) -> Named:
 
 
 def parse_numbers(name: str, values: Any, n: int) -> Array:
-    """`values` as n finite numbers."""
+    """Return `values` as n finite numbers, (n,)."""
     try:
-        given = np.asarray(values, object).ravel().tolist()
+        entries = np.asarray(values, object).ravel().tolist()
     except Exception:
-        # Symbols, or rows of different lengths.
-        given = []
-    if len(given) != n or any(as_real(x) is None for x in given):
+        # CasADi symbols and rows of different lengths cannot be converted.
+        entries = []
+    if len(entries) != n or any(as_real(x) is None for x in entries):
         raise BeamdaeError(
             f"{KIND}: {name} must have {n} entries, finite numbers, got {short_repr(values)}."
         )
-    return np.array([require_finite(KIND, name, x) for x in given])
+    return np.array([require_finite(KIND, name, x) for x in entries])
 
 
 def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
-    """`values` as n entries, or none."""
-    found = tuple(require_sequence(KIND, name, values, f"a list of {n} entries, texts"))
-    if found and len(found) != n:
+    """Return `values` as a tuple of n entries, or an empty one."""
+    entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
+    if entries and len(entries) != n:
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} entries, got {len(found)}: {short_repr(values)}."
+            f"{KIND}: {name} must have {n} entries, got {len(entries)}: {short_repr(values)}."
         )
-    return found
+    return entries

@@ -1,4 +1,4 @@
-"""What is observed of a run after it: columns that its equations of motion did not have."""
+"""Observables added after a run."""
 
 from __future__ import annotations
 
@@ -23,31 +23,35 @@ from beamdae.symbolic.statements import Quantity
 def add_observable(
     e: EquationsOfMotion, name: str, what: Attachment | Quantity
 ) -> EquationsOfMotion:
-    """The equations of motion of a mechanism, which observe one quantity more.
+    """Return the equations of motion of a mechanism with one more observable.
 
     Raises
     ------
     BeamdaeError
-        If they are of no mechanism, or the quantity is not of a part it had when it ran.
+        If they are not those of a mechanism, or the quantity is that of another mechanism.
     """
-    mechanism = e.mechanism
+    name, mechanism = require_name("observe", name), e.mechanism
     if mechanism is None:
-        raise BeamdaeError(f"{require_name('observe', name)}: the run is not one of a mechanism.")
-    require_name("observe", name)
-    quantity, owners = as_quantity(name, what), map_coordinates(mechanism)
+        raise BeamdaeError(
+            f"{name}: the run is not one of a mechanism; observe columns of a ConstrainedSystem "
+            "by its parameter observe."
+        )
+    quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
     for piece in quantity.pieces:
-        if id(piece.owner) not in owners.sizes:
+        if id(piece.owner) not in coordinate_map.sizes:
             raise BeamdaeError(
-                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran."
+                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran; observe one "
+                "of its parts."
             )
-    require_pieces_fit(name, quantity.pieces, owners.sizes)
+    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     numbers = NumberStore(e.p)
     rows: dict[str, slice] = {}
     for row, multiplier in enumerate(e.lam_names):
         part = multiplier.rpartition(".")[0]
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
-    every = (*e.observables, build_observable(name, quantity, owners, numbers, rows))
-    require_unique_headers(e.coordinates, e.multipliers, every)
-    seen = copy(mechanism)
-    seen.observables = {**mechanism.observables, name: quantity}
-    return replace(e, observables=every, p=read_only_copy(numbers.all), mechanism=seen)
+    added = build_observable(name, quantity, coordinate_map, numbers, rows)
+    observables = (*e.observables, added)
+    require_unique_headers(e.coordinates, e.multipliers, observables)
+    observed = copy(mechanism)
+    observed.observables = {**mechanism.observables, name: quantity}
+    return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)

@@ -1,4 +1,4 @@
-"""Refusals: what a part states has to fit the bodies it refers to."""
+"""Checks that the statements of a part fit the bodies they refer to."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 
 def require_body_fits(part: Part) -> None:
-    """Refuse coordinates, their start, laws or an outline that are not what `Part` says."""
+    """Refuse coordinates, start values, laws or an outline that do not conform to `Part`."""
     coordinates = _require_list(part.name, "coordinates", part.coordinates, Named)
     for coordinate in coordinates:
         require_unit(part.name, coordinate.unit)
@@ -37,7 +37,7 @@ def require_body_fits(part: Part) -> None:
     for name, start in starts.items():
         try:
             shape = np.asarray(start, dtype=float).shape
-        except Exception:  # Whatever is made of numbers in name alone.
+        except Exception:  # Foreign array types may raise anything.
             shape = None
         if shape != (len(coordinates),):
             raise BeamdaeError(
@@ -61,37 +61,37 @@ def require_body_fits(part: Part) -> None:
 
 
 def require_unit(part: str, unit: Any) -> None:
-    """Refuse a unit that is no text, or means an angle in other words than "rad"."""
+    """Refuse a unit that is not a string, and other units of angles than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(
-            f"{part}: units must be texts such as 'm' and 'rad', got {short_repr(unit)}."
+            f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
         )
     if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
         raise BeamdaeError(f"{part}: angles must be in 'rad', got {short_repr(unit)}.")
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
-    """Refuse names that come twice."""
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise BeamdaeError(f"{part}: its {what} must differ, {', '.join(twice)} comes twice.")
+    """Refuse duplicate names."""
+    duplicates = [name for name, count in Counter(names).items() if count > 1]
+    if duplicates:
+        raise BeamdaeError(f"{part}: its {what} must differ, {', '.join(duplicates)} comes twice.")
 
 
 def require_columns_fit(part: str, columns: Any) -> None:
-    """Refuse columns of a quantity that are not named with a unit each."""
+    """Refuse columns of a quantity that are not `Named`, each with a unit."""
     for column in _require_list(part, "columns", columns, Named):
         require_unit(part, column.unit)
 
 
 def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
-    """Forces, constraints and ranges of a part, if they fit.
+    """Return the forces, constraints and ranges of a part.
 
-    `sizes` are those of bodies by identity.
+    `sizes` are the numbers of coordinates by the identity of the body.
 
     Raises
     ------
     BeamdaeError
-        If it has nothing to say, or states something of the wrong kind, name or shape.
+        If the part states nothing, or something of the wrong type, name or shape.
     """
     forces = _require_list(
         part.name,
@@ -107,8 +107,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
     )
     if not (forces or constraints or part.coordinates):
         raise BeamdaeError(
-            f"{part.name}: the part has nothing to say, it states neither coordinates nor forces() "
-            "nor constraints()."
+            f"{part.name}: the part has no effect; state coordinates, forces() or constraints()."
         )
     ranges = _require_list(
         part.name, "ranges()", call_part(part.name, "ranges()", part.ranges), RangeStatement
@@ -116,21 +115,21 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
     copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
     for statement in copied:
         _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
-    for held in constraints:
-        _require_statement_fits(part, held, (1,), sizes)
-        multipliers = _require_list(part.name, "multipliers", held.multipliers, Named)
-        if len(multipliers) != held.kernel.local.n_multipliers:
+    for constraint in constraints:
+        _require_statement_fits(part, constraint, (1,), sizes)
+        multipliers = _require_list(part.name, "multipliers", constraint.multipliers, Named)
+        if len(multipliers) != constraint.kernel.local.n_multipliers:
             raise BeamdaeError(
                 f"{part.name}: it names {len(multipliers)} multipliers for "
-                f"{held.kernel.local.n_multipliers} constraints, these must be as many."
+                f"{constraint.kernel.local.n_multipliers} constraints; name one for each."
             )
     return forces, constraints, ranges
 
 
-def call_part(part: str, what: str, question: Callable[..., Any], *given: Any) -> Any:
-    """What a part answers, or a sentence on why it failed to."""
+def call_part(part: str, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a method of a part; report any exception with the name of the part."""
     try:
-        return question(*given)
+        return function(*arguments)
     except BeamdaeError:
         raise
     except Exception as problem:
@@ -140,39 +139,41 @@ def call_part(part: str, what: str, question: Callable[..., Any], *given: Any) -
 def select_multipliers(
     forces: Sequence[ForceStatement], rows: Mapping[str, slice]
 ) -> np.ndarray | None:
-    """Which multipliers forces of one kernel depend on, `rows` being those of the parts, if any."""
-    found: list[int] = []
+    """Return the multipliers that forces of one kernel depend on; None without any.
+
+    `rows` are the multipliers of each part.
+    """
+    selected: list[int] = []
     for force in forces:
         count = force.kernel.local.n_multipliers
         if (force.joint is None) != (count == 0):
             raise BeamdaeError(
                 f"{force.part}: a force that depends on {count} multipliers must name the joint "
-                f"they are of, and no other force, got {short_repr(force.joint)}."
+                f"they belong to, and no other force may, got {short_repr(force.joint)}."
             )
         if force.joint is None:
             continue
-        own = rows.get(force.joint, slice(0, 0))
-        if own.stop - own.start != count:
+        available = rows.get(force.joint, slice(0, 0))
+        if available.stop - available.start != count:
             raise BeamdaeError(
                 f"{force.part}: it depends on {count} multipliers of {force.joint!r}, "
-                f"which has {own.stop - own.start}."
+                f"which has {available.stop - available.start}."
             )
-        found += range(own.start, own.stop)
-    return np.array(found) if found else None
+        selected += range(available.start, available.stop)
+    return np.array(selected) if selected else None
 
 
 def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
-    """Return `value` as a list if it is one of things of this kind."""
-    listed = isinstance(value, (tuple, list))
-    # A piece is a tuple itself.
-    if not listed or isinstance(value, (Piece, Named)):
+    """Return `value` as a list; refuse anything but a list or tuple of `kind`."""
+    # Pieces and names are tuples themselves.
+    if not isinstance(value, (tuple, list)) or isinstance(value, (Piece, Named)):
         raise BeamdaeError(
             f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."
         )
     for entry in value:
         if not isinstance(entry, kind):
             raise BeamdaeError(
-                f"{part}: {what} must hold {kind.__name__} alone, got {short_repr(entry)}."
+                f"{part}: {what} must contain only {kind.__name__}, got {short_repr(entry)}."
             )
     return list(value)
 
@@ -180,18 +181,18 @@ def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
 def _require_statement_fits(
     part: Part, statement: Statement, copies: tuple[int, ...], sizes: Sizes
 ) -> None:
-    """Refuse a statement whose name, kernel, pieces or data do not fit each other."""
+    """Refuse a statement whose name, kernel, pieces and data do not fit each other."""
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
-            f"{name}: its statements must bear its name, got {short_repr(statement.part)}."
+            f"{name}: its statements must carry its name, got {short_repr(statement.part)}."
         )
     if kernel.expression_error:
         raise BeamdaeError(f"{name}: {kernel.expression_error}.")
     if kernel.has_branches and not part.laws:
         raise BeamdaeError(
-            f"{name}: it follows a law of several pieces, which its property 'laws' must list: "
-            "integrators stop where one piece hands over to the next."
+            f"{name}: it follows a piecewise law; list the law in its property 'laws', so that "
+            "integrators stop at the breakpoints."
         )
     data, local = statement.data, kernel.local
     count = copies[0] if len(copies) == 1 else 0
@@ -205,13 +206,13 @@ def _require_statement_fits(
     rows = sum(piece.operator.shape[0] for piece in pieces)
     if rows != count * local.size:
         raise BeamdaeError(
-            f"{name}: its operators have {rows} rows for {count} x {local.size} local coordinates, "
-            "these must be as many."
+            f"{name}: its operators have {rows} rows for {count} x {local.size} local coordinates; "
+            "the numbers must agree."
         )
 
 
 def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None:
-    """Refuse operators on bodies of another mechanism, or of another width than the body has."""
+    """Refuse operators on bodies of another mechanism, or of the wrong number of columns."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
         name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)
