@@ -7,10 +7,10 @@ from pathlib import Path
 
 from beamdae.errors import BeamdaeError
 
-_GIGABYTE = 1e9
+_BYTES_PER_GIGABYTE = 1e9
 # Address space, which such limits are about, over memory in use: 2.8 in a run of 10 000 elements.
 # SuperLU breaks down with the process where it is short.
-_ADDRESSES = 2.5
+_ADDRESS_SPACE_RATIO = 2.5
 
 
 def available_memory() -> float:
@@ -18,10 +18,10 @@ def available_memory() -> float:
 
     What other processes leave of the machine's, and what a limit (`ulimit -v`) leaves.
     """
-    return min(_left_by_others(), _left_by_limit())
+    return min(_free_physical_memory(), _free_address_space())
 
 
-def _left_by_others() -> float:
+def _free_physical_memory() -> float:
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         kilobytes = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
@@ -35,7 +35,7 @@ def _left_by_others() -> float:
         return float("inf")
 
 
-def _left_by_limit() -> float:
+def _free_address_space() -> float:
     try:
         from resource import RLIM_INFINITY, RLIMIT_AS, getrlimit
 
@@ -43,7 +43,7 @@ def _left_by_limit() -> float:
         if limit == RLIM_INFINITY:
             return float("inf")
         pages = float(Path("/proc/self/statm").read_text().split()[0])
-        return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0) / _ADDRESSES
+        return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0) / _ADDRESS_SPACE_RATIO
     except (ImportError, OSError, ValueError):
         return float("inf")
 
@@ -59,11 +59,11 @@ def require_memory(part: str, what: str, needed: float, remedy: str) -> None:
     there = available_memory()
     if needed > there:
         raise BeamdaeError(
-            f"{part}: {what} needs about {gigabytes(needed)} of memory, {gigabytes(there)} are "
+            f"{part}: {what} needs about {format_gigabytes(needed)} of memory, {format_gigabytes(there)} are "
             f"left; {remedy}."
         )
 
 
-def gigabytes(size: float) -> str:
+def format_gigabytes(size: float) -> str:
     """A size [bytes] to be read."""
-    return f"{size / _GIGABYTE:.2g} GB"
+    return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"

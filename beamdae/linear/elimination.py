@@ -1,43 +1,42 @@
-"""Numbers of the factors of a matrix whose pivots and entries are known.
+"""Numeric factorization and solution of sparse matrices whose pivots and fill are known.
 
-Plain loops over arrays, which numba can compile: nothing here allocates, raises or calls Python.
-The matrix is eliminated column by column from the left with the pivots of a `Plan`, as KLU does it
-with a second set of numbers (Davis & Palamadai Natarajan, ACM Trans. Math. Softw. 37 (2010) 36).
+Plain loops over arrays that numba can compile: they do not allocate, raise or call Python. The
+matrix is eliminated column by column from the left with the pivots of an `EliminationPlan`, as KLU
+does for further numbers of one pattern (Davis & Palamadai Natarajan, ACM Trans. Math. Softw. 37
+(2010) 36).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
-
 Array = np.ndarray
 
-# Backward error of what counts as solved.
-_ACCURATE = 1e-10
-_MOST_REFINEMENTS = 2
+# Backward error up to which a system counts as solved.
+MAX_BACKWARD_ERROR = 1e-10
+# Steps of iterative refinement up to which pivots are used.
+MAX_REFINEMENTS = 2
 
 
-class Plan(NamedTuple):
-    """Pivots of a matrix, and what its factors hold.
+class EliminationPlan(NamedTuple):
+    """Pivots of a matrix and the pattern of its factors.
 
-    A position is one in the order of elimination. Integers are unsigned: compiled loops then need
-    not ask whether an index counts from the end.
+    A position is an index in the order of elimination. Integers are unsigned, which spares compiled
+    loops the check for negative indices.
 
     Attributes
     ----------
     rows, columns
-        Of the pivots, by position.
+        Rows and columns of the pivots, by position.
     scale
-        By which rows are multiplied, by position.
+        Factors of the rows, by position.
     starts, positions, sources
-        Columns of the matrix, by position: where they start, positions of their rows, and which
-        of the CSC non-zeros they are.
+        Columns of the matrix, by position: their starts, the positions of their rows, and the
+        indices of their CSC non-zeros.
     upper_starts, upper_rows, lower_starts, lower_rows
-        Columns of the factors above and below the diagonal: where they start, and positions of
+        Columns of the factors above and below the diagonal: their starts, and the positions of
         their rows, ascending.
     """
 
@@ -54,18 +53,18 @@ class Plan(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Numbers of the last matrix given, overwritten by the next one.
+    """Factors of the last matrix; the next one overwrites them.
 
     Attributes
     ----------
     matrix
-        Scaled entries in the order of `Plan.sources`.
+        Scaled entries of the matrix in the order of `EliminationPlan.sources`.
     upper, lower, inverse
-        Above and below the diagonal of the factors, and one over the pivots.
-    x, right, left, sizes
-        Work.
+        Entries of the factors above and below the diagonal, and one over the pivots.
+    x, right, residual, terms
+        Work arrays.
     refinements
-        Steps of iterative refinement of each solution; one number.
+        Steps of iterative refinement of each solution; shape (1,).
     """
 
     matrix: Array
@@ -74,21 +73,36 @@ class Factors(NamedTuple):
     inverse: Array
     x: Array
     right: Array
-    left: Array
-    sizes: Array
+    residual: Array
+    terms: Array
     refinements: Array
 
 
-def refactorize(plan: Plan, factors: Factors, nonzeros: Array) -> bool:
-    """Factorize the matrix with these CSC non-zeros; whether the pivots of the plan serve it.
+def empty_plan() -> EliminationPlan:
+    """Return the plan of a matrix without rows."""
+    none = np.zeros(0, np.uint32)
+    return EliminationPlan(none, none, np.zeros(0), *(none for _ in range(7)))
 
-    They do not where one is zero or not finite, nor where refinement does not make solutions
-    accurate.
+
+def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
+    """Return arrays for the factors of a plan."""
+    patterns = (plan.sources, plan.upper_rows, plan.lower_rows)
+    matrix, upper, lower = (np.zeros(len(rows), dtype) for rows in patterns)
+    inverse, x, right, residual = np.zeros((4, len(plan.rows)), dtype)
+    terms, refinements = np.zeros(len(plan.rows)), np.zeros(1, np.int64)
+    return Factors(matrix, upper, lower, inverse, x, right, residual, terms, refinements)
+
+
+def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
+    """Factorize the matrix with these CSC non-zeros; return False if the pivots are unsuitable.
+
+    They are unsuitable if one of them is zero or not finite, or if refinement does not make
+    solutions accurate.
     """
-    return _eliminate(plan, factors, nonzeros) and _is_accurate(plan, factors)
+    return _eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
 
 
-def solve(plan: Plan, factors: Factors, right: Array) -> None:
+def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
     """Replace a right-hand side by the solution."""
     rows, columns, scale = plan.rows, plan.columns, plan.scale
     x, scaled = factors.x, factors.right
@@ -96,19 +110,20 @@ def solve(plan: Plan, factors: Factors, right: Array) -> None:
         scaled[k] = x[k] = scale[k] * right[rows[k]]
     lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
     upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
-    inverse = factors.inverse
+    inverse, residual, terms = factors.inverse, factors.residual, factors.terms
     _substitute(lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, x)
     for _ in range(factors.refinements[0]):
-        left = factors.left
-        _measure(plan.starts, plan.positions, factors.matrix, x, scaled, left, factors.sizes)
-        _substitute(lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, left)
+        _update_residual(plan.starts, plan.positions, factors.matrix, x, scaled, residual, terms)
+        _substitute(
+            lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, residual
+        )
         for k in range(len(x)):
-            x[k] += left[k]
+            x[k] += residual[k]
     for k in range(len(x)):
         right[columns[k]] = x[k]
 
 
-def _eliminate(plan: Plan, factors: Factors, nonzeros: Array) -> bool:
+def _eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     scale, starts, positions, sources = plan.scale, plan.starts, plan.positions, plan.sources
     upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
     lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
@@ -151,7 +166,10 @@ def _substitute(
     inverse: Array,
     x: Array,
 ) -> None:
-    """Replace x by the solution, without refinement. Few arguments: they take time to pass."""
+    """Replace x by the solution, without refinement.
+
+    Arrays are passed one by one: passing a plan to compiled code takes longer.
+    """
     size = len(x)
     for k in range(size):
         value = x[k]
@@ -165,135 +183,66 @@ def _substitute(
             x[upper_rows[p]] -= upper[p] * value
 
 
-def _is_accurate(plan: Plan, factors: Factors) -> bool:
-    """Set how often solutions have to be refined; whether that is seldom enough.
+def _set_refinements(plan: EliminationPlan, factors: Factors) -> bool:
+    """Set the number of refinements; return False if `MAX_REFINEMENTS` are not enough.
 
-    Measured by the backward error of Oettli & Prager, of an equation relative to its terms, for
-    a solution to which all columns contribute alike.
+    The measure is the backward error of Oettli & Prager, relative to the terms of each equation,
+    for a solution to which all columns contribute equally.
     """
     lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
     upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
     starts, positions, matrix = plan.starts, plan.positions, factors.matrix
-    inverse, x, right, left = factors.inverse, factors.x, factors.right, factors.left
+    inverse, x, right, residual = factors.inverse, factors.x, factors.right, factors.residual
     for k in range(len(x)):
         x[k] = right[k] = 0.0
     for j in range(len(x)):
         largest = 0.0
         for e in range(starts[j], starts[j + 1]):
-            largest = max(largest, _size(matrix[e]))
-        known = 1.0 / largest
+            largest = max(largest, _estimate_modulus(matrix[e]))
+        exact = 1.0 / largest
         for e in range(starts[j], starts[j + 1]):
-            right[positions[e]] += matrix[e] * known
+            right[positions[e]] += matrix[e] * exact
     for k in range(len(x)):
-        left[k] = right[k]
-    for refinements in range(_MOST_REFINEMENTS + 1):
-        _substitute(lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, left)
+        residual[k] = right[k]
+    for refinements in range(MAX_REFINEMENTS + 1):
+        _substitute(
+            lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, residual
+        )
         for k in range(len(x)):
-            x[k] += left[k]
-        if _measure(starts, positions, matrix, x, right, left, factors.sizes):
+            x[k] += residual[k]
+        if _update_residual(starts, positions, matrix, x, right, residual, factors.terms):
             factors.refinements[0] = refinements
             return True
     return False
 
 
-def _measure(
+def _update_residual(
     starts: Array,
     positions: Array,
     matrix: Array,
     x: Array,
     right: Array,
-    left: Array,
-    sizes: Array,
+    residual: Array,
+    terms: Array,
 ) -> bool:
-    """Set `left` to what x leaves of the right-hand side; whether that is little."""
+    """Set `residual` to right - matrix x; return True if x counts as the solution."""
     for k in range(len(x)):
-        left[k] = right[k]
-        sizes[k] = _size(right[k])
+        residual[k] = right[k]
+        terms[k] = _estimate_modulus(right[k])
     for j in range(len(x)):
         value = x[j]
-        size = _size(value)
+        size = _estimate_modulus(value)
         for e in range(starts[j], starts[j + 1]):
             row = positions[e]
-            left[row] -= matrix[e] * value
-            sizes[row] += _size(matrix[e]) * size
-    little = True
+            residual[row] -= matrix[e] * value
+            terms[row] += _estimate_modulus(matrix[e]) * size
+    is_solved = True
     for k in range(len(x)):
-        # What is not a number is not little.
-        little &= _size(left[k]) <= _ACCURATE * sizes[k]
-    return little
+        # Written so that NaN counts as unsolved.
+        is_solved &= _estimate_modulus(residual[k]) <= MAX_BACKWARD_ERROR * terms[k]
+    return is_solved
 
 
-def _size(value: complex) -> float:
-    """Modulus within a factor of 1.4: that of a complex number takes as long as ten products."""
+def _estimate_modulus(value: complex) -> float:
+    """Return the modulus within a factor of 1.4; the exact one takes as long as ten products."""
     return abs(value.real) + abs(value.imag)
-
-
-@dataclass(slots=True)
-class Linear:
-    """Factors of one matrix after the other, in a loop.
-
-    Attributes
-    ----------
-    plan, factors
-        Pivots and numbers.
-    asks
-        Whether the loop came back for other pivots.
-    fresh
-        Whether the pivots have yet to serve a matrix.
-    singular
-        Whether there are no pivots for the matrix of the step under way.
-    factorizations, solves
-        How many there were.
-    """
-
-    plan: Plan
-    factors: Factors
-    asks: int = 0
-    fresh: int = 0
-    singular: int = 0
-    factorizations: int = 0
-    solves: int = 0
-
-    @classmethod
-    def empty(cls, dtype: type) -> Linear:
-        """One that asks for pivots first."""
-        plan = no_plan()
-        return cls(plan, factors_of(plan, dtype))
-
-    def take(self, plan: Plan) -> None:
-        """Go on with other pivots."""
-        self.plan, self.factors = plan, factors_of(plan, self.factors.matrix.dtype)
-        self.fresh = 1
-
-
-def no_plan() -> Plan:
-    """Of a matrix without rows."""
-    none = np.zeros(0, np.uint32)
-    return Plan(none, none, np.zeros(0), *(none for _ in range(7)))
-
-
-def factors_of(plan: Plan, dtype: Any) -> Factors:
-    """Room for the factors."""
-    entries = (plan.sources, plan.upper_rows, plan.lower_rows)
-    matrix, upper, lower = (np.zeros(len(rows), dtype) for rows in entries)
-    inverse, x, right, left = np.zeros((4, len(plan.rows)), dtype)
-    sizes, refinements = np.zeros(len(plan.rows)), np.zeros(1, np.int64)
-    return Factors(matrix, upper, lower, inverse, x, right, left, sizes, refinements)
-
-
-def factorize_linear(linear: Linear, nonzeros: Array) -> int:
-    """Factorize a matrix; DONE, NEW_PIVOTS or SINGULAR."""
-    if linear.singular == 1:
-        return SINGULAR
-    if linear.plan.rows.size == 0 or not refactorize(linear.plan, linear.factors, nonzeros):
-        linear.asks = 1
-        return NEW_PIVOTS
-    linear.factorizations += 1
-    linear.fresh = 0
-    return DONE
-
-
-def solve_linear(linear: Linear, right: Array) -> None:
-    """Solve with the last factors, in place."""
-    linear.solves += 1
-    solve(linear.plan, linear.factors, right)

@@ -1,12 +1,13 @@
-"""Which pivots a matrix is eliminated with, and what its factors hold.
+"""Choice of pivots for one pattern, and the fill that follows from them.
 
-All of this is done once for many matrices of one pattern: `elimination` then works with new numbers
-alone. Scaling and pivots are found with one set of numbers; which entries the factors have follows
-from the pattern, so that it holds for every other set, and for every run that has the same pivots.
+This is done once for many matrices of one pattern; `elimination` then works on new numbers alone.
+Scaling and pivots are chosen for one set of numbers. The fill follows from pattern and pivots
+alone, so that it is valid for other numbers, and for other runs with the same pivots.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import chain
@@ -14,87 +15,91 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU
 
-from beamdae.linear.elimination import Plan
+from beamdae.linear.elimination import EliminationPlan
 from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.fill import fill
-from beamdae.linear.orderings import bordered
+from beamdae.linear.orderings import (
+    compute_bordered_ordering,
+    factorize_in_order,
+    factorize_with_partial_pivoting,
+    invert_to_power_of_two,
+)
 
 Array = np.ndarray
 
-# Rows of the border are pivots where those of the band have nothing this times as large.
-_BORDER = 2.0**-60
-# Pivots of the band are diagonal from this share of the largest on: they keep the band narrow.
-_DIAGONAL = 0.1
-_LEAST_EXPONENT = -1000
-# What follows from patterns and pivots is kept for so many of them, of matrices of this size.
-_MOST_KEPT = 32
-_LARGEST_KEPT = 3000
+# Number of patterns for which orderings and plans are cached.
+_MAX_CACHED_PATTERNS = 32
+# Number of unknowns up to which they are cached.
+_MAX_CACHED_SIZE = 3000
 
 
-def plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[Plan]:
-    """Pivots that may serve matrices like this one, the best first.
+def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
+    """Yield elimination plans for a matrix and others like it, the preferred one first.
+
+    The first plan has pivots within the band where it has some, and within the border otherwise
+    (see `orderings.compute_bordered_ordering`); it is sparse, but may lack accuracy. The second one
+    has the column order of SuperLU and the largest pivots.
 
     Parameters
     ----------
     pattern
-        Of a square matrix; its numbers do not matter.
+        Pattern of a square matrix; its numbers are not used.
     nonzeros
         CSC non-zeros, real or complex.
 
     Raises
     ------
     SingularMatrixError
-        If the matrix has none.
+        If the matrix is singular or not finite.
     """
     size = pattern.shape[0]
     if not np.isfinite(nonzeros).all():
         raise SingularMatrixError("the matrix is not finite")
-    occupied = np.bincount(pattern.indices, minlength=size)
-    if (occupied == 0).any() or (np.diff(pattern.indptr) == 0).any():
+    row_counts = np.bincount(pattern.indices, minlength=size)
+    if (row_counts == 0).any() or (np.diff(pattern.indptr) == 0).any():
         raise SingularMatrixError("the matrix is singular")
-    told = _Told(
+    key = _PatternKey(
         pattern.indptr.astype(np.int64).tobytes(), pattern.indices.astype(np.int64).tobytes()
     )
-    scale = _row_scale(pattern, nonzeros)
+    is_cached = size <= _MAX_CACHED_SIZE
+    order_pattern = _cached_order_pattern if is_cached else _order_pattern
+    scale = _compute_row_scale(pattern, nonzeros)
     try:
-        for rows, columns in _pivots(told, nonzeros, scale):
-            yield _plan(told, rows, columns, scale)
+        bordered = order_pattern(key)
+        factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
+        yield _plan(key, is_cached, bordered, factors, scale)
+        natural = _natural_order(key)
+        factors = factorize_with_partial_pivoting(_scale_matrix(natural, nonzeros, scale))
+        yield _plan(key, is_cached, natural, factors, scale)
     except RuntimeError as problem:
         raise SingularMatrixError("the matrix is singular") from problem
 
 
-class _Told(NamedTuple):
-    """A CSC pattern as what tells it from others."""
+class _PatternKey(NamedTuple):
+    """A CSC pattern as a hashable key: its `indptr` and `indices` as bytes of int64."""
 
     starts: bytes
     indices: bytes
 
-    @property
-    def size(self) -> int:
-        return len(self.starts) // 8 - 1
-
-    def matrix(self, values: Array) -> sp.csc_array:
+    def entry_numbers(self) -> sp.csc_array:
+        """Return the matrix whose entries are their indices among the non-zeros."""
         starts, indices = (np.frombuffer(x, np.int64) for x in self)
-        return sp.csc_array((values, indices, starts), shape=(self.size,) * 2)
-
-    def numbered(self) -> sp.csc_array:
-        """The matrix whose entries are where they stand."""
-        return self.matrix(np.arange(len(self.indices) // 8))
+        size = len(starts) - 1
+        return sp.csc_array((np.arange(len(indices)), indices, starts), shape=(size, size))
 
 
-class _Ordered(NamedTuple):
-    """A matrix with rows and columns in another order, and in which sizes its rows are.
+class _OrderedPattern(NamedTuple):
+    """A pattern with permuted rows and columns.
 
     Attributes
     ----------
     order
-        Of rows and columns.
+        Permutation of rows and columns.
     starts, indices, sources
-        CSC pattern, and which of the non-zeros its entries are.
+        Permuted CSC pattern, and the indices of its entries among the non-zeros.
     weights
-        Of the rows.
+        Sizes to which the rows are scaled.
     """
 
     order: Array
@@ -104,95 +109,131 @@ class _Ordered(NamedTuple):
     weights: Array
 
 
-def _ordered(told: _Told) -> _Ordered:
-    """The order of `orderings.bordered`, those of the border far smaller than the others."""
-    numbered = told.numbered()
-    order, border = bordered(numbered)
-    found = sp.csc_array(numbered[order][:, order])
-    found.sort_indices()
-    weights = np.where(np.arange(len(order)) < len(order) - border, 1.0, _BORDER)
-    return _Ordered(order, found.indptr, found.indices, found.data, weights)
-
-
-_kept_ordered = lru_cache(maxsize=_MOST_KEPT)(_ordered)
-
-
-def _pivots(told: _Told, nonzeros: Array, scale: Array) -> Iterator[tuple[Array, Array]]:
-    """Rows and columns in orders of elimination, the first one the best if it is accurate.
-
-    Rows are scaled to size 1, those of the border to far less: so partial pivoting stays within the
-    band where there is a pivot, and goes on within the border. The other order is SuperLU's, which
-    takes the largest pivots.
-    """
-    small = told.size <= _LARGEST_KEPT
-    yield _superlu(
-        (_kept_ordered if small else _ordered)(told), nonzeros, scale, "NATURAL", _DIAGONAL
+def _order_pattern(key: _PatternKey) -> _OrderedPattern:
+    entry_numbers = key.entry_numbers()
+    ordering = compute_bordered_ordering(entry_numbers)
+    permuted = sp.csc_array(entry_numbers[ordering.order][:, ordering.order])
+    permuted.sort_indices()
+    return _OrderedPattern(
+        ordering.order, permuted.indptr, permuted.indices, permuted.data, ordering.row_weights
     )
-    every = told.numbered()
-    plain = _Ordered(
-        np.arange(told.size), every.indptr, every.indices, every.data, np.ones(told.size)
+
+
+_cached_order_pattern = lru_cache(maxsize=_MAX_CACHED_PATTERNS)(_order_pattern)
+
+
+def _natural_order(key: _PatternKey) -> _OrderedPattern:
+    numbers = key.entry_numbers()
+    size = numbers.shape[0]
+    return _OrderedPattern(
+        np.arange(size), numbers.indptr, numbers.indices, numbers.data, np.ones(size)
     )
-    yield _superlu(plain, nonzeros, scale, "COLAMD", 1.0)
 
 
-def _superlu(
-    at: _Ordered, nonzeros: Array, scale: Array, method: str, threshold: float
-) -> tuple[Array, Array]:
-    """Rows and columns as SuperLU orders them, after they have been brought into an order.
-
-    Diagonal pivots count as large enough from this share of the largest on.
-    """
-    weights = scale[at.order] * at.weights
-    values = nonzeros[at.sources] * weights[at.indices]
-    ordered = sp.csc_matrix((values, at.indices, at.starts), shape=(len(weights),) * 2)
-    found = splu(ordered, method, threshold, relax=1, panel_size=1)
-    return at.order[np.argsort(found.perm_r)], at.order[np.argsort(found.perm_c)]
+def _scale_matrix(ordered: _OrderedPattern, nonzeros: Array, scale: Array) -> sp.csc_matrix:
+    weights = scale[ordered.order] * ordered.weights
+    values = nonzeros[ordered.sources] * weights[ordered.indices]
+    return sp.csc_matrix(
+        (values, ordered.indices, ordered.starts), shape=(len(weights), len(weights))
+    )
 
 
-def _row_scale(pattern: sp.csc_array, nonzeros: Array) -> Array:
-    """Powers of two near to one over the largest size in each row."""
+def _compute_row_scale(pattern: sp.csc_array, nonzeros: Array) -> Array:
+    """Return powers of two close to 1 / the largest magnitude in each row."""
     largest = np.zeros(pattern.shape[0])
     np.maximum.at(largest, pattern.indices, np.abs(nonzeros))
-    _, exponent = np.frexp(largest)
-    return np.ldexp(1.0, -np.maximum(exponent, _LEAST_EXPONENT))
+    return invert_to_power_of_two(largest)
 
 
-def _plan(told: _Told, rows: Array, columns: Array, scale: Array) -> Plan:
-    small = told.size <= _LARGEST_KEPT
-    symbolic = (_kept_plan if small else _symbolic_plan)(told, rows.tobytes(), columns.tobytes())
-    return symbolic._replace(scale=scale[rows])
+def _plan(
+    key: _PatternKey, is_cached: bool, ordered: _OrderedPattern, factors: SuperLU, scale: Array
+) -> EliminationPlan:
+    """Return the plan with the pivots of these factors."""
+    rows = ordered.order[np.argsort(factors.perm_r)]
+    columns = ordered.order[np.argsort(factors.perm_c)]
+    analyze = _cached_analyze_pattern if is_cached else _analyze_pattern
+    return analyze(key, rows.tobytes(), columns.tobytes())._replace(scale=scale[rows])
 
 
-def _symbolic_plan(told: _Told, rows_told: bytes, columns_told: bytes) -> Plan:
-    """A plan but for the scale of its rows."""
-    rows, columns = (np.frombuffer(x, np.int64) for x in (rows_told, columns_told))
+def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
+    """Return the plan for pivots in these rows and columns, without the scale of its rows."""
+    rows, columns = (np.frombuffer(x, np.int64) for x in (row_bytes, column_bytes))
     position = np.empty(len(rows), int)
     position[rows] = np.arange(len(rows))
-    numbered = told.numbered()
+    numbers = key.entry_numbers()
     permuted = sp.csc_array(
-        (numbered.data, position[numbered.indices], numbered.indptr), shape=numbered.shape
+        (numbers.data, position[numbers.indices], numbers.indptr), shape=numbers.shape
     )[:, columns]
-    upper, lower = fill(permuted.indptr.tolist(), permuted.indices.tolist())
-    return Plan(
-        _unsigned(rows),
-        _unsigned(columns),
-        np.ones(0),
-        _unsigned(permuted.indptr),
-        _unsigned(permuted.indices),
-        _unsigned(permuted.data),
-        *_flat(upper),
-        *_flat(lower),
+    upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
+    upper_starts, upper_rows = _flatten_columns(upper)
+    lower_starts, lower_rows = _flatten_columns(lower)
+    return EliminationPlan(
+        rows=_to_unsigned(rows),
+        columns=_to_unsigned(columns),
+        scale=np.ones(0),
+        starts=_to_unsigned(permuted.indptr),
+        positions=_to_unsigned(permuted.indices),
+        sources=_to_unsigned(permuted.data),
+        upper_starts=upper_starts,
+        upper_rows=upper_rows,
+        lower_starts=lower_starts,
+        lower_rows=lower_rows,
     )
 
 
-_kept_plan = lru_cache(maxsize=_MOST_KEPT)(_symbolic_plan)
+_cached_analyze_pattern = lru_cache(maxsize=_MAX_CACHED_PATTERNS)(_analyze_pattern)
 
 
-def _flat(columns: list[list[int]]) -> tuple[Array, Array]:
-    """Starts of the columns, and their rows one after the other."""
+def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
+    """Return the starts of the columns, and their rows one after the other."""
     starts = np.cumsum([0, *map(len, columns)])
-    return _unsigned(starts), _unsigned(np.fromiter(chain.from_iterable(columns), int, starts[-1]))
+    rows = np.fromiter(chain.from_iterable(columns), int, starts[-1])
+    return _to_unsigned(starts), _to_unsigned(rows)
 
 
-def _unsigned(numbers: Array) -> Array:
+def _to_unsigned(numbers: Array) -> Array:
     return numbers.astype(np.uint32)
+
+
+def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]], list[list[int]]]:
+    """Return the rows above and below the diagonal of each column of the factors, ascending.
+
+    The pattern is that of arbitrary numbers: cancellation is not considered. A column contains
+    what its entries reach through the columns before it. Of each of these only the rows down to
+    the first symmetric one have to be followed (Eisenstat & Liu, SIAM J. Matrix Anal. Appl. 13
+    (1992) 202).
+
+    Parameters
+    ----------
+    starts, indices
+        CSC pattern of the matrix; its pivots are the diagonal entries, in order.
+    """
+    size = len(starts) - 1
+    above: list[list[int]] = []
+    below: list[list[int]] = []
+    followed_rows: list[list[int]] = []
+    is_pruned = [False] * size
+    last_visit = [-1] * size
+    for j in range(size):
+        last_visit[j] = j
+        reached = []
+        stack = indices[starts[j] : starts[j + 1]]
+        while stack:
+            row = stack.pop()
+            if last_visit[row] != j:
+                last_visit[row] = j
+                reached.append(row)
+                if row < j:
+                    stack.extend(followed_rows[row])
+        reached.sort()
+        split = bisect_left(reached, j)
+        above.append(reached[:split])
+        below.append(reached[split:])
+        followed_rows.append(below[j])
+        for k in above[j]:
+            if not is_pruned[k]:
+                place = bisect_left(below[k], j)
+                if place < len(below[k]) and below[k][place] == j:
+                    followed_rows[k] = below[k][: place + 1]
+                    is_pruned[k] = True
+    return above, below

@@ -1,4 +1,4 @@
-"""Solutions of saddle point systems, of a few right sides each."""
+"""Factorization of saddle-point (KKT) matrices, for a few right sides each."""
 
 from __future__ import annotations
 
@@ -15,15 +15,23 @@ Array = np.ndarray
 def factorize_saddle_point(
     block: sp.sparray, reactions: sp.sparray, rows: sp.sparray
 ) -> Callable[[Array], Array] | None:
-    """What solves [[block, reactions], [rows, 0]] x = right; None if that is singular."""
+    """Return a solver of [[block, reactions], [rows, 0]] x = right, or None if it is singular.
+
+    Parameters
+    ----------
+    block
+        (n, n).
+    reactions, rows
+        (n, m) and (m, n); m may be zero.
+    """
     matrix = block
     if rows.shape[0]:
         matrix = sp.block_array([[block, reactions], [rows, None]])
-    own = sp.csc_array(matrix)
-    own.sort_indices()
-    solver = create_factorization(own)
+    saddle_point = sp.csc_array(matrix)
+    saddle_point.sort_indices()
+    solver = create_factorization(saddle_point)
     try:
-        solver.factorize(own.data)
+        solver.factorize(saddle_point.data)
     except SingularMatrixError:
         return None
     return solver.solve

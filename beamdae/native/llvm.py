@@ -15,15 +15,15 @@ from typing import Any
 
 from beamdae.errors import format_exception
 
-_numbers = count()
+_library_numbers = count()
 
 
-class MachineError(Exception):
+class MachineCodeError(Exception):
     """Machine code that cannot be had; the message names what fails and says why."""
 
 
 @cache
-def recipe() -> tuple[str, ...]:
+def describe_target() -> tuple[str, ...]:
     """What an object depends on besides IR and level: system, processor and compiler.
 
     Raises
@@ -38,7 +38,7 @@ def recipe() -> tuple[str, ...]:
     return (llvm.get_process_triple(), cpu, features, f"llvmlite {llvmlite.__version__}", version)
 
 
-def compiled(ir: str, level: int) -> bytes:
+def compile_module(ir: str, level: int) -> bytes:
     """The object of a module of LLVM IR, for this machine.
 
     Parameters
@@ -63,10 +63,10 @@ def compiled(ir: str, level: int) -> bytes:
         passes.getModulePassManager().run(module, passes)
         return bytes(target.emit_object(module))
     except RuntimeError as problem:
-        raise MachineError(f"LLVM cannot compile kernels ({_first_line(problem)})") from problem
+        raise MachineCodeError(f"LLVM cannot compile kernels ({_first_line(problem)})") from problem
 
 
-def linked(texts: Iterable[str], wanted: Container[str]) -> str:
+def link_modules(texts: Iterable[str], wanted: Container[str]) -> str:
     """One module of LLVM IR of several; of their functions only those wanted have to stay.
 
     Raises
@@ -81,7 +81,7 @@ def linked(texts: Iterable[str], wanted: Container[str]) -> str:
         for other in others:
             whole.link_in(other)
     except RuntimeError as problem:
-        raise MachineError(f"LLVM cannot link loops ({_first_line(problem)})") from problem
+        raise MachineCodeError(f"LLVM cannot link loops ({_first_line(problem)})") from problem
     for function in whole.functions:
         is_open = not function.is_declaration and function.linkage == llvm.Linkage.external
         if is_open and function.name not in wanted:
@@ -89,7 +89,7 @@ def linked(texts: Iterable[str], wanted: Container[str]) -> str:
     return str(whole)
 
 
-class Loaded:
+class LoadedObject:
     """An object in memory; its code stays there as long as this does.
 
     Attributes
@@ -104,7 +104,7 @@ class Loaded:
         names: Iterable[str],
         imports: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        """Load what `compiled` made, in this or an earlier process, and nothing else.
+        """Load what `compile_module` made, in this or an earlier process, and nothing else.
 
         LLVM ends the process over bytes that are no object.
 
@@ -128,9 +128,11 @@ class Loaded:
             builder.export_symbol(name)
         try:
             # A library of its own each: objects may have symbols of the same name.
-            library = builder.link(engine, f"{next(_numbers)}")
+            library = builder.link(engine, f"{next(_library_numbers)}")
         except RuntimeError as problem:
-            raise MachineError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
+            raise MachineCodeError(
+                f"LLVM cannot load kernels ({_first_line(problem)})"
+            ) from problem
         self.addresses = {name: int(library[name]) for name in names}
         # The library is released before the engine it is part of.
         self._library, self._engine = library, engine
@@ -146,13 +148,13 @@ def library_address(name: str) -> int:
         If it has none.
     """
     try:
-        return int(ctypes.cast(getattr(_mathematics(), name), ctypes.c_void_p).value or 0)
+        return int(ctypes.cast(getattr(_math_library(), name), ctypes.c_void_p).value or 0)
     except (AttributeError, OSError) as problem:
-        raise MachineError(f"the C library has no function {name}") from problem
+        raise MachineCodeError(f"the C library has no function {name}") from problem
 
 
 @cache
-def _mathematics() -> ctypes.CDLL:
+def _math_library() -> ctypes.CDLL:
     if sys.platform == "win32":
         return ctypes.CDLL("ucrtbase")
     if sys.platform.startswith("linux"):
@@ -168,7 +170,7 @@ def _llvmlite() -> Any:
         import llvmlite.binding
     # The latter of a library of it that is not there.
     except (ImportError, OSError) as problem:
-        raise MachineError(
+        raise MachineCodeError(
             f"llvmlite cannot be imported ({format_exception(problem)})"
         ) from problem
     return llvmlite
@@ -199,9 +201,9 @@ def _engine() -> Any:
         llvm.check_jit_execution()
         return llvm.create_lljit_compiler(_target(), suppress_errors=True)
     except OSError as problem:
-        raise MachineError("this system executes nothing that was not installed") from problem
+        raise MachineCodeError("this system executes nothing that was not installed") from problem
     except RuntimeError as problem:
-        raise MachineError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
+        raise MachineCodeError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
 
 
 def _first_line(problem: BaseException) -> str:

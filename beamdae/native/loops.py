@@ -24,27 +24,26 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import format_exception
-from beamdae.linear import elimination
-from beamdae.native import vectors
-from beamdae.native.llvm import Loaded, MachineError
-from beamdae.native.object_code import Source, is_on, machine_code
+from beamdae.native import linear_solver, loop_functions
+from beamdae.native.llvm import LoadedObject, MachineCodeError
+from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
 
 Array = np.ndarray
 
-_LEVEL = 2
+_OPTIMIZATION_LEVEL = 2
 # What the machine code of a loop depends on besides its source.
-_COMPILING = ("vectors", "overloads", "structs", "numba_compiler")
+_RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
 # What stands behind functions of `vectors` that are more than a loop.
-_BEHIND: dict[Any, Any] = {
-    vectors.factorize: elimination.factorize_linear,
-    vectors.solve: elimination.solve_linear,
+_IMPLEMENTATIONS: dict[Any, Any] = {
+    loop_functions.factorize: linear_solver.factorize_linear,
+    loop_functions.solve: linear_solver.solve_linear,
 }
-_CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 # Symbol, function and arguments of what is compiled into one module.
-_Entries = tuple[tuple[str, tuple[Any, str]], ...]
+_EntryPoints = tuple[tuple[str, tuple[Any, str]], ...]
 
 
-def prepared(function: Any, make: Any, native: bool) -> tuple[Any, Loop | None]:
+def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledLoop | None]:
     """What a loop works on, and the loop; None where plain Python has to do.
 
     `make` makes the former, for machine code or for plain Python; `native` is whether the first is
@@ -52,12 +51,12 @@ def prepared(function: Any, make: Any, native: bool) -> tuple[Any, Loop | None]:
     """
     if native:
         work = make(True)
-        with suppress(MachineError):
-            return work, Loop(function, work)
+        with suppress(MachineCodeError):
+            return work, CompiledLoop(function, work)
     return make(False), None
 
 
-class Loop:
+class CompiledLoop:
     """A loop in machine code, bound to the object it works on.
 
     Attributes
@@ -85,8 +84,8 @@ class Loop:
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
         entries = {"loop": (function, "@"), **callbacks}
-        self.addresses = _machine_code(tuple(entries.items()), self._kind)
-        self._call = _CALL(self.addresses["loop"])
+        self.addresses = _load_entries(tuple(entries.items()), self._kind)
+        self._call = _LOOP_SIGNATURE(self.addresses["loop"])
         # What the table points to.
         self._work = work
 
@@ -139,7 +138,7 @@ class _Layout:
 
     def _of(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
         start, found = len(self.words), []
-        for name in _names(owner):
+        for name in _field_names(owner):
             value, word = getattr(owner, name), len(self.words)
             if type(value) is tuple:
                 continue
@@ -159,17 +158,17 @@ class _Layout:
         return type(owner).__name__, tuple(found)
 
 
-def _names(owner: Any) -> tuple[str, ...]:
+def _field_names(owner: Any) -> tuple[str, ...]:
     """Fields of a dataclass, or of a named tuple."""
     return getattr(owner, "_fields", None) or tuple(field.name for field in fields(owner))
 
 
-def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[str]:
+def _iterate_code(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[str]:
     """What a function consists of: its bytecode, that of those it calls, and the constants.
 
     Bytecode is what numba compiles; reading sources takes as long as the steps of a short run.
     """
-    if function in found or function.__module__ == vectors.__name__:
+    if function in found or function.__module__ == loop_functions.__name__:
         return
     found[function] = None
     code = function.__code__
@@ -178,7 +177,7 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
     for name in code.co_names:
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
-            yield from _parts(_BEHIND.get(value, value), found)
+            yield from _iterate_code(_IMPLEMENTATIONS.get(value, value), found)
         elif isinstance(value, (int, float, complex, tuple)):
             yield f"{name} = {value!r}"
         elif isinstance(value, np.ndarray):
@@ -189,7 +188,7 @@ def _parts(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[
 def _versions() -> str:
     return "\n".join(
         [f"numba {_numba_version()}", sys.version]
-        + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _COMPILING]
+        + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _RECIPE_MODULES]
     )
 
 
@@ -200,50 +199,50 @@ def _numba_version() -> str:
         return "none"
 
 
-_loaded: dict[Any, Loaded | None] = {}
+_loaded_objects: dict[Any, LoadedObject | None] = {}
 # Of two threads that load the same, the second would take the place of what the first runs.
-_loading = threading.Lock()
+_loading_lock = threading.Lock()
 
 
-def _machine_code(entries: _Entries, kind: Any) -> dict[str, int]:
-    if not is_on():
-        raise MachineError("machine code is not wanted")
+def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
+    if not is_native_enabled():
+        raise MachineCodeError("machine code is not wanted")
     name = entries[0][1][0].__name__
     key = (entries, kind)
-    with _loading:
-        if key not in _loaded:
+    with _loading_lock:
+        if key not in _loaded_objects:
             called: dict[FunctionType, None] = {}
             text = [repr(kind), _versions()]
             for symbol, (function, arguments) in entries:
-                text += [symbol, arguments, *_parts(function, called)]
-            source = Source(
+                text += [symbol, arguments, *_iterate_code(function, called)]
+            source = ObjectSource(
                 name,
                 "\n".join(text),
                 tuple(symbol for symbol, _ in entries),
-                level=_LEVEL,
-                ir=lambda: _compiled(entries, tuple(called), kind),
+                level=_OPTIMIZATION_LEVEL,
+                ir=lambda: _compile_entries(entries, tuple(called), kind),
             )
-            _loaded[key] = machine_code(source, lambda code: True)
-        code = _loaded[key]
+            _loaded_objects[key] = load_object(source, lambda code: True)
+        code = _loaded_objects[key]
     if code is None:
-        raise MachineError(f"{name}: it cannot be compiled")
+        raise MachineCodeError(f"{name}: it cannot be compiled")
     return code.addresses
 
 
-def _compiled(entries: _Entries, parts: tuple[FunctionType, ...], kind: Any) -> str:
+def _compile_entries(entries: _EntryPoints, parts: tuple[FunctionType, ...], kind: Any) -> str:
     """LLVM IR of loops of one object, with everything they need."""
-    with _without_collections():
+    with _pause_garbage_collection():
         try:
             from beamdae.native import numba_compiler
         except ImportError as problem:
-            raise MachineError(
+            raise MachineCodeError(
                 f"numba cannot be imported ({format_exception(problem)})"
             ) from problem
-        return numba_compiler.ir(dict(entries), parts, kind)
+        return numba_compiler.compile_loops(dict(entries), parts, kind)
 
 
 @contextmanager
-def _without_collections() -> Iterator[None]:
+def _pause_garbage_collection() -> Iterator[None]:
     """Python looks for garbage later: numba makes objects by the million, most of which stay."""
     was_enabled = gc.isenabled()
     gc.disable()

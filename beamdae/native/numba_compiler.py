@@ -17,7 +17,7 @@ from numba.core.runtime.context import NRTContext
 
 from beamdae.errors import format_exception
 from beamdae.native import overloads, structs
-from beamdae.native.llvm import MachineError, linked
+from beamdae.native.llvm import MachineCodeError, link_modules
 
 _NUMBERS = {"int": numba.int64, "float": numba.float64}
 _ARGUMENTS = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
@@ -30,15 +30,15 @@ _COUNTING = re.compile(
 _EXCEPTIONS = re.compile(r"^(@PyExc_\w+ = )external (global i8).*$", re.MULTILINE)
 
 # By which Python would call it.
-_NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_WRAPPER_OPTIONS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 # Between texts of modules.
-_NEXT = "\n; next\n"
+_MODULE_SEPARATOR = "\n; next\n"
 
-_registered: set[FunctionType] = set()
+_registered_functions: set[FunctionType] = set()
 
 
-class _Text(JITCodeLibrary):
+class _IrLibrary(JITCodeLibrary):
     """A function as IR alone.
 
     Numba by itself optimizes every function twice, makes machine code of it, and copies it and all
@@ -63,7 +63,7 @@ class _Text(JITCodeLibrary):
         return 0
 
     def get_llvm_str(self) -> str:
-        return _NEXT.join(self._texts(set()))
+        return _MODULE_SEPARATOR.join(self._texts(set()))
 
     def _texts(self, found: set[Any]) -> Iterator[str]:
         """Of it and of all that it calls, each once."""
@@ -72,7 +72,7 @@ class _Text(JITCodeLibrary):
         for library in self._linking_libraries:
             if library in found:
                 continue
-            if isinstance(library, _Text):
+            if isinstance(library, _IrLibrary):
                 yield from library._texts(found)
             # That one counts and frees arrays.
             elif library is not rtsys.library:
@@ -81,10 +81,10 @@ class _Text(JITCodeLibrary):
 
     def _get_module_for_linking(self) -> Any:
         # Of others, who compile something that calls it.
-        return ll.parse_assembly(linked(self._texts(set()), ()))
+        return ll.parse_assembly(link_modules(self._texts(set()), ()))
 
 
-class _Uncounted(NRTContext):
+class _NoReferenceCounting(NRTContext):
     """Nobody counts who uses an array: its memory is always somebody else's."""
 
     def incref(self, builder: Any, kind: Any, value: Any) -> None:
@@ -95,17 +95,17 @@ class _Uncounted(NRTContext):
 
 
 @contextmanager
-def _text_alone() -> Iterator[None]:
+def _emit_ir_only() -> Iterator[None]:
     """What numba compiles meanwhile is made IR of, and no machine code."""
     with global_compiler_lock:
         context = cpu_target.target_context
         codegen = context.codegen()
         kept = codegen._library_class
-        codegen._library_class = _Text
+        codegen._library_class = _IrLibrary
         # Something of its own for Python to call, which never does.
         context.get_executable = lambda library, description, environment: [].count
         counting = vars(context).pop("nrt", None)
-        context.nrt = _Uncounted(context, True)
+        context.nrt = _NoReferenceCounting(context, True)
         try:
             yield
         finally:
@@ -118,7 +118,7 @@ def _text_alone() -> Iterator[None]:
 assert overloads.__name__
 
 
-def ir(
+def compile_loops(
     entries: Mapping[str, tuple[Callable[..., int], str]],
     parts: Sequence[FunctionType],
     kind: Any,
@@ -140,42 +140,44 @@ def ir(
         If this numba cannot compile it.
     """
     for part in parts:
-        if part not in _registered:
-            _registered.add(part)
-            numba.extending.register_jitable(error_model="numpy", **_NO_WRAPPERS)(part)
-    wanted = {symbol: _entry(*entry, kind) for symbol, entry in entries.items()}
+        if part not in _registered_functions:
+            _registered_functions.add(part)
+            numba.extending.register_jitable(error_model="numpy", **_WRAPPER_OPTIONS)(part)
+    wanted = {symbol: _define_entry_point(*entry, kind) for symbol, entry in entries.items()}
     try:
         try:
-            with _text_alone():
-                text = _compiled(wanted)
-        except (AttributeError, TypeError, MachineError):
+            with _emit_ir_only():
+                text = _compile_entries(wanted)
+        except (AttributeError, TypeError, MachineCodeError):
             # A numba whose inner parts are others than those known here: then it takes its time.
-            text = _compiled(wanted)
+            text = _compile_entries(wanted)
     except numba.errors.NumbaError as problem:
-        raise MachineError(f"numba cannot compile loops ({format_exception(problem)})") from problem
+        raise MachineCodeError(
+            f"numba cannot compile loops ({format_exception(problem)})"
+        ) from problem
     text = _COUNTING.sub(r"define internal void @\1(ptr) alwaysinline {\n  ret void\n}", text)
     text = _RAISING.sub(r"define internal \1@\2(\3) {\n  unreachable\n}", text)
     return _EXCEPTIONS.sub(r"\1internal \2 0", text)
 
 
-def _entry(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
+def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
     """A C function that calls a loop, and its signature."""
     names = [f"a{k}" if one != "@" else "table" for k, one in enumerate(arguments)]
     given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
-    space = {"function": function, "object_at": structs.at(_numba_type(kind))}
+    space = {"function": function, "object_at": structs.object_at_table(_numba_type(kind))}
     exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
     return space["entry"], numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
 
 
-def _compiled(wanted: Mapping[str, tuple[Any, Any]]) -> str:
+def _compile_entries(wanted: Mapping[str, tuple[Any, Any]]) -> str:
     """One module of C functions, with the symbols they are wanted as."""
     texts: dict[str, None] = {}
     symbols = {}
     for symbol, (entry, signature) in wanted.items():
         made = numba.cfunc(signature, error_model="numpy")(entry)
         symbols[made.native_name] = symbol
-        texts.update(dict.fromkeys(made.inspect_llvm().split(_NEXT)))
-    text = linked(texts, symbols)
+        texts.update(dict.fromkeys(made.inspect_llvm().split(_MODULE_SEPARATOR)))
+    text = link_modules(texts, symbols)
     for name, symbol in symbols.items():
         text = re.sub(rf'@"?{re.escape(name)}"?(?=\W)', f"@{symbol}", text)
     return text

@@ -10,20 +10,20 @@ from pathlib import Path
 
 from beamdae.errors import KernelWarning
 from beamdae.native import llvm as machine
-from beamdae.native.cache import CacheError, cache_folder, find, keep
-from beamdae.native.llvm import Loaded, MachineError
+from beamdae.native.llvm import LoadedObject, MachineCodeError
+from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
 
 # What was said in this process.
-_said: set[str] = set()
+_issued_messages: set[str] = set()
 
 
-def is_on() -> bool:
+def is_native_enabled() -> bool:
     """Whether machine code is wanted: BEAMDAE_NATIVE=off does without."""
     return os.environ.get("BEAMDAE_NATIVE", "on") != "off"
 
 
 @dataclass(frozen=True)
-class Source:
+class ObjectSource:
     """What machine code is made of.
 
     Attributes
@@ -52,14 +52,16 @@ class Source:
     @property
     def recipe(self) -> str:
         """Whatever the object depends on."""
-        return "\n".join([self.text, f"O{self.level}", *machine.recipe()])
+        return "\n".join([self.text, f"O{self.level}", *machine.describe_target()])
 
-    def load(self, content: bytes) -> Loaded:
+    def load(self, content: bytes) -> LoadedObject:
         """Its object, in memory."""
-        return Loaded(content, self.symbols, self.imports)
+        return LoadedObject(content, self.symbols, self.imports)
 
 
-def machine_code(source: Source, is_right: Callable[[Loaded], bool]) -> Loaded | None:
+def load_object(
+    source: ObjectSource, is_right: Callable[[LoadedObject], bool]
+) -> LoadedObject | None:
     """Machine code of LLVM IR, or None where it cannot be had or is not wanted.
 
     What was built is kept for later runs if `is_right` says so.
@@ -69,48 +71,48 @@ def machine_code(source: Source, is_right: Callable[[Loaded], bool]) -> Loaded |
     KernelWarning
         Once a process, of a cache or a machine that cannot be used.
     """
-    if not is_on():
+    if not is_native_enabled():
         return None
     try:
-        folder, content = _found(source)
+        folder, content = _read_cache(source)
         if content is not None:
             return source.load(content)
-        content = machine.compiled(source.ir() if source.ir else source.text, source.level)
+        content = machine.compile_module(source.ir() if source.ir else source.text, source.level)
         code = source.load(content)
         if not is_right(code):
-            raise MachineError(f"LLVM: {source.name} does not give the right numbers")
-    except MachineError as problem:
-        _say(f"{problem}; runs take several times as long, with the same numbers to rounding")
+            raise MachineCodeError(f"LLVM: {source.name} does not give the right numbers")
+    except MachineCodeError as problem:
+        _warn_once(f"{problem}; runs take several times as long, with the same numbers to rounding")
         return None
     if folder is not None:
-        _keep(folder, source, content)
+        _write_cache(folder, source, content)
     return code
 
 
-def _found(source: Source) -> tuple[Path | None, bytes | None]:
+def _read_cache(source: ObjectSource) -> tuple[Path | None, bytes | None]:
     """The cache, if it can be used, and what it has."""
     try:
         folder = cache_folder()
-        return folder, find(folder, source.recipe, source.name)
+        return folder, read_object(folder, source.recipe, source.name)
     except CacheError as problem:
-        _say_of_cache(problem)
+        _warn_of_cache(problem)
         return None, None
 
 
-def _keep(folder: Path, source: Source, content: bytes) -> None:
+def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
     try:
-        keep(folder, source.recipe, source.name, content)
+        write_object(folder, source.recipe, source.name, content)
     except CacheError as problem:
-        _say_of_cache(problem)
+        _warn_of_cache(problem)
 
 
-def _say_of_cache(problem: CacheError) -> None:
-    _say(f"{problem}; each run compiles its loops, which takes some seconds")
+def _warn_of_cache(problem: CacheError) -> None:
+    _warn_once(f"{problem}; each run compiles its loops, which takes some seconds")
 
 
-def _say(problem: str) -> None:
-    if problem not in _said:
-        _said.add(problem)
+def _warn_once(problem: str) -> None:
+    if problem not in _issued_messages:
+        _issued_messages.add(problem)
         warnings.warn(
             f"{problem} (BEAMDAE_NATIVE=off does without machine code).",
             KernelWarning,

@@ -14,15 +14,13 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.extending import overload as _overload
 
-# Nobody calls them but loops.
-from beamdae.linear import elimination
-from beamdae.native import structs, vectors
+from beamdae.native import linear_solver, loop_functions, structs
 
 # Nobody calls them but loops.
 overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})
 
 
-@overload(vectors.combine)
+@overload(loop_functions.combine)
 def _combine(out, factors, vectors):
     def one(out, factors, vectors):
         for i in range(out.size):
@@ -45,7 +43,7 @@ def _combine(out, factors, vectors):
     return (one, two, three, four)[len(factors) - 1]
 
 
-@overload(vectors.fill)
+@overload(loop_functions.fill)
 def _fill(out, value):
     def loop(out, value):
         for i in range(out.size):
@@ -54,7 +52,7 @@ def _fill(out, value):
     return loop
 
 
-@overload(vectors.minimum)
+@overload(loop_functions.minimum)
 def _minimum(out, vector, factor, other):
     def loop(out, vector, factor, other):
         for i in range(out.size):
@@ -65,7 +63,7 @@ def _minimum(out, vector, factor, other):
     return loop
 
 
-@overload(vectors.parts)
+@overload(loop_functions.split_complex)
 def _parts(real, imaginary, vector):
     def loop(real, imaginary, vector):
         for i in range(real.size):
@@ -75,7 +73,7 @@ def _parts(real, imaginary, vector):
     return loop
 
 
-@overload(vectors.largest)
+@overload(loop_functions.max_norm)
 def _largest(vector, weights):
     def loop(vector, weights):
         most = 0.0
@@ -89,7 +87,7 @@ def _largest(vector, weights):
     return loop
 
 
-@overload(vectors.norm)
+@overload(loop_functions.euclidean_norm)
 def _norm(vector, weights):
     def loop(vector, weights):
         total = 0.0
@@ -101,7 +99,7 @@ def _norm(vector, weights):
     return loop
 
 
-@overload(vectors.where_largest)
+@overload(loop_functions.locate_largest)
 def _where_largest(vector, weights):
     def loop(vector, weights):
         at, most = 0, -1.0
@@ -116,7 +114,7 @@ def _where_largest(vector, weights):
     return loop
 
 
-@overload(vectors.pick)
+@overload(loop_functions.pick)
 def _pick(out, at, vector, of, begin, end):
     def loop(out, at, vector, of, begin, end):
         for k in range(begin, end):
@@ -125,7 +123,7 @@ def _pick(out, at, vector, of, begin, end):
     return loop
 
 
-@overload(vectors.gather)
+@overload(loop_functions.gather)
 def _gather(out, at, weights, vector, of, begin, end):
     def loop(out, at, weights, vector, of, begin, end):
         for k in range(begin, end):
@@ -136,7 +134,7 @@ def _gather(out, at, weights, vector, of, begin, end):
     return loop
 
 
-@overload(vectors.add)
+@overload(loop_functions.add)
 def _add(out, rows, vector, of, begin, end):
     def loop(out, rows, vector, of, begin, end):
         for k in range(begin, end):
@@ -145,7 +143,7 @@ def _add(out, rows, vector, of, begin, end):
     return loop
 
 
-@overload(vectors.add_weighted)
+@overload(loop_functions.add_weighted)
 def _add_weighted(out, rows, weights, vector, of, begin, end):
     def loop(out, rows, weights, vector, of, begin, end):
         for k in range(begin, end):
@@ -154,7 +152,7 @@ def _add_weighted(out, rows, weights, vector, of, begin, end):
     return loop
 
 
-@overload(vectors.scatter)
+@overload(loop_functions.scatter)
 def _scatter(out, rows, weights, vector, of):
     def loop(out, rows, weights, vector, of):
         for i in range(out.size):
@@ -189,7 +187,7 @@ def _start_of(typing, array):
     return types.CPointer(array.dtype)(array), code
 
 
-@overload(vectors.call_kernel)
+@overload(loop_functions.call_kernel)
 def _kernel(kernels, k, shared, local, start, out, lanes):
     def loop(kernels, k, shared, local, start, out, lanes):
         own = _start_of(local[start:])
@@ -198,18 +196,18 @@ def _kernel(kernels, k, shared, local, start, out, lanes):
     return loop
 
 
-@overload(vectors.factorize)
+@overload(loop_functions.factorize)
 def _factorize(linear, nonzeros):
     def loop(linear, nonzeros):
-        return elimination.factorize_linear(linear, nonzeros)
+        return linear_solver.factorize_linear(linear, nonzeros)
 
     return loop
 
 
-@overload(vectors.solve)
+@overload(loop_functions.solve)
 def _solve(linear, right):
     def loop(linear, right):
-        elimination.solve_linear(linear, right)
+        linear_solver.solve_linear(linear, right)
 
     return loop
 
@@ -221,12 +219,12 @@ def _numbers_at(typing, address, size):
 
     def code(context, builder, signature, arguments):
         data = builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
-        return structs.array(context, builder, kind, data, [arguments[1]])
+        return structs.build_array(context, builder, kind, data, [arguments[1]])
 
     return kind(types.int64, types.int64), code
 
 
-@overload(vectors.array_at)
+@overload(loop_functions.array_at)
 def _array_at(address, size):
     def loop(address, size):
         return _numbers_at(address, size)
@@ -253,7 +251,7 @@ def _c_function(result):
 _call_for_int, _call_for_pointer = _c_function(types.int32), _c_function(types.int64)
 
 
-@overload(vectors.call_for_int)
+@overload(loop_functions.call_for_int)
 def _int_of(address, arguments):
     def loop(address, arguments):
         return _call_for_int(address, arguments)
@@ -261,7 +259,7 @@ def _int_of(address, arguments):
     return loop
 
 
-@overload(vectors.call_for_pointer)
+@overload(loop_functions.call_for_pointer)
 def _pointer_of(address, arguments):
     def loop(address, arguments):
         return _call_for_pointer(address, arguments)

@@ -39,39 +39,40 @@ class Struct(types.Type):
 
 
 @register_model(Struct)
-class _Model(models.PrimitiveModel):
+class _StructModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Struct) -> None:
         super().__init__(manager, kind, _integer.as_pointer())
 
 
 @infer_getattr
-class _Attributes(AttributeTemplate):
+class _StructAttributes(AttributeTemplate):
     key = Struct
 
     def generic_resolve(self, struct: Struct, name: str) -> types.Type | None:
         return struct.fields[name][1] if name in struct.fields else None
 
 
-def _place(builder: Any, pointer: Any, word: int, kind: Any) -> Any:
+def _field_pointer(builder: Any, pointer: Any, word: int, kind: Any) -> Any:
     return builder.bitcast(cgutils.gep_inbounds(builder, pointer, word), kind.as_pointer())
 
 
 @lower_getattr_generic(Struct)
-def _get(context: Any, builder: Any, struct: Struct, pointer: Any, name: str) -> Any:
+def _load_field(context: Any, builder: Any, struct: Struct, pointer: Any, name: str) -> Any:
     word, kind = struct.fields[name]
     if isinstance(kind, Struct):
         return cgutils.gep_inbounds(builder, pointer, word)
     if not isinstance(kind, types.Array):
-        return builder.load(_place(builder, pointer, word, context.get_value_type(kind)))
+        return builder.load(_field_pointer(builder, pointer, word, context.get_value_type(kind)))
     shape = [
-        builder.load(_place(builder, pointer, word + 1 + k, _integer)) for k in range(kind.ndim)
+        builder.load(_field_pointer(builder, pointer, word + 1 + k, _integer))
+        for k in range(kind.ndim)
     ]
     number = context.get_data_type(kind.dtype).as_pointer()
-    data = builder.load(_place(builder, pointer, word, number))
-    return array(context, builder, kind, data, shape)
+    data = builder.load(_field_pointer(builder, pointer, word, number))
+    return build_array(context, builder, kind, data, shape)
 
 
-def array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[Any]) -> Any:
+def build_array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[Any]) -> Any:
     """The array that starts at a pointer."""
     size = np.dtype(str(kind.dtype)).itemsize
     strides = [ir.Constant(_integer, size)]
@@ -90,15 +91,15 @@ def array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[
 
 
 @lower_setattr_generic(Struct)
-def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
+def _store_field(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
     struct = signature.args[0]
     word, kind = struct.fields[name]
     pointer, value = arguments
     value = context.cast(builder, value, signature.args[1], kind)
-    builder.store(value, _place(builder, pointer, word, context.get_value_type(kind)))
+    builder.store(value, _field_pointer(builder, pointer, word, context.get_value_type(kind)))
 
 
-def at(struct: Struct) -> Any:
+def object_at_table(struct: Struct) -> Any:
     """Function of a table that gives the object in it."""
 
     @intrinsic

@@ -13,10 +13,10 @@ from pathlib import PurePath
 from types import SimpleNamespace
 from typing import Any
 
-from beamdae.sundials.prototypes import PROTOTYPES, Addresses
+from beamdae.sundials.prototypes import PROTOTYPES, FunctionAddresses
 
-_MAJOR = 7
-_LENGTH = 3
+_SUPPORTED_MAJOR_VERSION = 7
+_TEST_VECTOR_LENGTH = 3
 
 
 class UnavailableError(Exception):
@@ -24,16 +24,16 @@ class UnavailableError(Exception):
 
 
 @dataclass(frozen=True)
-class Library:
+class SundialsLibrary:
     """The functions of SUNDIALS, as addresses and to be called."""
 
     version: tuple[int, int, int]
-    addresses: Addresses
+    addresses: FunctionAddresses
     call: Any
 
 
 @cache
-def library() -> Library:
+def load_library() -> SundialsLibrary:
     """Find the functions in what scikit-sundae is linked to, and make sure of their types.
 
     Raises
@@ -41,37 +41,41 @@ def library() -> Library:
     UnavailableError
         Where they are not there, or of another version, precision or index width.
     """
-    images = _images()
-    addresses = Addresses(*(_address(images, name) for name in Addresses._fields))
+    images = _find_images()
+    addresses = FunctionAddresses(
+        *(_find_address(images, name) for name in FunctionAddresses._fields)
+    )
     if any(hasattr(image, "MPI_Comm_rank") for image in images):
         raise UnavailableError("SUNDIALS was built with MPI")
     call = SimpleNamespace(
         **{name: PROTOTYPES[name](at) for name, at in addresses._asdict().items()}
     )
-    version = _version(call)
-    if version[0] != _MAJOR:
-        raise UnavailableError(f"SUNDIALS is {'.'.join(map(str, version))}, not {_MAJOR}")
+    version = _read_version(call)
+    if version[0] != _SUPPORTED_MAJOR_VERSION:
+        raise UnavailableError(
+            f"SUNDIALS is {'.'.join(map(str, version))}, not {_SUPPORTED_MAJOR_VERSION}"
+        )
     _check_widths(call)
-    return Library(version, addresses, call)
+    return SundialsLibrary(version, addresses, call)
 
 
-def _images() -> list[ctypes.CDLL]:
+def _find_images() -> list[ctypes.CDLL]:
     """What is searched for functions."""
     if sys.platform == "win32":
         try:
             from sksundae import _cy_ida  # noqa: F401
         except ImportError as problem:
             raise UnavailableError(f"scikit-sundae has no compiled IDA: {problem}") from problem
-        return _loaded_by_windows(_dll_names())
+        return _open_loaded_dlls(_windows_dll_names())
     try:
         # A symbol is looked up in the libraries that the extension module is linked to as well. It
         # is not imported for that: scikit-sundae takes SciPy's optimizers along, a third of a run.
-        return [ctypes.CDLL(_extension_module())]
+        return [ctypes.CDLL(_find_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
 
 
-def _extension_module() -> str:
+def _find_extension_module() -> str:
     """The file of scikit-sundae's compiled IDA."""
     package = PathFinder.find_spec("sksundae")
     places = package.submodule_search_locations if package else None
@@ -81,7 +85,7 @@ def _extension_module() -> str:
     return module.origin
 
 
-def _dll_names() -> set[str]:
+def _windows_dll_names() -> set[str]:
     """Names that SUNDIALS has on Windows, in scikit-sundae's wheel or in conda's environments."""
     parts = ("core", "ida", "nvecserial", "sunmatrixband", "sunlinsolband")
     try:
@@ -93,7 +97,7 @@ def _dll_names() -> set[str]:
     }
 
 
-def _loaded_by_windows(names: Iterable[str]) -> list[ctypes.CDLL]:
+def _open_loaded_dlls(names: Iterable[str]) -> list[ctypes.CDLL]:
     """Libraries of these names that are loaded already."""
     kernel = ctypes.CDLL("kernel32")
     kernel.GetModuleHandleW.restype = ctypes.c_void_p
@@ -102,7 +106,7 @@ def _loaded_by_windows(names: Iterable[str]) -> list[ctypes.CDLL]:
     return [ctypes.CDLL(name, handle=handle) for name, handle in handles.items() if handle]
 
 
-def _address(images: Iterable[ctypes.CDLL], name: str) -> int:
+def _find_address(images: Iterable[ctypes.CDLL], name: str) -> int:
     for image in images:
         if hasattr(image, name):
             at = ctypes.cast(getattr(image, name), ctypes.c_void_p).value
@@ -111,7 +115,7 @@ def _address(images: Iterable[ctypes.CDLL], name: str) -> int:
     raise UnavailableError(f"scikit-sundae's SUNDIALS has no function {name}")
 
 
-def _version(call: Any) -> tuple[int, int, int]:
+def _read_version(call: Any) -> tuple[int, int, int]:
     numbers = [ctypes.c_int() for _ in range(3)]
     label = ctypes.create_string_buffer(64)
     if call.SUNDIALSGetVersionNumber(*map(ctypes.byref, numbers), label, len(label)) < 0:
@@ -131,16 +135,16 @@ def _check_widths(call: Any) -> None:
         raise UnavailableError("SUNDIALS makes no context")
     vector = None
     try:
-        vector = call.N_VNew_Serial(_LENGTH, context)
+        vector = call.N_VNew_Serial(_TEST_VECTOR_LENGTH, context)
         place = (ctypes.c_int32 * 2)(-1, -1)
         if vector is None or call.N_VBufSize_Serial(vector, place) < 0:
             raise UnavailableError("SUNDIALS makes no vector")
         size, untouched = place
         if untouched != -1:
             raise UnavailableError("SUNDIALS was built with indices of 64 bits, not 32")
-        if size != _LENGTH * ctypes.sizeof(ctypes.c_double):
+        if size != _TEST_VECTOR_LENGTH * ctypes.sizeof(ctypes.c_double):
             raise UnavailableError(
-                f"its numbers have {size // _LENGTH} bytes, not those of doubles"
+                f"its numbers have {size // _TEST_VECTOR_LENGTH} bytes, not those of doubles"
             )
     finally:
         if vector is not None:

@@ -14,7 +14,7 @@ RESIDUAL = ctypes.CFUNCTYPE(_code, _real, _address, _address, _address, _address
 JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
 
 
-class Addresses(NamedTuple):
+class FunctionAddresses(NamedTuple):
     """Where the functions are, each by its name in C; compiled code takes it as it is."""
 
     SUNDIALSGetVersionNumber: int

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.sundials.library import library
+from beamdae.sundials.library import load_library
 
 Array = np.ndarray
 
@@ -19,8 +19,8 @@ ONE_STEP = 2
 _NEWTON_ITERATIONS, _CONVERGENCE_FAILURES, _SHORTEST, _STEPS = 4, 10, 0.0, 500
 
 # Codes above this one stand for something else in linear solvers than in IDASolve.
-_GENERAL = -20
-_REASONS = {
+_FIRST_COMMON_STATUS = -20
+_STATUS_DESCRIPTIONS = {
     -1: "too many steps in one call",
     -2: "rtol and atol ask for more than the precision of numbers allows",
     -3: "the error test failed too often, or at the smallest step",
@@ -49,7 +49,7 @@ class IdaError(Exception):
     """A function of SUNDIALS that failed, and why."""
 
 
-class Statistics(NamedTuple):
+class IdaStatistics(NamedTuple):
     """What IDA counts, since the last start.
 
     A Newton iteration that fails with an old Jacobian counts as a failure, and is repeated with a
@@ -88,7 +88,7 @@ _GETTERS: tuple[tuple[str, Any], ...] = (
 )
 
 
-class Pointers(NamedTuple):
+class SolverPointers(NamedTuple):
     """What compiled code hands to the functions: IDA's memory, and vectors for y, y' and errors."""
 
     memory: int
@@ -97,25 +97,25 @@ class Pointers(NamedTuple):
     errors: int
 
 
-def reason(status: int) -> str:
+def describe_status(status: int) -> str:
     """What a negative status says."""
-    return _REASONS.get(status, f"error {status} of SUNDIALS")
+    return _STATUS_DESCRIPTIONS.get(status, f"error {status} of SUNDIALS")
 
 
 # What solvers hold of C. That of a dead one is freed when the next one is made: an interrupt in
 # what Python calls when an object dies would be lost, with a traceback.
-_alive: list[tuple[weakref.ref[Solver], contextlib.ExitStack]] = []
+_live_solvers: list[tuple[weakref.ref[IdaSolver], contextlib.ExitStack]] = []
 
 
-def _release_dead() -> None:
+def _free_dead_solvers() -> None:
     """Free what no solver holds any more; every entry once, whatever thread is here."""
-    for entry in [entry for entry in list(_alive) if entry[0]() is None]:
+    for entry in [entry for entry in list(_live_solvers) if entry[0]() is None]:
         with contextlib.suppress(ValueError):
-            _alive.remove(entry)
+            _live_solvers.remove(entry)
             entry[1].close()
 
 
-class Solver:
+class IdaSolver:
     """IDA for r(t, y, y') = 0 whose Jacobian is the identity, of which the diagonal is kept.
 
     Set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2 is, so that steps are
@@ -160,7 +160,7 @@ class Solver:
         user_data: int | None = None,
         untested: Array | None = None,
     ) -> None:
-        self._call = library().call
+        self._call = load_library().call
         self.y, self.yp, self.errors = (np.zeros(len(atol)) for _ in range(3))
         self.errors[:] = atol
         self._t = ctypes.c_double()
@@ -182,16 +182,16 @@ class Solver:
             self._do("IDASetMaxStep", max_step)
             self._do("IDASetMaxOrd", max_order)
             self._do("IDASetMaxNumSteps", _STEPS)
-            _release_dead()
-            _alive.append((weakref.ref(self), stack.pop_all()))
+            _free_dead_solvers()
+            _live_solvers.append((weakref.ref(self), stack.pop_all()))
 
-    def _made(self, stack: contextlib.ExitStack) -> tuple[Pointers, int, int]:
+    def _made(self, stack: contextlib.ExitStack) -> tuple[SolverPointers, int, int]:
         """What IDA needs and IDA, which the stack frees in the reverse order; matrix and solver."""
         call, context, memory = self._call, ctypes.c_void_p(), ctypes.c_void_p()
-        _checked("SUNContext_Create", call.SUNContext_Create(0, ctypes.byref(context)))
+        _check_status("SUNContext_Create", call.SUNContext_Create(0, ctypes.byref(context)))
         stack.callback(call.SUNContext_Free, ctypes.byref(context))
         # They print; what happened is in the codes that are returned.
-        _checked("SUNContext_ClearErrHandlers", call.SUNContext_ClearErrHandlers(context))
+        _check_status("SUNContext_ClearErrHandlers", call.SUNContext_ClearErrHandlers(context))
 
         def freed(name: str, made: int | None, free: Any) -> int:
             if made is None:
@@ -210,7 +210,7 @@ class Solver:
         freed("SUNLinSol_Band", linear, call.SUNLinSolFree)
         memory.value = call.IDACreate(context)
         freed("IDACreate", memory.value, lambda _: call.IDAFree(ctypes.byref(memory)))
-        return Pointers(memory.value or 0, *vectors), matrix, linear
+        return SolverPointers(memory.value or 0, *vectors), matrix, linear
 
     @property
     def t(self) -> float:
@@ -234,7 +234,7 @@ class Solver:
         Returns
         -------
         int
-            IDA's status: 0, or 1 at `end`; negative where it failed, see `reason`.
+            IDA's status: 0, or 1 at `end`; negative where it failed, see `describe_status`.
         """
         self.stop_at(end)
         at = self.pointers
@@ -244,14 +244,14 @@ class Solver:
         return status
 
     @property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> IdaStatistics:
         """What IDA counted since the last start."""
         values = []
         for name, kind in _GETTERS:
             value = kind()
             self._do(name, ctypes.byref(value))
             values.append(value.value)
-        return Statistics(*values)
+        return IdaStatistics(*values)
 
     def local_errors(self) -> Array:
         """Estimated local errors of the last step, one for each unknown."""
@@ -265,10 +265,12 @@ class Solver:
 
     def _do(self, name: str, *arguments: Any) -> None:
         """Call a function that takes IDA's memory first, and tells whether it succeeded."""
-        _checked(name, getattr(self._call, name)(self.pointers.memory, *arguments))
+        _check_status(name, getattr(self._call, name)(self.pointers.memory, *arguments))
 
 
-def _checked(name: str, code: int) -> None:
+def _check_status(name: str, code: int) -> None:
     if code < 0:
-        said = reason(code) if code <= _GENERAL else f"error {code} of SUNDIALS"
+        said = (
+            describe_status(code) if code <= _FIRST_COMMON_STATUS else f"error {code} of SUNDIALS"
+        )
         raise IdaError(f"{name}: {said}")

@@ -1,5 +1,6 @@
-"""Symbols and numbers: local statements, sparse sums of them, compiled functions, factorizations.
+"""Local statements in CasADi symbols, kernels derived from them, and sparse sums of kernels.
 
-May import: errors. Knows no mechanics.
-Next: a derivative that follows from a statement, beside the others in `statements`.
+May import: native, linear, errors. Knows no mechanics.
+Next: a derivative that follows from a statement goes beside the others, in `force_kernel` or
+`constraint_kernel`.
 """

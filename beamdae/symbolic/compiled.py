@@ -1,4 +1,4 @@
-"""Compiled functions: call with numpy arrays, get numpy arrays, nothing allocated in between."""
+"""CasADi functions called with numpy arrays, without allocation between calls."""
 
 from __future__ import annotations
 
@@ -7,26 +7,32 @@ import numpy as np
 
 Array = np.ndarray
 
-_ROWS_AT_ONCE = 128
+_MAX_MAPPED_ROWS = 128
 
 
 class Compiled:
     """A CasADi function bound to its own buffers.
 
-    Calling it copies the arguments into the leading input buffers, evaluates, and returns the
-    output buffers: they are overwritten by the next call. All outputs must be dense. The remaining
-    inputs keep what was written to `inputs` before, such as the parameters of a model.
+    A call copies the arguments into the leading input buffers, evaluates, and returns the output
+    buffers, which the next call overwrites. Inputs that are not passed keep the values written to
+    `inputs` before, such as the parameters of a model.
+
+    Parameters
+    ----------
+    function
+        All outputs must be dense.
+    *last
+        Values of its last inputs.
 
     Attributes
     ----------
     calls
-        How often it was evaluated.
+        Number of evaluations.
     inputs, outputs
-        The buffers, one flat float array (column-major) an argument.
+        Buffers, one flat float array (column-major) per argument.
     """
 
     def __init__(self, function: ca.Function, *last: Array) -> None:
-        """Bind `function`; `last` are values for its last inputs."""
         self.calls = 0
         self.inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self.outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
@@ -39,7 +45,7 @@ class Compiled:
             self._memory.set_res(i, memoryview(array))  # type: ignore[call-arg,arg-type]
 
     def __call__(self, *arguments: Array | float) -> list[Array]:
-        """Evaluate with these leading arguments; returns the output buffers."""
+        """Evaluate with these leading arguments and return the output buffers."""
         for buffer, argument in zip(self.inputs, arguments):  # noqa: B905 trailing inputs stay
             buffer[:] = argument
         self._evaluate()
@@ -48,31 +54,34 @@ class Compiled:
 
 
 class RowFunction:
-    """A CasADi function with one dense output, evaluated once a row of its arguments."""
+    """A CasADi function with one dense output, evaluated for each row of its arguments."""
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._mapped: dict[tuple[int, ...], ca.Function] = {}
+        self._mapped_functions: dict[tuple[int, ...], ca.Function] = {}
         self._derivatives: dict[int, RowFunction] = {}
 
     def __call__(self, *arguments: Array) -> Array:
-        """Values (rows, size) at arguments (rows, size each), or (size,) where shared."""
+        """Return values of shape (rows, size).
+
+        Arguments have shape (rows, .), or (.,) if all rows share them; at least one has rows.
+        """
         shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
         rows = max(len(a) for a in arguments if np.ndim(a) == 2)
         result = np.empty((rows, self._function.nnz_out(0)))
         if not rows:
             return result
-        count = min(rows, _ROWS_AT_ONCE)
+        count = min(rows, _MAX_MAPPED_ROWS)
         compiled = Compiled(self._map(count, shared))
-        # The last rows come with some of those before them: another map would cost more.
+        # The last chunk overlaps the one before it: mapping to another size would cost more.
         for first in [*range(0, rows - count, count), rows - count]:
-            part = slice(first, first + count)
-            values = (a if np.ndim(a) == 1 else np.ravel(a[part]) for a in arguments)
-            result[part] = compiled(*values)[0].reshape(count, -1)
+            chunk = slice(first, first + count)
+            values = (a if np.ndim(a) == 1 else np.ravel(a[chunk]) for a in arguments)
+            result[chunk] = compiled(*values)[0].reshape(count, -1)
         return result
 
     def derivative(self, argument: int) -> RowFunction:
-        """Rows of the derivative by an argument: the entries of a column of it, then the next."""
+        """Return the row function of the derivative by an argument, entries column by column."""
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
             (value,) = self._function.call(inputs)
@@ -82,20 +91,20 @@ class RowFunction:
         return self._derivatives[argument]
 
     def _map(self, count: int, shared: list[int]) -> ca.Function:
-        """The function over `count` rows: making it costs as much as using it."""
+        """Return the function over `count` rows; stored, as mapping costs as much as calling."""
         function, key = self._function, (count, *shared)
-        if key not in self._mapped:
-            self._mapped[key] = (
+        if key not in self._mapped_functions:
+            self._mapped_functions[key] = (
                 function.map(function.name(), "serial", count, shared, [])
                 if count > 1
                 else function
             )
-        return self._mapped[key]
+        return self._mapped_functions[key]
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Derivatives (size, .) by each argument, at one row of them."""
+        """Return the derivatives (size, .) by each argument, at one row of arguments."""
         function = self._function
-        zero = np.zeros(function.numel_out(0))
-        found = function.jacobian()(*map(np.ravel, arguments), zero)
-        blocks = found if isinstance(found, tuple) else (found,)
+        unused_value = np.zeros(function.numel_out(0))
+        derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)
+        blocks = derivatives if isinstance(derivatives, tuple) else (derivatives,)
         return [np.array(block.full(), float) for block in blocks]

@@ -1,4 +1,4 @@
-"""Holonomic constraints of one statement, and what is derived from them."""
+"""Constraints of one statement, holonomic or nonholonomic, and the kernels derived from them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import casadi as ca
 
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.local_symbols import SX, Local, column_misfit
+from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# In place of the level of a constraint that has none: mu = 0.
-UNHELD = -1
+# Replaces the level of constraints that a formulation does not impose: their equation is mu = 0.
+NO_LEVEL = -1
 
 
 @dataclass(frozen=True)
 class ConstraintKernel:
-    """Holonomic constraints 0 = g(time, q, data) of one joint and everything derived from them.
+    """Holonomic constraints 0 = g(time, q, data) of one joint.
 
     Attributes
     ----------
@@ -38,17 +38,17 @@ class ConstraintKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """(time, q, data), what it may depend on."""
+        """Symbols it may depend on: (time, q, data)."""
         return [self.local.time, self.local.q, self.local.data]
 
     @property
     def outputs(self) -> list[SX]:
-        """The constraints alone."""
+        """The constraints as a list of one column."""
         return [self.constraint]
 
     @classmethod
-    def stated(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
-        """The kernel of these `outputs`."""
+    def from_outputs(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
+        """Return the kernel of these `outputs`."""
         (constraint,) = outputs
         return cls(local, constraint)
 
@@ -58,23 +58,26 @@ class ConstraintKernel:
         return self.constraint.shape[0]
 
     @cached_property
-    def misfit(self) -> str:
-        """What is wrong with its expression, a phrase, or nothing."""
-        x = self.local
-        return column_misfit("constraint", self.constraint, x.n_multipliers, x.time, x.q, x.data)
+    def expression_error(self) -> str:
+        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        return describe_column_error(
+            "constraint", self.constraint, self.local.n_multipliers, *self.inputs
+        )
 
     @cached_property
     def has_branches(self) -> bool:
-        """Whether it follows a law of several pieces."""
+        """True if it depends on a law of several pieces."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
     @property
-    def holonomic(self) -> bool:
-        """Whether it holds positions, not velocities alone."""
+    def is_holonomic(self) -> bool:
+        """True if it constrains positions rather than velocities alone."""
         return True
 
-    def asked(self, levels: tuple[int, ...], stabilized: bool) -> tuple[tuple[int, ...], bool]:
-        """The levels it has in place of these, and whether it has G^T mu; see `UNHELD`."""
+    def effective_levels(
+        self, levels: tuple[int, ...], stabilized: bool
+    ) -> tuple[tuple[int, ...], bool]:
+        """Return the levels it has in place of these, and whether it has G^T mu; see `NO_LEVEL`."""
         return levels, stabilized
 
     @cached_property
@@ -90,72 +93,74 @@ class ConstraintKernel:
         return self.local.dot(self.constraint)
 
     @cached_property
-    def _driven(self) -> SX:
-        """What of g_dot is there at rest."""
-        return ca.jtimes(self.constraint, self.local.time, SX([1, 0]))
+    def _g_dot_at_rest(self) -> SX:
+        return self.local.partial_t(self.constraint)
 
-    def _reaction_q(self, held: SX) -> SX:
-        """d(G^T held)/dq, of half as many operations as the Jacobian of G^T held."""
-        return ca.hessian(ca.dot(held, self.constraint), self.local.q)[0]
+    def _reaction_stiffness(self, multipliers: SX) -> SX:
+        """Return d(G^T multipliers)/dq; a Hessian has half the operations of the Jacobian."""
+        return ca.hessian(ca.dot(multipliers, self.constraint), self.local.q)[0]
 
-    def _local(self, levels: tuple[int, ...], mu: SX) -> SX:
-        """(q, v, a, lam, mu, data), of v and a what the levels ask for."""
+    def _stack_inputs(self, levels: tuple[int, ...], mu: SX) -> SX:
+        """Return (q, v, a, lam, mu, data), without v and a where no level needs them."""
         x = self.local
         v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
         return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
 
-    def _kept(
+    def _cache_kernel(
         self,
-        make: Callable[[tuple[int, ...], bool], Kernel],
+        build: Callable[[tuple[int, ...], bool], Kernel],
         levels: tuple[int, ...],
         stabilized: bool,
     ) -> Kernel:
-        key = (make.__name__, levels, stabilized)
+        key = (build.__name__, levels, stabilized)
         if key not in self._kernels:
-            self._kernels[key] = make(levels, stabilized)
+            self._kernels[key] = build(levels, stabilized)
         return self._kernels[key]
 
     def _mu(self, levels: tuple[int, ...], stabilized: bool) -> SX:
-        held = stabilized or UNHELD in levels
-        return SX.sym("mu", self.local.n_multipliers if held else 0)
+        has_mu = stabilized or NO_LEVEL in levels
+        return SX.sym("mu", self.local.n_multipliers if has_mu else 0)
 
     def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Shared (t, branch), local (q, v, a, lam, mu, data) -> G^T lam, G^T mu, levels.
+        """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints on `levels`.
 
-        Of the levels g (0), g_dot (1) and g_ddot (2) those that are named; v goes in with level 1
-        or 2, a with level 2, mu and G^T mu if `stabilized`. The level `UNHELD` is mu itself.
+        Its inputs are (t, branch) and (q, v, a, lam, mu, data), with v for levels 1 and 2, a for
+        level 2, and mu if `stabilized` or for `NO_LEVEL`. Levels are g (0), g_dot (1), g_ddot (2)
+        and mu (`NO_LEVEL`).
         """
-        return self._kept(self._residual_kernel, levels, stabilized)
+        return self._cache_kernel(self._build_residual_kernel, levels, stabilized)
 
-    def _residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+    def _build_residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         x, mu = self.local, self._mu(levels, stabilized)
-        reactions = [self._jacobian.T @ held for held in ([x.lam, mu] if stabilized else [x.lam])]
-        stated = {UNHELD: mu, 0: self._g, 1: self._g_dot}
+        reactions = [self._jacobian.T @ y for y in ([x.lam, mu] if stabilized else [x.lam])]
+        by_level = {NO_LEVEL: mu, 0: self._g, 1: self._g_dot}
         if 2 in levels:
-            stated[2] = x.rate(self._g_dot)
-        outputs = [ca.densify(o) for o in (*reactions, *(stated[k] for k in levels))]
-        return Kernel.of("joint", x.time, self._local(levels, mu), outputs)
+            by_level[2] = x.rate(self._g_dot)
+        outputs = [ca.densify(o) for o in (*reactions, *(by_level[k] for k in levels))]
+        return Kernel.of("joint", x.time, self._stack_inputs(levels, mu), outputs)
 
     def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Shared `MATRIX_SHARED` -> matrices of `residual_kernel`, local as there.
+        """Return the kernel of the matrices of `residual_kernel`; shared are `MATRIX_SHARED`.
 
-        G, c_l G, d(G^T lam)/dq, if `stabilized` d(G^T mu)/dq, with level 1 c_h d g_dot/dq, with
-        level 2 d g_ddot/dq, d g_ddot/dv and c_a G, with `UNHELD` 1 and c_l on the diagonal.
+        Outputs are G, c_l G, d(G^T lam)/dq; if `stabilized`, d(G^T mu)/dq; with level 1,
+        c_h d g_dot/dq; with level 2, d g_ddot/dq, d g_ddot/dv and c_a G; with `NO_LEVEL`, diagonal
+        matrices of 1 and of c_l.
         """
-        return self._kept(self._matrices_kernel, levels, stabilized)
+        return self._cache_kernel(self._build_matrices_kernel, levels, stabilized)
 
-    def _matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        x, mu, c = self.local, self._mu(levels, stabilized), self.local.factors()
-        outputs = [self._jacobian, c[3] * self._jacobian]
-        outputs += [self._reaction_q(held) for held in ([x.lam, mu] if stabilized else [x.lam])]
+    def _build_matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
+        x, mu = self.local, self._mu(levels, stabilized)
+        shared, c = x.matrix_inputs()
+        outputs = [self._jacobian, c.c_l * self._jacobian]
+        outputs += [self._reaction_stiffness(y) for y in ([x.lam, mu] if stabilized else [x.lam])]
         if 1 in levels:
-            outputs.append(c[4] * ca.jacobian(self._g_dot, x.q))
+            outputs.append(c.c_h * ca.jacobian(self._g_dot, x.q))
         if 2 in levels:
             g_ddot = x.rate(self._g_dot)
-            outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c[2] * self._jacobian]
-        if UNHELD in levels:
-            outputs += [SX.eye(x.n_multipliers), c[3] * SX.eye(x.n_multipliers)]
-        return Kernel.of("joint", ca.vertcat(x.time, c), self._local(levels, mu), outputs)
+            outputs += [ca.jacobian(g_ddot, x.q), ca.jacobian(g_ddot, x.v), c.c_a * self._jacobian]
+        if NO_LEVEL in levels:
+            outputs += [SX.eye(x.n_multipliers), c.c_l * SX.eye(x.n_multipliers)]
+        return Kernel.of("joint", shared, self._stack_inputs(levels, mu), outputs)
 
     @property
     def gradient_pattern(self) -> ca.Sparsity:
@@ -173,7 +178,68 @@ class ConstraintKernel:
     def balance_kernel(self) -> Kernel:
         """Shared (t, branch), local (q, v, lam, data) -> G^T lam, g, g_dot, power of a driver."""
         x = self.local
-        power = ca.dot(self._driven, x.lam)
+        power = ca.dot(self._g_dot_at_rest, x.lam)
         outputs = [self._jacobian.T @ x.lam, self._g, self._g_dot, power]
         local = ca.vertcat(x.q, x.v, x.lam, x.data)
         return Kernel.of("balance", x.time, local, [ca.densify(o) for o in outputs])
+
+
+@dataclass(frozen=True)
+class NonholonomicKernel(ConstraintKernel):
+    """Nonholonomic constraints 0 = A(time, q, data) v + b(time, q, data) of one joint.
+
+    They take the place of g_dot: G is A, and there is no g. A formulation that imposes positions
+    alone imposes these velocities instead; one that imposes both has no position correction for
+    them.
+
+    Attributes
+    ----------
+    constraint
+        A v + b, shape (n_multipliers,).
+    """
+
+    @property
+    def inputs(self) -> list[SX]:
+        """Symbols it may depend on: (time, q, v, data)."""
+        x = self.local
+        return [x.time, x.q, x.v, x.data]
+
+    @cached_property
+    def expression_error(self) -> str:
+        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        x = self.local
+        error = describe_column_error("constraint", self.constraint, x.n_multipliers, *self.inputs)
+        if not error and not ca.is_linear(self.constraint, x.v):
+            return "its nonholonomic constraint must be linear in the velocities"
+        return error
+
+    @property
+    def is_holonomic(self) -> bool:
+        """False: it constrains velocities alone."""
+        return False
+
+    def effective_levels(
+        self, levels: tuple[int, ...], stabilized: bool
+    ) -> tuple[tuple[int, ...], bool]:
+        """Return the levels with positions replaced by velocities; it never has G^T mu."""
+        instead = NO_LEVEL if 1 in levels else 1
+        return tuple(instead if level == 0 else level for level in levels), False
+
+    @cached_property
+    def _jacobian(self) -> SX:
+        return ca.substitute(ca.jacobian(self.constraint, self.local.v), self.local.v, 0)
+
+    @cached_property
+    def _g(self) -> SX:
+        return SX.zeros(self.constraint.shape)
+
+    @cached_property
+    def _g_dot(self) -> SX:
+        return self.constraint
+
+    @cached_property
+    def _g_dot_at_rest(self) -> SX:
+        return ca.substitute(self.constraint, self.local.v, 0)
+
+    def _reaction_stiffness(self, multipliers: SX) -> SX:
+        return ca.jacobian(self._jacobian.T @ multipliers, self.local.q)

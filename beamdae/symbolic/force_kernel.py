@@ -1,4 +1,4 @@
-"""Virtual work of one statement, and what is derived from it."""
+"""Virtual work of one statement and the kernels derived from it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ from functools import cached_property
 import casadi as ca
 
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.local_symbols import SX, Local, column_misfit
+from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# Which of stiffness (0), damping (1) and mass (2) are added up in each of the matrices.
+# Derivatives of F, in the order in which `Tangents` number them.
+STIFFNESS = 0
+DAMPING = 1
+MASS = 2
+
+# One matrix per item, with the derivatives that are added in it.
 Tangents = tuple[tuple[int, ...], ...]
+
+_N_ENERGIES = 3
+_N_POWERS = 2
 
 
 @dataclass(frozen=True)
@@ -24,7 +32,8 @@ class ForceKernel:
         Symbols.
     force
         F(time, q, v, a, lam, data), shape (size,): inertial, elastic, damping and gravity forces
-        and loads on the left-hand side of F + G^T lam = 0; lam those of a joint, as for friction.
+        and loads on the left-hand side of F + G^T lam = 0. lam are the multipliers of a joint, as
+        for friction.
     energies
         (kinetic, strain, gravity) [J].
     powers
@@ -35,14 +44,14 @@ class ForceKernel:
 
     local: Local
     force: SX
-    energies: SX = field(default_factory=lambda: SX.zeros(3))
-    powers: SX = field(default_factory=lambda: SX.zeros(2))
+    energies: SX = field(default_factory=lambda: SX.zeros(_N_ENERGIES))
+    powers: SX = field(default_factory=lambda: SX.zeros(_N_POWERS))
     reused: bool = False
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def inputs(self) -> list[SX]:
-        """(time, q, v, a, lam, data), what it may depend on."""
+        """Symbols it may depend on: (time, q, v, a, lam, data)."""
         x = self.local
         return [x.time, x.q, x.v, x.a, x.lam, x.data]
 
@@ -52,25 +61,25 @@ class ForceKernel:
         return [self.force, self.energies, self.powers]
 
     @classmethod
-    def stated(cls, local: Local, outputs: list[SX]) -> ForceKernel:
-        """The kernel of these `outputs`."""
+    def from_outputs(cls, local: Local, outputs: list[SX]) -> ForceKernel:
+        """Return the kernel of these `outputs`."""
         force, energies, powers = outputs
         return cls(local, force, energies, powers)
 
     @cached_property
-    def misfit(self) -> str:
-        """What is wrong with its expressions, a phrase, or nothing."""
+    def expression_error(self) -> str:
+        """Phrase that says what is wrong with the expressions; '' if they are valid."""
         x = self.local
         motion = (x.time, x.q, x.v, x.lam, x.data)
         return (
-            column_misfit("force", self.force, x.size, *motion, x.a)
-            or column_misfit("energies", self.energies, 3, *motion)
-            or column_misfit("powers", self.powers, 2, *motion)
+            describe_column_error("force", self.force, x.size, *motion, x.a)
+            or describe_column_error("energies", self.energies, _N_ENERGIES, *motion)
+            or describe_column_error("powers", self.powers, _N_POWERS, *motion)
         )
 
     @cached_property
     def has_branches(self) -> bool:
-        """Whether it follows a law of several pieces."""
+        """True if it depends on a law of several pieces."""
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
@@ -84,28 +93,33 @@ class ForceKernel:
         return Kernel.of("force", self.local.time, self._stacked, [ca.densify(self.force)])
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
-        """Shared `MATRIX_SHARED`, local as above -> sums of c_q dF/dq, c_v dF/dv and c_a dF/da.
+        """Return the kernel of the matrices `sums` of c_q dF/dq, c_v dF/dv and c_a dF/da.
 
-        If it depends on multipliers, dF/dlam and c_l dF/dlam come last.
+        Its inputs are `MATRIX_SHARED` and (q, v, a, lam, data). If F depends on multipliers,
+        dF/dlam and c_l dF/dlam are its last outputs.
         """
         if sums not in self._tangents:
-            self._tangents[sums] = self._tangent_kernel(sums)
+            self._tangents[sums] = self._build_tangent_kernel(sums)
         return self._tangents[sums]
 
-    def _tangent_kernel(self, sums: Tangents) -> Kernel:
-        x, c = self.local, self.local.factors()
-        parts = [c[k] * ca.jacobian(self.force, held) for k, held in enumerate((x.q, x.v, x.a))]
-        outputs = [sum((parts[k] for k in of), start=SX(x.size, x.size)) for of in sums]
+    def _build_tangent_kernel(self, sums: Tangents) -> Kernel:
+        x, (shared, c) = self.local, self.local.matrix_inputs()
+        parts = {
+            STIFFNESS: c.c_q * ca.jacobian(self.force, x.q),
+            DAMPING: c.c_v * ca.jacobian(self.force, x.v),
+            MASS: c.c_a * ca.jacobian(self.force, x.a),
+        }
+        outputs = [sum((parts[k] for k in terms), start=SX(x.size, x.size)) for terms in sums]
         if x.n_multipliers:
             by_lam = ca.jacobian(self.force, x.lam)
-            outputs += [by_lam, c[3] * by_lam]
-            outputs = ca.substitute(outputs, [x.lam], [c[5] * x.lam])
-        return Kernel.of("tangent", ca.vertcat(x.time, c), self._stacked, outputs)
+            outputs += [by_lam, c.c_l * by_lam]
+            outputs = ca.substitute(outputs, [x.lam], [c.c_r * x.lam])
+        return Kernel.of("tangent", shared, self._stacked, outputs)
 
     @cached_property
     def balance_kernel(self) -> Kernel:
         """Shared (t, branch), local (q, v, a, lam, data) -> F, F at a = 0, (energies, powers)."""
         x = self.local
-        still = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
-        outputs = [self.force, still, ca.vertcat(self.energies, self.powers)]
+        at_zero_acceleration = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
+        outputs = [self.force, at_zero_acceleration, ca.vertcat(self.energies, self.powers)]
         return Kernel.of("balance", x.time, self._stacked, [ca.densify(o) for o in outputs])

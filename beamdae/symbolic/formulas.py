@@ -1,7 +1,8 @@
-"""Formulas: expressions of a kind, with their numbers beside them.
+"""Formulas: functions separated from the numbers in them.
 
-A beam's end moves by the same expression whatever the beam, with other numbers in it. What is made
-of formulas takes the numbers as data, so that it is built once for each kind, not for each model.
+The end of a beam moves by the same expression whatever the beam, with other numbers in it. An
+expression made of formulas takes the numbers as data, so that it is built once for each function
+and not for each model.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from beamdae.symbolic.local_symbols import Local
 
 Array = np.ndarray
 
-# What is kept for models to come, of each sort.
-MOST_KINDS = 512
+# Number of shared kernels kept for later models, per cache.
+MAX_SHARED_KERNELS = 512
 
 
 @dataclass(frozen=True)
@@ -30,41 +31,41 @@ class Formula:
     Attributes
     ----------
     kind
-        (..., numbers) -> value. Equal kinds are the same function: those are functions of a module,
-        or frozen dataclasses.
+        (..., numbers) -> value. Equal kinds must compute the same, so a kind is a function of a
+        module or a frozen dataclass.
     numbers
-        What it takes one by one, `numbers[0]` and so on: floats, or symbols in their place.
+        Read one by one, `numbers[0]` and so on: floats, or symbols in their place.
     """
 
     kind: Callable[..., Any]
     numbers: Any = ()
 
-    def __call__(self, *given: Any) -> Any:
-        """Its value."""
-        return self.kind(*given, self.numbers)
+    def __call__(self, *arguments: Any) -> Any:
+        """Return the value at these arguments."""
+        return self.kind(*arguments, self.numbers)
 
 
-def _themselves(numbers: Any) -> Any:
+def _return_numbers(numbers: Any) -> Any:
     return numbers
 
 
-def plain(*numbers: float) -> Formula:
-    """The formula of numbers alone: called without anything it gives them."""
-    return Formula(_themselves, numbers)
+def constant_formula(*numbers: float) -> Formula:
+    """Return the formula without arguments whose value is these numbers."""
+    return Formula(_return_numbers, numbers)
 
 
 @dataclass(frozen=True)
-class Combined:
-    """What `build` makes of local symbols and functions: `build(local, *functions)`.
+class FormulaExpression:
+    """The expression `build(local, *functions)`, with the numbers of formulas in `local.data`.
 
     Attributes
     ----------
     build
-        As the kind of a formula: equal ones are the same function.
+        Equal ones must compute the same, as the kind of a formula.
     functions
-        Kinds of formulas, whose numbers are to be found in `local.data`, or any functions.
+        Kinds of formulas, or other functions.
     counts
-        How many numbers each of them has; None of those that are no formulas.
+        How many numbers each of them has; None for functions that are not formulas.
     """
 
     build: Callable[..., Any]
@@ -74,51 +75,54 @@ class Combined:
     @classmethod
     def of(
         cls, build: Callable[..., Any], functions: Sequence[Callable[..., Any]]
-    ) -> tuple[Combined, Array]:
-        """With what it takes as `local.data`: the numbers of the formulas among `functions`."""
+    ) -> tuple[FormulaExpression, Array]:
+        """Return the expression and its data, the numbers of the formulas among `functions`."""
         formulas = [x for x in functions if isinstance(x, Formula)]
-        made = cls(
+        expression = cls(
             build,
             tuple(x.kind if isinstance(x, Formula) else x for x in functions),
             tuple(len(x.numbers) if isinstance(x, Formula) else None for x in functions),
         )
-        return made, np.array([number for x in formulas for number in x.numbers], float)
+        return expression, np.array([number for x in formulas for number in x.numbers], float)
 
     @property
-    def is_kind(self) -> bool:
-        """Whether all of it are formulas: equal ones then give the same."""
+    def is_shareable(self) -> bool:
+        """True if all functions are formulas, so that equal expressions have equal values."""
         return None not in self.counts
 
     def __call__(self, local: Local) -> Any:
-        """What it gives."""
-        first, given = 0, []
+        """Return what `build` returns for these symbols."""
+        first, functions = 0, []
         for function, count in zip(self.functions, self.counts, strict=True):
             if count is None:
-                given.append(function)
+                functions.append(function)
             else:
-                given.append(Formula(function, local.data[first : first + count]))
+                functions.append(Formula(function, local.data[first : first + count]))
                 first += count
-        return self.build(local, *given)
+        return self.build(local, *functions)
 
 
-def combined_kernel(
+def build_formula_kernel(
     build: Callable[..., Any],
     functions: Sequence[Callable[..., Any]],
     size: int,
     n_multipliers: int = 0,
 ) -> tuple[Any, Array]:
-    """The kernel `build` makes, see `Combined`, and its data (n_data, 1).
+    """Return the kernel of a `FormulaExpression`, and its data of shape (n_data, 1).
 
-    Formulas of the same kinds give the same object.
+    Formulas of the same kinds return the same kernel object.
     """
-    combined, numbers = Combined.of(build, functions)
+    expression, numbers = FormulaExpression.of(build, functions)
     sizes = (size, len(numbers), n_multipliers)
-    kernel = _kept(combined, *sizes) if combined.is_kind else combined(Local(*sizes))
+    if expression.is_shareable:
+        kernel = _build_shared_kernel(expression, *sizes)
+    else:
+        kernel = expression(Local(*sizes))
     return kernel, numbers[:, None]
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _kept(
-    combined: Combined, size: int, n_data: int, n_multipliers: int
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _build_shared_kernel(
+    expression: FormulaExpression, size: int, n_data: int, n_multipliers: int
 ) -> ForceKernel | ConstraintKernel:
-    return replace(combined(Local(size, n_data, n_multipliers)), reused=True)
+    return replace(expression(Local(size, n_data, n_multipliers)), reused=True)

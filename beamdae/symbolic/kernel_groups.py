@@ -1,9 +1,9 @@
-"""Statements whose kernels differ in numbers alone: they get one kernel, with the numbers as data.
+"""Groups of statements whose kernels differ in numbers alone.
 
-Joints of one kind differ in where their points lie. Each with a kernel of its own, a chain of many
-bodies takes as many functions to build and to call; with one, they are copies in one map, as the
-elements of beams are. What is made of formulas has one from the start (`formulas`); this is for
-what users state.
+Joints of one type differ in the positions of their points. With a kernel of its own for each
+joint, a chain of many bodies needs as many functions to build and to call. With the numbers as
+data they share one kernel, whose copies are evaluated together, as the elements of beams are.
+Kernels made of `formulas` are shared from the start; this module is for expressions of users.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.formulas import MOST_KINDS
+from beamdae.symbolic.formulas import MAX_SHARED_KERNELS
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -31,7 +31,7 @@ AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
 Statement = ForceStatement | ConstraintStatement
 
 
-class Alike(NamedTuple):
+class KernelGroup(NamedTuple):
     """Statements that share a kernel.
 
     Attributes
@@ -39,9 +39,9 @@ class Alike(NamedTuple):
     kernel
         The kernel.
     members
-        Which of the statements.
+        Indices of the statements.
     data
-        The data of their copies, a column each, one statement after the other.
+        Data of their copies, one column per copy, one statement after the other.
     """
 
     kernel: Any
@@ -49,32 +49,37 @@ class Alike(NamedTuple):
     data: Array
 
 
-def by_kernel(statements: Sequence[Statement]) -> list[Alike]:
-    """The statements by kernel, those of one kind with the same."""
-    kinds: dict[Hashable, list[int]] = {}
+def group_by_kernel(statements: Sequence[Statement]) -> list[KernelGroup]:
+    """Group statements whose kernels are equal except for the numbers in them."""
+    groups: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
         kernel = statement.kernel
-        kinds.setdefault(_recipe(kernel) or id(kernel), []).append(k)
-    return [_alike(kind, members, statements) for kind, members in kinds.items()]
+        groups.setdefault(_describe_kernel(kernel) or id(kernel), []).append(k)
+    return [_form_group(key, members, statements) for key, members in groups.items()]
 
 
-def _alike(kind: Any, members: list[int], statements: Sequence[Statement]) -> Alike:
-    own = [statements[k] for k in members]
-    data = np.concatenate([statement.data for statement in own], axis=1)
-    if not isinstance(kind, _Recipe):
-        return Alike(own[0].kernel, members, data)
-    numbers = [np.repeat(_numbers(x.kernel)[:, None], x.data.shape[1], axis=1) for x in own]
-    return Alike(_general(kind), members, np.concatenate([data, np.concatenate(numbers, axis=1)]))
+def _form_group(key: Any, members: list[int], statements: Sequence[Statement]) -> KernelGroup:
+    group = [statements[k] for k in members]
+    data = np.concatenate([statement.data for statement in group], axis=1)
+    if not isinstance(key, _KernelRecipe):
+        return KernelGroup(group[0].kernel, members, data)
+    numbers = [
+        np.repeat(_extract_constants(x.kernel)[:, None], x.data.shape[1], axis=1) for x in group
+    ]
+    all_data = np.concatenate([data, np.concatenate(numbers, axis=1)])
+    return KernelGroup(_rebuild_kernel(key), members, all_data)
 
 
-def recognized(kernel: QuantityKernel) -> tuple[Any, Array]:
-    """The kernel of its kind, and the numbers that are its further data."""
-    recipe = _recipe(kernel)
-    return (kernel, np.zeros(0)) if recipe is None else (_general(recipe), _numbers(kernel))
+def generalize_quantity(kernel: QuantityKernel) -> tuple[Any, Array]:
+    """Return the kernel with its numbers as additional data, and the numbers."""
+    recipe = _describe_kernel(kernel)
+    if recipe is None:
+        return kernel, np.zeros(0)
+    return _rebuild_kernel(recipe), _extract_constants(kernel)
 
 
-class _Recipe(NamedTuple):
-    """How a kernel is evaluated, but for the numbers in it.
+class _KernelRecipe(NamedTuple):
+    """Instructions of a kernel without the numbers in it.
 
     Attributes
     ----------
@@ -83,7 +88,7 @@ class _Recipe(NamedTuple):
     shapes
         Of its outputs.
     steps
-        Operations, their operands and their results.
+        (operation, operands, results) of each instruction.
     """
 
     type: type[AnyKernel]
@@ -94,15 +99,15 @@ class _Recipe(NamedTuple):
     steps: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
 
 
-def _function(kernel: AnyKernel) -> ca.Function:
+def _to_function(kernel: AnyKernel) -> ca.Function:
     return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
 
 
-def _recipe(kernel: AnyKernel) -> _Recipe | None:
-    """The recipe of a kernel; None of those of elements, which are shared as they are."""
+def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
+    """Return the recipe of a kernel; None if it is shared already or calls other functions."""
     if kernel.reused:
         return None
-    f, x = _function(kernel), kernel.local
+    f, x = _to_function(kernel), kernel.local
     steps = tuple(
         (f.instruction_id(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
         for k in range(f.n_instructions())
@@ -110,39 +115,40 @@ def _recipe(kernel: AnyKernel) -> _Recipe | None:
     if any(operation == ca.OP_CALL for operation, _, _ in steps):
         return None
     shapes = tuple(output.shape for output in kernel.outputs)
-    return _Recipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
+    return _KernelRecipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
 
 
-def _numbers(kernel: AnyKernel) -> Array:
-    """The numbers in a kernel, in the order of its steps."""
-    f = _function(kernel)
+def _extract_constants(kernel: AnyKernel) -> Array:
+    """Return the numbers in a kernel, in the order of its instructions."""
+    f = _to_function(kernel)
     steps = range(f.n_instructions())
     return np.array(
         [f.instruction_constant(k) for k in steps if f.instruction_id(k) == ca.OP_CONST], float
     )
 
 
-@lru_cache(maxsize=MOST_KINDS)
-def _general(recipe: _Recipe) -> AnyKernel:
-    """The kernel of a kind with its numbers as further data, the same one every time.
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
+    """Return the kernel of a recipe, with its numbers as additional data.
 
-    Models that differ in numbers alone so have the same kernels, and what is derived from them.
+    Equal recipes return the same object, so that models which differ in numbers alone share the
+    kernel and everything derived from it.
     """
     count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)
     local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
-    blank = [SX.zeros(shape) for shape in recipe.shapes]
-    inputs = recipe.type.stated(local, blank).inputs
-    numbers = iter(range(recipe.n_data, recipe.n_data + count))
-    found: dict[int, SX] = {}
+    outputs = [SX.zeros(shape) for shape in recipe.shapes]
+    inputs = recipe.type.from_outputs(local, outputs).inputs
+    data_index = iter(range(recipe.n_data, recipe.n_data + count))
+    values: dict[int, SX] = {}
     for operation, operands, results in recipe.steps:
         if operation == ca.OP_OUTPUT:
-            blank[results[0]][results[1]] = found[operands[0]]
+            outputs[results[0]][results[1]] = values[operands[0]]
         elif operation == ca.OP_INPUT:
-            found[results[0]] = inputs[operands[0]][operands[1]]
+            values[results[0]] = inputs[operands[0]][operands[1]]
         elif operation == ca.OP_CONST:
-            found[results[0]] = local.data[next(numbers)]
+            values[results[0]] = local.data[next(data_index)]
         elif len(operands) == 1:
-            found[results[0]] = SX.unary(operation, found[operands[0]])
+            values[results[0]] = SX.unary(operation, values[operands[0]])
         else:
-            found[results[0]] = SX.binary(operation, *(found[k] for k in operands))
-    return recipe.type.stated(local, blank)
+            values[results[0]] = SX.binary(operation, *(values[k] for k in operands))
+    return recipe.type.from_outputs(local, outputs)

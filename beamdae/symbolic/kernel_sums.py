@@ -2,9 +2,10 @@
 
     out = kernels(shared, gathered x, data),    result = S (out, shared, 1)
 
-with constant sparse operators. Residuals and iteration matrices of all forms are such sums. They
-are evaluated in stretches of copies whose numbers stay in the caches. Arrays are laid out for
-machine code with a copy a lane: component by component, copies of a stretch side by side.
+Gathering and S are constant sparse operators. The residuals and iteration matrices of all
+formulations are such sums. They are evaluated in batches of copies whose numbers stay in the
+processor caches. Arrays are laid out for machine code with one copy per vector lane: component by
+component, with the copies of a batch side by side.
 """
 
 from __future__ import annotations
@@ -17,56 +18,84 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.native.lanes import LaneKernel, lane_kernel
-from beamdae.native.object_code import is_on
-from beamdae.native.vectors import add, add_weighted, call_kernel, combine, fill, gather, pick
+from beamdae.native.lane_kernels import LaneKernel, lane_kernel
+from beamdae.native.loop_functions import (
+    add,
+    add_weighted,
+    call_kernel,
+    combine,
+    fill,
+    gather,
+    pick,
+)
+from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 
 Array = np.ndarray
 SX = ca.SX
 
+# Columns of `Sum.batches`: where the inputs of a batch start in `local`, its number of lanes, and
+# where its entries end in `pick_targets`, `gather_targets`, `add_targets` and `weighted_targets`.
+_START = 0
+_LANES = 1
+_PICK_END = 2
+_GATHER_END = 3
+_ADD_END = 4
+_WEIGHTED_END = 5
+
 
 @dataclass(frozen=True)
 class Kernel:
-    """What one copy gives: columns and matrices from numbers it shares with the others and its own.
+    """A function of one copy: columns and matrices of shared numbers and numbers of the copy.
 
     Attributes
     ----------
     function
         (shared, local) -> the entries of all `outputs`, one after the other.
     outputs
-        Patterns of the columns and matrices it gives.
-    turned
-        The same in other coordinates, see `turns`.
+        Patterns of the columns and matrices it returns.
+    rotated_kernels
+        The same kernel in other coordinates, see `rotations.rotate_kernel`.
     """
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
-    turned: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
-    _copies: dict[int, ca.Function] = field(
+    rotated_kernels: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
+    _mapped_functions: dict[int, ca.Function] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
 
-    def copies(self, count: int) -> ca.Function:
-        """The function of many copies side by side: making it costs as much as using it."""
-        if count not in self._copies:
+    @property
+    def n_local(self) -> int:
+        """Number of inputs of a copy."""
+        return self.function.numel_in(1)
+
+    @property
+    def n_out(self) -> int:
+        """Number of entries of all outputs of a copy."""
+        return self.function.numel_out(0)
+
+    def map_copies(self, count: int) -> ca.Function:
+        """Return the function of `count` copies; stored, as mapping costs as much as calling."""
+        if count not in self._mapped_functions:
             function = self.function
-            many = function.map("copies", "serial", count, [0], []) if count > 1 else function
-            self._copies[count] = many
-        return self._copies[count]
+            mapped = function.map("copies", "serial", count, [0], []) if count > 1 else function
+            self._mapped_functions[count] = mapped
+        return self._mapped_functions[count]
 
     @property
     def native(self) -> LaneKernel | None:
-        """In machine code, if that is wanted and can be had."""
-        return self._compiled if is_on() else None
+        """Machine code; None if it is switched off or cannot be built."""
+        return self._lane_kernel if is_native_enabled() else None
 
     @cached_property
-    def _compiled(self) -> LaneKernel | None:
+    def _lane_kernel(self) -> LaneKernel | None:
         return lane_kernel(self.function)
 
     @classmethod
     def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
-        """A kernel of these expressions."""
+        """Return the kernel of these expressions."""
         entries = ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs))
         (entries,) = ca.cse([ca.densify(entries)])
         return cls(ca.Function(name, [shared, local], [entries]), tuple(map(SX.sparsity, outputs)))
@@ -74,160 +103,188 @@ class Kernel:
 
 @dataclass(slots=True)
 class Sum:
-    """Numbers and buffers of a sum, as `evaluate` takes them.
+    """Numbers and buffers of a sum; the argument of `evaluate_sum`.
 
     Attributes
     ----------
     shared
-        What all copies share, (time, branch, coefficients); to be set before an evaluation.
-    local, out
-        What goes into the kernels, (component, copy) of one stretch after the other, and what comes
-        out of them, (component, copy) of the stretch under way; in the end `shared` and a one.
+        Inputs common to all copies, (t, branch, factors); set before an evaluation, see `set_time`
+        and `set_matrix_factors`.
+    local
+        Inputs of the copies: (component, copy) of one batch after the other.
+    out
+        Outputs of the current batch, (component, copy); after the last batch, `shared` and a 1.
     kernels
-        Of the stretches: addresses of machine code, or Python functions of (shared, local, out).
-    stretches
-        Where they begin in `local`, their lanes, and where they end in `at`, `more_at`, `rows` and
-        `more_rows`, a row each; what is behind the last one in the latter two takes `shared` and
-        the one.
-    at, of
-        local[at] = x[of], for what is just picked.
-    more_at, more_of, gathered
-        local[more_at] += gathered x[more_of], for what is not.
-    rows, columns
-        result[rows] += out[columns], for what is just added up.
-    more_rows, more_columns, weights
-        result[more_rows] += weights out[more_columns], for what is not.
-    alive
-        What the addresses of `kernels` belong to.
+        One per batch: addresses of machine code, or Python functions of (shared, local, out).
+    batches
+        One row per batch, see `_START` and following. Entries of `add_targets` and
+        `weighted_targets` beyond the last batch read `shared` and the 1.
+    pick_targets, pick_sources
+        local[pick_targets] = x[pick_sources].
+    gather_targets, gather_sources, gather_weights
+        local[gather_targets] += gather_weights x[gather_sources], for inputs that are weighted or
+        have several terms.
+    add_targets, add_sources
+        result[add_targets] += out[add_sources].
+    weighted_targets, weighted_sources, weights
+        result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
+    code_owners
+        Objects that keep the machine code at the addresses of `kernels` in memory.
     """
 
     shared: Array
     local: Array
     out: Array
     kernels: Any
-    stretches: Array
-    at: Array
-    of: Array
-    more_at: Array
-    more_of: Array
-    gathered: Array
-    rows: Array
-    columns: Array
-    more_rows: Array
-    more_columns: Array
+    batches: Array
+    pick_targets: Array
+    pick_sources: Array
+    gather_targets: Array
+    gather_sources: Array
+    gather_weights: Array
+    add_targets: Array
+    add_sources: Array
+    weighted_targets: Array
+    weighted_sources: Array
     weights: Array
-    alive: tuple[Any, ...]
+    code_owners: tuple[Any, ...]
 
 
-class Stretch(NamedTuple):
-    """Copies of a kernel that are evaluated at once, and where their numbers begin in `local`."""
+class Batch(NamedTuple):
+    """Copies of a kernel that are evaluated at once; their inputs begin at `start` in `local`."""
 
     kernel: Kernel
-    local: int
+    start: int
     lanes: int
     copies: int
 
 
 @dataclass(frozen=True)
 class SumPlan:
-    """A sum without buffers and numbers, see `Sum`; what it has of constants is shared by all.
+    """A sum without buffers and model data; its constant arrays are shared by all `Sum`s of it.
 
-    The numbers of a model go to local[data_at] = p[data_of].
+    The data p of a model are copied by local[data_targets] = p[data_sources].
     """
 
     n_shared: int
     n_local: int
     n_out: int
-    data_at: Array
-    data_of: Array
-    calls: tuple[Stretch, ...]
-    stretches: Array
-    at: Array
-    of: Array
-    more_at: Array
-    more_of: Array
-    gathered: Array
-    rows: Array
-    columns: Array
-    more_rows: Array
-    more_columns: Array
+    data_targets: Array
+    data_sources: Array
+    batches: tuple[Batch, ...]
+    batch_table: Array
+    pick_targets: Array
+    pick_sources: Array
+    gather_targets: Array
+    gather_sources: Array
+    gather_weights: Array
+    add_targets: Array
+    add_sources: Array
+    weighted_targets: Array
+    weighted_sources: Array
     weights: Array
 
     @property
     def is_native(self) -> bool:
-        """Whether all kernels can be had in machine code."""
-        return all(call.kernel.native is not None for call in self.calls)
+        """True if machine code of all kernels is available."""
+        return all(batch.kernel.native is not None for batch in self.batches)
 
     def sum(self, native: bool, p: Array) -> Sum:
-        """The sum with buffers, with kernels in machine code or by the virtual machine.
+        """Return the sum with buffers and data.
 
-        `p` are the numbers of the model.
+        Parameters
+        ----------
+        native
+            Whether kernels run as machine code or in CasADi's virtual machine.
+        p
+            Data of the model.
         """
         local = np.zeros(self.n_local)
-        local[self.data_at] = p[self.data_of]
+        local[self.data_targets] = p[self.data_sources]
         kernels: Any
-        alive: tuple[Any, ...] = ()
+        code_owners: tuple[Any, ...] = ()
         if native:
-            alive = tuple(call.kernel.native for call in self.calls)
-            kernels = np.array([kernel.address for kernel in alive], np.int64)
+            code_owners = tuple(batch.kernel.native for batch in self.batches)
+            kernels = np.array([kernel.address for kernel in code_owners], np.int64)
         else:
-            kernels = [_Evaluated(call) for call in self.calls]
+            kernels = [_InterpretedKernel(batch) for batch in self.batches]
         return Sum(
-            np.zeros(self.n_shared),
-            local,
-            np.zeros(self.n_out),
-            kernels,
-            self.stretches,
-            self.at,
-            self.of,
-            self.more_at,
-            self.more_of,
-            self.gathered,
-            self.rows,
-            self.columns,
-            self.more_rows,
-            self.more_columns,
-            self.weights,
-            alive,
+            shared=np.zeros(self.n_shared),
+            local=local,
+            out=np.zeros(self.n_out),
+            kernels=kernels,
+            batches=self.batch_table,
+            pick_targets=self.pick_targets,
+            pick_sources=self.pick_sources,
+            gather_targets=self.gather_targets,
+            gather_sources=self.gather_sources,
+            gather_weights=self.gather_weights,
+            add_targets=self.add_targets,
+            add_sources=self.add_sources,
+            weighted_targets=self.weighted_targets,
+            weighted_sources=self.weighted_sources,
+            weights=self.weights,
+            code_owners=code_owners,
         )
 
 
-class _Evaluated:
-    """A kernel for the copies of a stretch, by CasADi's virtual machine."""
+class _InterpretedKernel:
+    """A kernel for the copies of a batch, evaluated by CasADi's virtual machine."""
 
-    def __init__(self, call: Stretch) -> None:
-        kernel, local, lanes, count = call
-        function = kernel.function
-        self._compiled = Compiled(kernel.copies(count))
-        shape = (function.numel_in(1), lanes)
-        self._local, self._in = slice(local, local + shape[0] * lanes), shape
-        entries = function.numel_out(0)
-        self._out, self._entries = slice(entries * lanes), (entries, lanes)
-        self._count = count
+    def __init__(self, batch: Batch) -> None:
+        kernel, start, lanes, self._count = batch
+        n_inputs, n_outputs = kernel.n_local, kernel.n_out
+        self._compiled = Compiled(kernel.map_copies(self._count))
+        self._input_shape, self._output_shape = (n_inputs, lanes), (n_outputs, lanes)
+        self._input_range = slice(start, start + n_inputs * lanes)
+        self._output_range = slice(n_outputs * lanes)
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
-        own = local[self._local].reshape(self._in)[:, : self._count]
-        (found,) = self._compiled(shared, own.T.ravel())
-        out[self._out].reshape(self._entries)[:, : self._count] = found.reshape(self._count, -1).T
+        count = self._count
+        inputs = local[self._input_range].reshape(self._input_shape)[:, :count]
+        (values,) = self._compiled(shared, inputs.T.ravel())
+        outputs = out[self._output_range].reshape(self._output_shape)
+        outputs[:, :count] = values.reshape(count, -1).T
 
 
-def evaluate(total: Sum, x: Array, result: Array) -> None:
-    """The sum at x, into `result`; `total.shared` has to be set before."""
-    local, out, stretches, n_shared = total.local, total.out, total.stretches, total.shared.size
+def set_time(total: Sum, t: float, branch: float) -> None:
+    """Set the time at which laws are read and the time that selects their piece."""
+    total.shared[SHARED_T] = t
+    total.shared[SHARED_BRANCH] = branch
+
+
+def set_matrix_factors(
+    total: Sum, c_q: float, c_v: float, c_a: float, c_l: float, c_h: float, c_r: float
+) -> None:
+    """Set the factors of the parts of a matrix, see `local_symbols.MATRIX_SHARED`."""
+    total.shared[C_Q] = c_q
+    total.shared[C_V] = c_v
+    total.shared[C_A] = c_a
+    total.shared[C_L] = c_l
+    total.shared[C_H] = c_h
+    total.shared[C_R] = c_r
+
+
+def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
+    """Write the sum at x into `result`; `total.shared` has to be set before."""
+    local, out, batches, n_shared = total.local, total.out, total.batches, total.shared.size
     fill(result, 0.0)
-    picked, gathered, added, weighted = 0, 0, 0, 0
-    for k in range(stretches.shape[0]):
-        pick(local, total.at, x, total.of, picked, stretches[k, 2])
-        gather(local, total.more_at, total.gathered, x, total.more_of, gathered, stretches[k, 3])
-        start, lanes = stretches[k, 0], stretches[k, 1]
+    pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
+    for k in range(batches.shape[0]):
+        start, lanes = batches[k, _START], batches[k, _LANES]
+        pick_end, gather_end = batches[k, _PICK_END], batches[k, _GATHER_END]
+        add_end, weighted_end = batches[k, _ADD_END], batches[k, _WEIGHTED_END]
+        pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)
+        targets, weights, sources = total.gather_targets, total.gather_weights, total.gather_sources
+        gather(local, targets, weights, x, sources, gather_begin, gather_end)
         call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
-        add(result, total.rows, out, total.columns, added, stretches[k, 4])
-        more = total.more_rows, total.weights
-        add_weighted(result, *more, out, total.more_columns, weighted, stretches[k, 5])
-        picked, gathered = stretches[k, 2], stretches[k, 3]
-        added, weighted = stretches[k, 4], stretches[k, 5]
+        add(result, total.add_targets, out, total.add_sources, add_begin, add_end)
+        targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
+        add_weighted(result, targets, weights, out, sources, weighted_begin, weighted_end)
+        pick_begin, gather_begin = pick_end, gather_end
+        add_begin, weighted_begin = add_end, weighted_end
     combine(out[:n_shared], (1.0,), (total.shared,))
     out[n_shared] = 1.0
-    add(result, total.rows, out, total.columns, added, total.rows.size)
-    more = total.more_rows, total.weights
-    add_weighted(result, *more, out, total.more_columns, weighted, total.more_rows.size)
+    add(result, total.add_targets, out, total.add_sources, add_begin, total.add_targets.size)
+    targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
+    add_weighted(result, targets, weights, out, sources, weighted_begin, targets.size)

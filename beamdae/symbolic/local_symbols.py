@@ -1,27 +1,66 @@
-"""Symbols of one local statement, and what its expressions may depend on."""
+"""Symbols of one local statement, and checks of expressions in them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 SX = ca.SX
 
-# What the kernels of all matrices share: the time, what their parts are multiplied by, and what
-# the multipliers that go in are to be multiplied by to be those of the equations.
+# Shared inputs of the kernels of all matrices: the time, then the `MatrixFactors`.
 MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h", "c_r")
+SHARED_T = MATRIX_SHARED.index("t")
+SHARED_BRANCH = MATRIX_SHARED.index("branch")
+C_Q = MATRIX_SHARED.index("c_q")
+C_V = MATRIX_SHARED.index("c_v")
+C_A = MATRIX_SHARED.index("c_a")
+C_L = MATRIX_SHARED.index("c_l")
+C_H = MATRIX_SHARED.index("c_h")
+C_R = MATRIX_SHARED.index("c_r")
+
+
+class MatrixFactors(NamedTuple):
+    """Factors of the parts of an iteration matrix.
+
+    Attributes
+    ----------
+    c_q, c_v, c_a
+        Of dF/dq, dF/dv and dF/da.
+    c_l
+        Of derivatives by multipliers.
+    c_h
+        Of constraints on velocity level.
+    c_r
+        Multiplies the multipliers that are passed in, to give those of the equations.
+    """
+
+    c_q: SX
+    c_v: SX
+    c_a: SX
+    c_l: SX
+    c_h: SX
+    c_r: SX
 
 
 @dataclass(frozen=True)
 class Local:
     """Symbols of one local statement.
 
-    `time` is (t, branch): laws read their values at t and choose their piece by branch, a time
+    `time` is (t, branch). Laws read their values at t and choose their piece by branch, a time
     inside the smooth interval under integration, so that an integrator can end a step exactly on a
     breakpoint.
+
+    Parameters
+    ----------
+    size
+        Number of coordinates.
+    n_data
+        Number of data of the model.
+    n_multipliers
+        Number of multipliers.
     """
 
     size: int
@@ -50,7 +89,7 @@ class Local:
 
     @cached_property
     def data(self) -> SX:
-        """Numbers of the model."""
+        """Data of the model."""
         return SX.sym("data", self.n_data)
 
     @cached_property
@@ -58,28 +97,32 @@ class Local:
         """Multipliers."""
         return SX.sym("lam", self.n_multipliers)
 
+    def partial_t(self, expression: SX) -> SX:
+        """Return the partial derivative by t; the branch is constant on a smooth interval."""
+        return ca.jtimes(expression, self.time, SX([1, 0]))
+
     def dot(self, expression: SX) -> SX:
-        """Time derivative of an expression in t and q along the motion."""
-        moved = ca.jtimes(expression, self.q, self.v) if self.size else 0
-        return moved + ca.jtimes(expression, self.time, SX([1, 0]))
+        """Return the time derivative of an expression in t and q along the motion."""
+        by_q = ca.jtimes(expression, self.q, self.v) if self.size else 0
+        return by_q + self.partial_t(expression)
 
     def ddot(self, expression: SX) -> SX:
-        """Second time derivative of an expression in t and q along the motion."""
+        """Return the second time derivative of an expression in t and q along the motion."""
         return self.rate(self.dot(expression))
 
     def rate(self, dot: SX) -> SX:
-        """Time derivative of an expression in t, q and v along the motion."""
-        moved = ca.jtimes(dot, self.q, self.v) + ca.jtimes(dot, self.v, self.a) if self.size else 0
-        return moved + ca.jtimes(dot, self.time, SX([1, 0]))
+        """Return the time derivative of an expression in t, q and v along the motion."""
+        by_q = ca.jtimes(dot, self.q, self.v) + ca.jtimes(dot, self.v, self.a) if self.size else 0
+        return by_q + self.partial_t(dot)
 
-    @staticmethod
-    def factors() -> SX:
-        """What `MATRIX_SHARED` has behind the time."""
-        return SX.sym("c", len(MATRIX_SHARED) - 2)
+    def matrix_inputs(self) -> tuple[SX, MatrixFactors]:
+        """Return new symbols of `MATRIX_SHARED`, as one column and by name."""
+        factors = SX.sym("c", len(MatrixFactors._fields))
+        return ca.vertcat(self.time, factors), MatrixFactors(*ca.vertsplit(factors))
 
 
-def column_misfit(name: str, value: Any, rows: int, *symbols: SX) -> str:
-    """What is wrong with an expression that has to be a column in these symbols, or nothing."""
+def describe_column_error(name: str, value: Any, rows: int, *symbols: SX) -> str:
+    """Return what is wrong with an expression that must be a column in these symbols, or ''."""
     if not isinstance(value, SX):
         return f"its {name} must be a CasADi SX column, got {type(value).__name__}"
     if value.shape != (rows, 1):

@@ -1,4 +1,4 @@
-"""Constant sparse operators, and what sums of local blocks on them are made of."""
+"""Operations on constant sparse operators."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 import scipy.sparse as sp
 
 
-def constant(matrix: sp.sparray) -> ca.DM:
-    """A scipy sparse matrix as a CasADi constant."""
+def to_casadi_constant(matrix: sp.sparray) -> ca.DM:
+    """Return a scipy sparse matrix as a CasADi constant."""
     csc = sp.csc_array(matrix)
     csc.sort_indices()
     rows, columns = csc.shape
@@ -16,13 +16,13 @@ def constant(matrix: sp.sparray) -> ca.DM:
     return ca.DM(pattern, csc.data)
 
 
-def column_of(pattern: sp.csc_array) -> np.ndarray:
-    """Column of each of the entries of a CSC matrix, whose rows are its `indices`."""
+def column_indices(pattern: sp.csc_array) -> np.ndarray:
+    """Return the column of each entry of a CSC matrix; `pattern.indices` are the rows."""
     return np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
 
 
-def picked(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
-    """Rows of an operator: what its index does, in a quarter of the time where they are few."""
+def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
+    """Return operator[rows]; four times as fast as indexing if the rows are few."""
     starts, counts = operator.indptr[rows], np.diff(operator.indptr)[rows]
     ends = np.cumsum(counts)
     indptr = np.concatenate([np.zeros(1, operator.indptr.dtype), ends])
@@ -31,14 +31,23 @@ def picked(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
     return sp.csr_array(parts, shape=(len(rows), operator.shape[1]))
 
 
-def products(
+def multiply_entries(
     left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(i, j, which, weight) of every product left[row, i] right[column, j] of these pairs."""
-    of_left, of_right = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
-    pairs = of_left * of_right
-    which = np.repeat(np.arange(len(row)), pairs)
-    within = np.arange(len(which)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    a = left.indptr[row[which]] + within // of_right[which]
-    b = right.indptr[column[which]] + within % of_right[which]
-    return left.indices[a], right.indices[b], which, left.data[a] * right.data[b]
+    """Return all products left[row[k], i] right[column[k], j] of non-zeros.
+
+    Returns
+    -------
+    i, j, k, product
+        One item per product.
+    """
+    left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
+    product_counts = left_counts * right_counts
+    k = np.repeat(np.arange(len(row)), product_counts)
+    number = np.arange(len(k)) - np.repeat(
+        np.cumsum(product_counts) - product_counts, product_counts
+    )
+    left_entry = left.indptr[row[k]] + number // right_counts[k]
+    right_entry = right.indptr[column[k]] + number % right_counts[k]
+    product = left.data[left_entry] * right.data[right_entry]
+    return left.indices[left_entry], right.indices[right_entry], k, product

@@ -1,8 +1,8 @@
-"""Local statements of mechanics: what one part says about a few coordinates.
+"""Local statements of mechanics: contributions of one part in a few coordinates.
 
-A statement is a small symbolic kernel together with constant sparse operators that pick its local
-coordinates from those of the bodies it concerns. The equations of motion of a mechanism are the
-sum of the statements of its parts.
+A statement is a small symbolic kernel together with constant sparse operators that select its
+local coordinates from those of the bodies concerned. The equations of motion of a mechanism are
+the sum of the statements of its parts.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.constraint_kernel import ConstraintKernel
+from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.local_symbols import SX, Local, column_misfit
-from beamdae.symbolic.nonholonomic_kernel import NonholonomicKernel
+from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
 __all__ = [
     "SX",
@@ -47,19 +46,19 @@ class Named(NamedTuple):
 
     @property
     def header(self) -> str:
-        """'name [unit]', as tables have it."""
+        """'name [unit]', the header of a column."""
         return f"{self.name} [{self.unit}]"
 
     @property
     def rate(self) -> Named:
-        """Its rate of change."""
+        """Name and unit of the rate of change."""
         return Named(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
 
 
 class Piece(NamedTuple):
     """Rows of a constant operator on the coordinates of one owner (a body, or a joint's lam).
 
-    `s` is the arc length [m] of the section whose coordinates they are, where the owner is a beam.
+    `s` is the arc length [m] of the section whose coordinates are selected, if the owner is a beam.
     """
 
     owner: Any
@@ -69,11 +68,11 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceStatement:
-    """`count` copies of one force kernel: `data` has one column a copy.
+    """`count` copies of one force kernel; `data` has one column per copy.
 
-    Each piece's operator stacks the local rows of copy 0, copy 1, ... so that it has
-    count * rows rows; the pieces of one copy follow each other in the local coordinates. `joint`
-    names the part whose multipliers are local.lam, if any.
+    The operator of each piece stacks the local rows of copy 0, copy 1, ... and so has count * rows
+    rows. In the local coordinates of a copy, one piece follows the other. `joint` names the part
+    whose multipliers are local.lam, if any.
     """
 
     part: str
@@ -90,7 +89,7 @@ class ForceStatement:
 
 @dataclass(frozen=True)
 class ConstraintStatement:
-    """Constraints of one part; `multipliers` names what each row of g holds, in the unit of lam."""
+    """Constraints of one part; `multipliers` has the name and unit of lam of each row of g."""
 
     part: str
     kernel: ConstraintKernel
@@ -99,29 +98,34 @@ class ConstraintStatement:
     data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
 
 
+_N_RANGE_VALUES = 3
+
+
 @dataclass(frozen=True)
 class RangeKernel:
-    """How far one copy of a statement has gone from where it holds.
+    """Distance of one copy of a statement from the limits of its validity.
 
     Attributes
     ----------
     local
         Symbols.
     values
-        (deflection over length [-], rotation [rad], strain [-]) from local.q and local.data, all
-        positive or zero.
+        (deflection over length [-], rotation [rad], strain [-]) in terms of local.q and local.data,
+        none of them negative.
     """
 
     local: Local
     values: SX
 
-    # Rotations follow no law of time.
+    # It does not depend on time.
     has_branches = False
 
     @cached_property
-    def misfit(self) -> str:
-        """What is wrong with its expression, a phrase, or nothing."""
-        return column_misfit("values", self.values, 3, self.local.q, self.local.data)
+    def expression_error(self) -> str:
+        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        return describe_column_error(
+            "values", self.values, _N_RANGE_VALUES, self.local.q, self.local.data
+        )
 
     @cached_property
     def function(self) -> RowFunction:
@@ -132,17 +136,17 @@ class RangeKernel:
 
 @dataclass(frozen=True)
 class RangeStatement:
-    """What of a part tells how far its strains are to be trusted.
+    """Range in which the strains of a part are valid.
 
     Pieces, copies and `data` as in `ForceStatement`.
 
     Attributes
     ----------
     error
-        (a, b): at a rotation of r [rad] its deformation is off by a r + b r^2 of itself; None if
-        its strains have no limit.
+        (a, b): at a rotation of r [rad] the relative error of the deformation is a r + b r^2. None
+        if the strains are valid at any rotation.
     remedies
-        What helps besides cutting it into several bodies, as settings.
+        Settings that reduce the error, besides cutting the part into several bodies.
     """
 
     part: str
@@ -155,14 +159,14 @@ class RangeStatement:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something observed: columns computed from a few coordinates, and perhaps multipliers.
+    """An observed quantity: columns computed from a few coordinates and multipliers.
 
     Attributes
     ----------
     columns
-        What each value is; an empty name stands for the observable's own.
+        Name and unit of each value; an empty name stands for the name of the observable.
     pieces
-        Where the local coordinates come from.
+        Select the local coordinates.
     expression
         local -> SX of shape (len(columns),).
     data
@@ -180,14 +184,14 @@ class Quantity:
 
 @dataclass(frozen=True)
 class QuantityKernel:
-    """Values of a quantity.
+    """Expressions of the values of a quantity.
 
     Attributes
     ----------
     local
         Symbols.
     values
-        From time, q, v, data and lam of these, shape (number of columns,).
+        In terms of time, q, v, data and lam of `local`, shape (number of columns,).
     """
 
     local: Local
@@ -196,18 +200,18 @@ class QuantityKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """(time, q, v, data, lam), what they may depend on."""
+        """Symbols it may depend on: (time, q, v, data, lam)."""
         x = self.local
         return [x.time, x.q, x.v, x.data, x.lam]
 
     @property
     def outputs(self) -> list[SX]:
-        """The values alone."""
+        """The values as a list of one column."""
         return [self.values]
 
     @classmethod
-    def stated(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
-        """The kernel of these `outputs`."""
+    def from_outputs(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
+        """Return the kernel of these `outputs`."""
         (values,) = outputs
         return cls(local, values)
 

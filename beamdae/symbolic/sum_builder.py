@@ -1,4 +1,4 @@
-"""Building sums of kernels: what goes into which copy, and what becomes of what comes out."""
+"""Assembly of sums of kernels: gathers the inputs of copies and scatters their outputs."""
 
 from __future__ import annotations
 
@@ -8,126 +8,147 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.native.lanes import padded
-from beamdae.symbolic.kernel_sums import Kernel, Stretch, SumPlan
-from beamdae.symbolic.sparse_operators import products
+from beamdae.native.lane_kernels import pad_copies
+from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.sparse_operators import multiply_entries
 
 Array = np.ndarray
 
-# Copies of a stretch, whole vectors: so the matrices of elements stay in the caches until they are
-# added up.
-_AT_ONCE = 72
+# Whole vectors of lanes, few enough that the matrices of elements stay in the processor caches
+# until they are added.
+_MAX_BATCH_COPIES = 72
+# Source of a constant; the k-th shared number from the end has the source -k - 1.
+_SOURCE_OF_ONE = -1
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """Rows of an operator on a stretch of the vector, as local input of all copies."""
+class LocalInput:
+    """Rows of an operator as local input of all copies.
+
+    The operator acts on the part of the vector that starts at `first`.
+    """
 
     operator: sp.csr_array
     first: int = 0
 
 
 @dataclass(frozen=True)
-class Copies:
-    """A kernel added to a sum, and where its numbers begin among those of all kernels."""
+class KernelCopies:
+    """Copies of a kernel in a sum; their outputs begin at `start` among those of all kernels."""
 
     kernel: Kernel
     count: int
     start: int
 
     def sources(self, output: int, entry: Array, copy: Array) -> Array:
-        """Where entries of one of its outputs are."""
+        """Return the positions of entries of one output."""
         sizes = [pattern.nnz() for pattern in self.kernel.outputs]
-        return self.start + _places(self.count, sum(sizes), sum(sizes[:output]) + entry, copy)
+        component = sum(sizes[:output]) + entry
+        return self.start + _locate_components(self.count, sum(sizes), component, copy)
 
 
-def _places(count: int, height: int, component: Array, copy: Array) -> Array:
-    """Where a component of a copy stands: stretch by stretch, (component, copy) of each."""
-    stretch = copy // _AT_ONCE
-    lanes = np.where(stretch == count // _AT_ONCE, padded(count % _AT_ONCE), _AT_ONCE)
-    return stretch * (_AT_ONCE * height) + component * lanes + copy % _AT_ONCE
+def _locate_components(count: int, height: int, component: Array, copy: Array) -> Array:
+    """Return positions of components of copies, stored batch by batch as (component, lane)."""
+    batch = copy // _MAX_BATCH_COPIES
+    last_lanes = pad_copies(count % _MAX_BATCH_COPIES)
+    lanes = np.where(batch == count // _MAX_BATCH_COPIES, last_lanes, _MAX_BATCH_COPIES)
+    first = batch * (_MAX_BATCH_COPIES * height)
+    return first + component * lanes + copy % _MAX_BATCH_COPIES
 
 
 @dataclass
 class SumBuilder:
-    """Builds a sum: first kernels are added, then what becomes of their outputs.
+    """Builder of a sum: add kernels first, then state where their outputs go.
 
     Attributes
     ----------
     n_shared
-        How many numbers all copies share.
+        Number of inputs that all copies share.
     """
 
     n_shared: int
-    _local: int = 0
-    _out: int = 0
+    _n_local: int = 0
+    _n_out: int = 0
     _data: list[tuple[Array, Array]] = field(default_factory=list)
-    _calls: list[Stretch] = field(default_factory=list)
-    _sources: list[int] = field(default_factory=list)
-    _gathers: list[tuple[Array, Array, Array]] = field(default_factory=list)
+    _batches: list[Batch] = field(default_factory=list)
+    _batch_starts: list[int] = field(default_factory=list)
+    _inputs: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
 
-    def add(self, kernel: Kernel, inputs: Sequence[Gathered], data: slice, count: int) -> Copies:
-        """Add `count` copies of a kernel with these local inputs.
+    def add(
+        self, kernel: Kernel, inputs: Sequence[LocalInput], data: slice, count: int
+    ) -> KernelCopies:
+        """Add `count` copies of a kernel.
 
-        Behind them stands what is at `data` among the numbers of the model, copy after copy.
+        Parameters
+        ----------
+        inputs
+            Local inputs of the copies.
+        data
+            Range of their data in the data of the model, copy after copy; local inputs after
+            `inputs`.
         """
-        copies, numbers, row = Copies(kernel, count, self._out), kernel.function.numel_in(1), 0
-        if kernel.function.numel_out(0) == 0:
+        copies, n_inputs, row = KernelCopies(kernel, count, self._n_out), kernel.n_local, 0
+        if kernel.n_out == 0:
             return copies
-        for gathered in inputs:
-            operator = sp.coo_array(gathered.operator)
+        for local_input in inputs:
+            operator = sp.coo_array(local_input.operator)
             height = operator.shape[0] // count
-            copy, own = np.divmod(operator.coords[0], max(height, 1))
-            at = self._local + _places(count, numbers, row + own, copy)
-            self._gathers.append((at, operator.coords[1] + gathered.first, operator.data))
+            copy, component = np.divmod(operator.coords[0], max(height, 1))
+            target = _locate_components(count, n_inputs, row + component, copy)
+            source = operator.coords[1] + local_input.first
+            self._inputs.append((self._n_local + target, source, operator.data))
             row += height
         n_data = (data.stop - data.start) // count
-        assert row + n_data == numbers
-        for first in range(0, count, _AT_ONCE):
-            found = min(count - first, _AT_ONCE)
-            lanes = padded(found)
-            self._calls.append(Stretch(kernel, self._local, lanes, found))
-            self._sources.append(self._out)
-            # Lanes to spare have the numbers of the last copy: they must not be special.
-            copy = first + np.minimum(np.arange(lanes), found - 1)
-            of = data.start + np.arange(n_data)[:, None] + n_data * copy
-            at = self._local + np.arange(numbers * lanes).reshape(numbers, lanes)[row:]
-            self._data.append((at.ravel(), of.ravel()))
-            self._local += numbers * lanes
-            self._out += kernel.function.numel_out(0) * lanes
+        assert row + n_data == n_inputs
+        for first in range(0, count, _MAX_BATCH_COPIES):
+            batch_copies = min(count - first, _MAX_BATCH_COPIES)
+            lanes = pad_copies(batch_copies)
+            self._batches.append(Batch(kernel, self._n_local, lanes, batch_copies))
+            self._batch_starts.append(self._n_out)
+            # Padding lanes repeat the data of the last copy, which cannot cause invalid operations.
+            copy = first + np.minimum(np.arange(lanes), batch_copies - 1)
+            source = data.start + np.arange(n_data)[:, None] + n_data * copy
+            target = self._n_local + np.arange(n_inputs * lanes).reshape(n_inputs, lanes)[row:]
+            self._data.append((target.ravel(), source.ravel()))
+            self._n_local += n_inputs * lanes
+            self._n_out += kernel.n_out * lanes
         return copies
 
-    def add_column(self, copies: Copies, output: int, operator: sp.csr_array, row: int) -> None:
-        """Add operator^T (columns of all copies) to the rows from `row` on; columns are dense."""
-        found = sp.coo_array(operator)
-        copy, own = np.divmod(found.coords[0], found.shape[0] // copies.count)
-        source = copies.sources(output, own, copy)
-        at = found.coords[1] + row
-        self._entries.append((at, np.zeros_like(at), source, found.data))
+    def add_column(
+        self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
+    ) -> None:
+        """Add operator^T (dense columns of all copies) to the rows from `row` on."""
+        entries = sp.coo_array(operator)
+        copy, component = np.divmod(entries.coords[0], entries.shape[0] // copies.count)
+        source = copies.sources(output, component, copy)
+        target = entries.coords[1] + row
+        self._entries.append((target, np.zeros_like(target), source, entries.data))
 
     def add_matrix(
         self,
-        copies: Copies,
+        copies: KernelCopies,
         output: int,
         rows: sp.csr_array,
         columns: sp.csr_array,
         place: tuple[int, int],
         transposed: bool = False,
     ) -> None:
-        """Add R_e^T V_e C_e of all copies at a place, or the transposed of that.
+        """Add R_e^T V_e C_e of all copies, or its transpose, with its first entry at `place`.
 
-        `rows` is (r * count, .) and `columns` (c * count, .), V_e is (r, c).
+        `rows` is (r * count, .) and `columns` is (c * count, .) where V_e is (r, c).
         """
         pattern, count = copies.kernel.outputs[output], copies.count
         r, c = pattern.shape
-        own_row, own_column = (np.array(x, int) for x in pattern.get_triplet())
-        copy = np.repeat(np.arange(count), len(own_row))
-        entry = np.tile(np.arange(len(own_row)), count)
+        pattern_row, pattern_column = (np.array(x, int) for x in pattern.get_triplet())
+        copy = np.repeat(np.arange(count), len(pattern_row))
+        entry = np.tile(np.arange(len(pattern_row)), count)
         source = copies.sources(output, entry, copy)
-        left, right = sp.csr_array(rows), sp.csr_array(columns)
-        i, j, which, weight = products(
-            left, copy * r + own_row[entry], right, copy * c + own_column[entry]
+        i, j, which, weight = multiply_entries(
+            sp.csr_array(rows),
+            copy * r + pattern_row[entry],
+            sp.csr_array(columns),
+            copy * c + pattern_column[entry],
         )
         if transposed:
             i, j = j, i
@@ -136,85 +157,93 @@ class SumBuilder:
     def add_diagonal(
         self, size: int, place: tuple[int, int], shared: int | None, value: float
     ) -> None:
-        """Add a diagonal of `value`, times a shared number if one is named, at a place."""
+        """Add `value` on a diagonal, times the shared number of index `shared` unless None."""
         index = np.arange(size)
-        source = np.full(size, -1 if shared is None else shared - self.n_shared - 1)
-        self._entries.append((index + place[0], index + place[1], source, np.full(size, value)))
+        source = _SOURCE_OF_ONE if shared is None else shared - self.n_shared + _SOURCE_OF_ONE
+        sources, values = np.full(size, source), np.full(size, value)
+        self._entries.append((index + place[0], index + place[1], sources, values))
 
     def vector(self) -> SumPlan:
-        """The sum as a column."""
-        rows, _, source, weight = self._collected()
+        """Return the plan of the sum as a column."""
+        rows, _, source, weight = self._collect_entries()
         return self._plan(rows, source, weight)
 
     def matrix(self, shape: tuple[int, int], count: int = 1) -> tuple[sp.csc_array, SumPlan]:
-        """The pattern of the sum as a matrix, with ones, and the sum as its CSC non-zeros.
+        """Return the pattern of the sum as a matrix of ones, and the plan of its CSC non-zeros.
 
-        Of `count` matrices below each other it is what they have in common, and the sum has the
-        non-zeros of one after the other.
+        If the sum stacks `count` matrices below each other, the pattern is the union of theirs,
+        and the sum has the non-zeros of one matrix after the other.
         """
-        below, j, source, weight = self._collected()
-        which, i = np.divmod(below, shape[0])
+        stacked_row, j, source, weight = self._collect_entries()
+        which, i = np.divmod(stacked_row, shape[0])
         assert np.all(which < count)
         pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=shape))
         pattern.sort_indices()
         pattern.data[:] = 1.0
-        position = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
-        target = np.searchsorted(position + pattern.indices, j.astype(np.int64) * shape[0] + i)
+        column_start = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
+        target = np.searchsorted(column_start + pattern.indices, j.astype(np.int64) * shape[0] + i)
         return pattern, self._plan(target + which * pattern.nnz, source, weight)
 
-    def _collected(self) -> tuple[Array, ...]:
-        return _joined(self._entries, "llld")
+    def _collect_entries(self) -> tuple[Array, ...]:
+        return _concatenate_columns(self._entries, "llld")
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        starts = np.array([*self._sources, self._out])
-        # Shared numbers and the one are counted from the end, and come last.
-        behind = source < 0
-        stretch = np.where(behind, len(self._calls), np.searchsorted(starts, source, "right") - 1)
-        columns = np.where(behind, source + self.n_shared + 1, source - starts[stretch])
-        order = np.lexsort((rows, stretch))
-        plain, weighted = _split(order, weight == 1.0)
-        at, of, weights = _joined(self._gathers, "lld")
-        alone = (weights == 1.0) & (np.bincount(at, minlength=self._local)[at] == 1)
-        picked, gathered = _split(np.argsort(at, kind="stable"), alone)
-        firsts = np.array([call.local for call in self._calls], int)
-        calls = np.arange(len(firsts))
-        stretches = [firsts, [call.lanes for call in self._calls]]
-        of_local = np.searchsorted(firsts, at, "right") - 1
-        ended = ((of_local, picked), (of_local, gathered), (stretch, plain), (stretch, weighted))
-        stretches += [np.searchsorted(by[entries], calls, "right") for by, entries in ended]
-        data_at, data_of = _joined(self._data, "ll")
+        """Sort inputs and entries by batch, and separate those without weights."""
+        n_batches = len(self._batches)
+        ends = np.array([*self._batch_starts, self._n_out])
+        # Shared numbers and the 1 have negative sources and follow the last batch.
+        is_shared = source < 0
+        batch = np.where(is_shared, n_batches, np.searchsorted(ends, source, "right") - 1)
+        column = np.where(is_shared, source + self.n_shared + 1, source - ends[batch])
+        by_batch = np.lexsort((rows, batch))
+        plain, weighted = _partition(by_batch, weight == 1.0)
+        target, input_source, input_weight = _concatenate_columns(self._inputs, "lld")
+        is_single = np.bincount(target, minlength=self._n_local)[target] == 1
+        by_target = np.argsort(target, kind="stable")
+        picked, gathered = _partition(by_target, (input_weight == 1.0) & is_single)
+        starts = np.array([batch.start for batch in self._batches], int)
+        input_batch = np.searchsorted(starts, target, "right") - 1
+        sorted_batches = (
+            input_batch[picked],
+            input_batch[gathered],
+            batch[plain],
+            batch[weighted],
+        )
+        table = [starts, [batch.lanes for batch in self._batches]]
+        table += [np.searchsorted(x, np.arange(n_batches), "right") for x in sorted_batches]
+        data_target, data_source = _concatenate_columns(self._data, "ll")
         return SumPlan(
-            self.n_shared,
-            self._local,
-            max([self.n_shared + 1, *np.diff(starts)]),
-            _index(data_at),
-            _index(data_of),
-            tuple(self._calls),
-            np.ascontiguousarray(np.array(stretches, np.int64).reshape(6, -1).T),
-            at=_index(at[picked]),
-            of=_index(of[picked]),
-            more_at=_index(at[gathered]),
-            more_of=_index(of[gathered]),
-            gathered=weights[gathered],
-            rows=_index(rows[plain]),
-            columns=_index(columns[plain]),
-            more_rows=_index(rows[weighted]),
-            more_columns=_index(columns[weighted]),
+            n_shared=self.n_shared,
+            n_local=self._n_local,
+            n_out=max([self.n_shared + 1, *np.diff(ends)]),
+            data_targets=_to_unsigned(data_target),
+            data_sources=_to_unsigned(data_source),
+            batches=tuple(self._batches),
+            batch_table=np.ascontiguousarray(np.array(table, np.int64).reshape(6, -1).T),
+            pick_targets=_to_unsigned(target[picked]),
+            pick_sources=_to_unsigned(input_source[picked]),
+            gather_targets=_to_unsigned(target[gathered]),
+            gather_sources=_to_unsigned(input_source[gathered]),
+            gather_weights=input_weight[gathered],
+            add_targets=_to_unsigned(rows[plain]),
+            add_sources=_to_unsigned(column[plain]),
+            weighted_targets=_to_unsigned(rows[weighted]),
+            weighted_sources=_to_unsigned(column[weighted]),
             weights=weight[weighted],
         )
 
 
-def _joined(parts: Sequence[tuple[Array, ...]], kinds: str) -> tuple[Array, ...]:
-    """One after the other, of arrays of these kinds, which may be none."""
-    none = tuple(np.zeros(0, kind) for kind in kinds)
-    return tuple(np.concatenate(x) for x in zip(none, *parts, strict=True))
+def _concatenate_columns(parts: Sequence[tuple[Array, ...]], kinds: str) -> tuple[Array, ...]:
+    """Concatenate the columns of all parts; empty columns have the dtypes `kinds`."""
+    empty = tuple(np.zeros(0, kind) for kind in kinds)
+    return tuple(np.concatenate(x) for x in zip(empty, *parts, strict=True))
 
 
-def _split(order: Array, chosen: Array) -> tuple[Array, Array]:
-    """What is chosen and what is not, in this order."""
-    return order[chosen[order]], order[~chosen[order]]
+def _partition(order: Array, condition: Array) -> tuple[Array, Array]:
+    """Split indices into those that satisfy the condition and the others, both in this order."""
+    return order[condition[order]], order[~condition[order]]
 
 
-def _index(numbers: Array) -> Array:
-    # Unsigned: compiled loops then need not ask whether an index counts from the end.
+def _to_unsigned(numbers: Array) -> Array:
+    # Compiled loops check signed indices for wrap-around from the end.
     return numbers.astype(np.uint32)

@@ -32,7 +32,7 @@ def test_regression_more_elements_than_there_is_memory_for_are_refused_at_once(e
 
 
 def test_what_is_said_to_fit_does(monkeypatch):
-    monkeypatch.setattr(memory, "_left_by_others", lambda: 1e7)
+    monkeypatch.setattr(memory, "_free_physical_memory", lambda: 1e7)
     with pytest.raises(bd.BeamdaeError, match=r"take at most elements=37\.$"):
         bd.Beam("beam", LINE, STRIP, elements=38)
     assert bd.Beam("beam", LINE, STRIP, elements=37).mesh.elements == 37

@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdae.linear.fill import fill
+from beamdae.linear.pivots import compute_fill
 
 
 def eliminated(pattern):
@@ -22,7 +22,7 @@ def test_the_fill_is_that_of_gaussian_elimination(size, share, seed):
     dense = np.random.default_rng(seed).random((size, size)) < share
     np.fill_diagonal(dense, True)
     pattern = sp.csc_array(dense.astype(float))
-    above, below = fill(pattern.indptr.tolist(), pattern.indices.tolist())
+    above, below = compute_fill(pattern.indptr.tolist(), pattern.indices.tolist())
     full = eliminated(dense)
     for j in range(size):
         assert above[j] == np.flatnonzero(full[:j, j]).tolist()
@@ -31,4 +31,4 @@ def test_the_fill_is_that_of_gaussian_elimination(size, share, seed):
 
 def test_the_pivots_themselves_may_be_fill():
     pattern = sp.csc_array(np.array([[1.0, 1.0], [1.0, 0.0]]))
-    assert fill(pattern.indptr.tolist(), pattern.indices.tolist()) == ([[], [0]], [[1], []])
+    assert compute_fill(pattern.indptr.tolist(), pattern.indices.tolist()) == ([[], [0]], [[1], []])

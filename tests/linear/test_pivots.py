@@ -11,15 +11,15 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.linear import elimination
-from beamdae.linear.elimination import factors_of, refactorize, solve
+from beamdae.linear.elimination import allocate_factors, refactorize, solve
 from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.pivots import plans
+from beamdae.linear.pivots import propose_plans
 
 
 def analyze(pattern, nonzeros, refactorize=refactorize):
     """The first plan that serves these numbers, and its factors."""
-    for plan in plans(pattern, nonzeros):
-        factors = factors_of(plan, nonzeros.dtype)
+    for plan in propose_plans(pattern, nonzeros):
+        factors = allocate_factors(plan, nonzeros.dtype)
         with np.errstate(all="ignore"):
             if refactorize(plan, factors, nonzeros):
                 return plan, factors
@@ -186,11 +186,11 @@ def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
 def test_compiled_it_finds_the_same(kind):
     numba = pytest.importorskip("numba")
     for function in (
-        elimination._size,
+        elimination._modulus_estimate,
         elimination._substitute,
-        elimination._measure,
+        elimination._update_residual,
         elimination._eliminate,
-        elimination._is_accurate,
+        elimination._set_refinements,
     ):
         numba.extending.register_jitable(error_model="numpy")(function)
     compiled = [numba.njit(error_model="numpy")(f) for f in (refactorize, solve)]

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from beamdae.native import loops
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
-from beamdae.native.vectors import (
+from beamdae.native.loop_functions import (
     array_at,
     call_for_int,
     call_for_pointer,
     fill,
-    where_largest,
+    locate_largest,
 )
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
 
-compiled = pytest.mark.skipif(not is_on(), reason="without machine code")
+compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 
 _C = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_int)
 _P = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
@@ -43,7 +43,7 @@ def calls(work):
     numbers = array_at(call_for_pointer(work.place, (work.numbers_at,)), 2)
     fill(numbers, 7.0)
     work.answer = call_for_int(work.given, (2.5, work.numbers_at, -3))
-    work.largest = where_largest(work.numbers, work.weights)
+    work.largest = locate_largest(work.numbers, work.weights)
     return call_for_int(work.none, ())
 
 
@@ -68,7 +68,7 @@ def test_c_functions_are_called_with_what_they_are_given(native):
     numbers = np.arange(4.0)
     at = numbers.ctypes.data
     work = Work(numbers, np.array([1.0, 1.0, -2.0, 1.0]), *map(address, functions), at)
-    assert (Loop(calls, work)() if native else calls(work)) == 11
+    assert (CompiledLoop(calls, work)() if native else calls(work)) == 11
     assert seen == [(2.5, at, -3)]
     assert work.answer == -4
     assert work.largest == 2
@@ -79,7 +79,7 @@ def test_c_functions_are_called_with_what_they_are_given(native):
 def test_callbacks_share_the_table_of_the_loop():
     numbers, out = np.zeros(4), np.zeros(1)
     work = Work(numbers, np.ones(4), 0, 0, 0, 0)
-    loop = Loop(calls, work, called_back=(called_back, "dp@"))
+    loop = CompiledLoop(calls, work, called_back=(called_back, "dp@"))
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
     function = kind(loop.addresses["called_back"])
     loop.load()
@@ -92,7 +92,7 @@ def test_callbacks_share_the_table_of_the_loop():
 @compiled
 def test_other_arrays_are_bound_to_the_same_table():
     work = Work(np.arange(4.0), np.ones(4), 0, 0, 0, 0)
-    loop = Loop(calls, work)
+    loop = CompiledLoop(calls, work)
     table, words = loop.table.ctypes.data, loop.table.copy()
     work.numbers, work.called = np.zeros(9), 5
     loop.bind()
@@ -113,12 +113,14 @@ def test_regression_two_threads_load_one_object(monkeypatch):
         time.sleep(0.1)
         return real(*arguments)
 
-    monkeypatch.setattr(loops, "machine_code", slowly)
-    monkeypatch.setattr(loops, "_loaded", {})
+    monkeypatch.setattr(loops, "load_object", slowly)
+    monkeypatch.setattr(loops, "_loaded_objects", {})
     found = []
 
     def make():
-        found.append(Loop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).addresses["loop"])
+        found.append(
+            CompiledLoop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).addresses["loop"]
+        )
 
     threads = [threading.Thread(target=make) for _ in range(3)]
     for thread in threads:

@@ -14,15 +14,15 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from beamdae.errors import KernelWarning
-from beamdae.native import cache as module
 from beamdae.native import llvm as machine
+from beamdae.native import object_cache as module
 from beamdae.native import object_code as objects
-from beamdae.native.lanes import WIDTH, lane_kernel
+from beamdae.native.lane_kernels import LANE_WIDTH, lane_kernel
 
 S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
 FUNCTION = ca.Function("kernel_of_test", [S, X], [ca.sin(X) * X[0] + ca.sqrt(X) * S])
 OTHER = ca.Function("kernel_of_test", [S, X], [ca.cos(X)])
-POINT = np.tile([[0.3], [1.7], [2.9]], WIDTH)
+POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
 NOBODY = 65534
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="other systems have no such permissions")
@@ -36,20 +36,20 @@ def cache(tmp_path, monkeypatch):
     """A cache of its own for each test, and a process in which nothing went wrong yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_said", set())
+    monkeypatch.setattr(objects, "_issued_messages", set())
     return tmp_path / "cache" / "beamdae"
 
 
 @pytest.fixture
 def builds(monkeypatch):
     """Names of what LLVM compiles."""
-    compiled, found = machine.compiled, []
+    compiled, found = machine.compile_module, []
 
     def counted(ir, level):
         found.append(ir)
         return compiled(ir, level)
 
-    monkeypatch.setattr(machine, "compiled", counted)
+    monkeypatch.setattr(machine, "compile_module", counted)
     return found
 
 
@@ -59,7 +59,7 @@ def expected(function):
 
 def values(kernel):
     found = kernel(np.array([1.5]), POINT)
-    assert_array_equal(found, np.tile(found[:, :1], WIDTH))
+    assert_array_equal(found, np.tile(found[:, :1], LANE_WIDTH))
     return found[:, 0]
 
 
@@ -194,14 +194,14 @@ def test_what_changes_between_check_and_use_is_not_loaded(cache, monkeypatch):
     """What is checked is what is loaded."""
     lane_kernel(FUNCTION)
     (file,) = kept(cache)
-    read = module._read
+    read = module._read_private_file
 
     def replaced_after(place):
         content = read(place)
         place.write_bytes(b"not an object")
         return content
 
-    monkeypatch.setattr(module, "_read", replaced_after)
+    monkeypatch.setattr(module, "_read_private_file", replaced_after)
     assert_right()
     assert file.read_bytes() == b"not an object"
 
@@ -242,9 +242,9 @@ def test_an_interrupt_leaves_nothing(cache, monkeypatch):
 @pytest.mark.parametrize("part", range(4))
 def test_objects_of_other_machines_and_compilers_are_not_loaded(cache, builds, monkeypatch, part):
     lane_kernel(FUNCTION)
-    recipe = list(machine.recipe())
+    recipe = list(machine.describe_target())
     recipe[part] += "x"
-    monkeypatch.setattr(machine, "recipe", lambda: tuple(recipe))
+    monkeypatch.setattr(machine, "describe_target", lambda: tuple(recipe))
     assert_right()
     assert len(builds) == len(kept(cache)) == 2
 
@@ -286,7 +286,7 @@ def test_a_way_to_the_cache_that_others_can_change_is_refused(cache, builds, mon
     in_the_open(monkeypatch)
     assert_not_kept(r"others can write to .*cache; set XDG_CACHE_HOME to a folder", builds)
     assert planted.exists()
-    objects._said.clear()
+    objects._issued_messages.clear()
     cache.parent.chmod(0o1777)
     assert_right()
     assert len(builds) == 3
@@ -379,9 +379,9 @@ def test_systems_without_owners_of_files_are_served(builds, monkeypatch):
 
 
 def test_a_kernel_that_gives_other_numbers_is_done_without(cache, monkeypatch):
-    compiled = machine.compiled
+    compiled = machine.compile_module
     monkeypatch.setattr(
-        machine, "compiled", lambda ir, level: compiled(ir.replace("fadd", "fsub"), level)
+        machine, "compile_module", lambda ir, level: compiled(ir.replace("fadd", "fsub"), level)
     )
     assert_done_without("LLVM: kernel_of_test does not give the right numbers; runs take several")
     assert not kept(cache)
@@ -389,7 +389,7 @@ def test_a_kernel_that_gives_other_numbers_is_done_without(cache, monkeypatch):
 
 def test_a_system_that_executes_nothing_from_memory_is_done_without(monkeypatch):
     def forbidden(*_):
-        raise machine.MachineError("this system executes nothing that was not installed")
+        raise machine.MachineCodeError("this system executes nothing that was not installed")
 
     monkeypatch.setattr(machine, "_engine", forbidden)
     assert_done_without("this system executes nothing that was not installed; runs take several")
@@ -407,7 +407,7 @@ PROCESS = """
 import warnings
 warnings.simplefilter("error")
 import casadi as ca, numpy as np
-from beamdae.native.lanes import lane_kernel
+from beamdae.native.lane_kernels import lane_kernel
 s, x = ca.SX.sym("s"), ca.SX.sym("x", 3)
 kernel = lane_kernel(ca.Function("kernel_of_test", [s, x], [ca.sin(x) * x[0] + ca.sqrt(x) * s]))
 print(kernel([1.5], np.tile([[0.3], [1.7], [2.9]], 8))[:, 0].tolist())

@@ -11,21 +11,21 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose, assert_array_equal
 
-from beamdae.linear.elimination import Linear, factorize_linear, solve_linear
-from beamdae.linear.pivots import plans
-from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native.lanes import WIDTH, lane_kernel
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
-from beamdae.native.vectors import call_kernel, combine, factorize, solve
+from beamdae.linear.pivots import propose_plans
+from beamdae.native.lane_kernels import LANE_WIDTH, lane_kernel
+from beamdae.native.linear_solver import LinearSolver, factorize_linear, solve_linear
+from beamdae.native.loop_functions import call_kernel, combine, factorize, solve
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
-pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")
+pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 
 
 def in_silence(function, work):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return Loop(function, work)
+        return CompiledLoop(function, work)
 
 
 # Kernels.
@@ -59,9 +59,9 @@ def test_kernels_are_called_with_their_own_numbers(count):
     ]
     lanes = [lane_kernel(function) for function in functions[:count]]
     random = np.random.default_rng(0)
-    shared, local = random.normal(size=2), random.normal(size=9 * WIDTH)
-    starts = np.array([(0, 2 * WIDTH), (6 * WIDTH, WIDTH)], np.int64)[:count]
-    room = np.zeros(8 * WIDTH), np.zeros((count, 8 * WIDTH))
+    shared, local = random.normal(size=2), random.normal(size=9 * LANE_WIDTH)
+    starts = np.array([(0, 2 * LANE_WIDTH), (6 * LANE_WIDTH, LANE_WIDTH)], np.int64)[:count]
+    room = np.zeros(8 * LANE_WIDTH), np.zeros((count, 8 * LANE_WIDTH))
 
     def by_hand(kernel, start, copies):
         def call(shared, local, out):
@@ -78,7 +78,7 @@ def test_kernels_are_called_with_their_own_numbers(count):
     in_silence(evaluate_all, compiled)()
     assert_array_equal(compiled.found, plain.found)
     assert_array_equal(compiled.local, local)
-    assert np.count_nonzero(plain.found[:1]) == (0, 8, 8)[count] * WIDTH
+    assert np.count_nonzero(plain.found[:1]) == (0, 8, 8)[count] * LANE_WIDTH
 
 
 # Elimination.
@@ -86,7 +86,7 @@ def test_kernels_are_called_with_their_own_numbers(count):
 
 @dataclass(slots=True)
 class System:
-    linear: Linear
+    linear: LinearSolver
     nonzeros: np.ndarray
     right: np.ndarray
 
@@ -117,13 +117,13 @@ def system(kind, size, seed):
         return real + 1j * random.normal(size=length) if kind is complex else real
 
     nonzeros = numbers(pattern.nnz) + 10.0 * (row == column).T[dense.T]
-    linear = Linear.empty(kind)
-    linear.take(next(plans(pattern, nonzeros)))
+    linear = LinearSolver.empty(kind)
+    linear.set_plan(next(propose_plans(pattern, nonzeros)))
     return System(linear, nonzeros, numbers(size)), pattern
 
 
 def assert_same_system(one, other, rtol):
-    for name in ("asks", "fresh", "singular", "factorizations", "solves"):
+    for name in ("needs_pivots", "is_untried", "singular", "factorizations", "solves"):
         assert getattr(one.linear, name) == getattr(other.linear, name)
     for name in ("matrix", "upper", "lower", "inverse", "refinements"):
         x, y = getattr(one.linear.factors, name), getattr(other.linear.factors, name)
@@ -154,13 +154,13 @@ def test_what_cannot_be_eliminated_is_the_same_compiled(kind, number):
     with np.errstate(all="ignore"):
         expected = solve_plainly(plain)
     assert in_silence(solve_system, compiled)() == expected == NEW_PIVOTS
-    assert compiled.linear.asks == plain.linear.asks == 1
+    assert compiled.linear.needs_pivots == plain.linear.needs_pivots == 1
     assert compiled.linear.factorizations == compiled.linear.solves == 0
 
 
 def test_without_a_plan_it_asks_for_one_and_what_has_none_is_singular():
-    own = System(Linear.empty(float), np.ones(1), np.ones(1))
+    own = System(LinearSolver.empty(float), np.ones(1), np.ones(1))
     assert in_silence(solve_system, own)() == NEW_PIVOTS
-    own.linear.asks, own.linear.singular = 0, 1
+    own.linear.needs_pivots, own.linear.singular = 0, 1
     assert in_silence(solve_system, own)() == SINGULAR
-    assert own.linear.asks == 0
+    assert own.linear.needs_pivots == 0

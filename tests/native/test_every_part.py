@@ -9,12 +9,12 @@ from conformance import JOINTS, KINEMATICS, LOADS, NONHOLONOMIC
 from support import ARC, SOFT, VARIANTS
 
 import beamdae as bd
-from beamdae.equations.formulations import first_order
-from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.compiled_run import Running
-from beamdae.integrators.ida.python_solver import WrappedIda
-from beamdae.native.lane_code import lane_source
-from beamdae.native.object_code import is_on
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.integrators.compiled_run import StepLoop
+from beamdae.integrators.ida.python_solver import SksundaeIda
+from beamdae.native.lane_code import write_lane_module
+from beamdae.native.object_code import is_native_enabled
 from beamdae.parts.part import Part
 
 
@@ -76,18 +76,21 @@ def test_every_public_part_is_among_them():
 @every_model
 def test_all_kernels_can_be_compiled(model):
     equations = bd.equations_of_motion(model())
-    for form in (step_equations(equations, False), first_order(equations, "stabilized-index1")):
-        functions = {call.kernel.function for total in form.sums for call in total.calls}
+    for form in (
+        formulate_step(equations, False),
+        formulate_first_order(equations, "stabilized-index1"),
+    ):
+        functions = {call.kernel.function for total in form.sums for call in total.batches}
         for function in functions - TRIED:
             # It raises where there is an operation that cannot.
-            assert lane_source(function)
+            assert write_lane_module(function)
         TRIED.update(functions)
 
 
-@pytest.mark.skipif(not is_on(), reason="without machine code")
+@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 def test_off_holds_no_longer_than_it_is_said(monkeypatch):
     """Kernels stay with the structure of the equations, which all models like it share."""
-    form = first_order(bd.equations_of_motion(with_part(JOINTS["revolute"])), "index3")
+    form = formulate_first_order(bd.equations_of_motion(with_part(JOINTS["revolute"])), "index3")
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     assert not form.is_native
     monkeypatch.delenv("BEAMDAE_NATIVE")
@@ -95,11 +98,11 @@ def test_off_holds_no_longer_than_it_is_said(monkeypatch):
 
 
 @pytest.mark.slow(reason="kernels of all parts for all integrators are compiled")
-@pytest.mark.skipif(not is_on(), reason="without machine code")
+@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("model", [*MODELS.values(), with_switch], ids=[*MODELS, "switched"])
 def test_a_run_is_compiled_loops_alone(model, monkeypatch):
-    runs, begin = [], Running.__init__
+    runs, begin = [], StepLoop.__init__
 
     def seen(self, *arguments):
         begin(self, *arguments)
@@ -108,8 +111,8 @@ def test_a_run_is_compiled_loops_alone(model, monkeypatch):
     def refused(self, *_):
         raise AssertionError("IDA calls Python")
 
-    monkeypatch.setattr(Running, "__init__", seen)
-    monkeypatch.setattr(WrappedIda, "__init__", refused)
+    monkeypatch.setattr(StepLoop, "__init__", seen)
+    monkeypatch.setattr(SksundaeIda, "__init__", refused)
     equations = bd.equations_of_motion(model())
     for integrator in (bd.GeneralizedAlpha(1e-3), bd.Radau(), bd.Ida()):
         solution = bd.simulate(equations, integrator, 2e-3, output_step=1e-3)

@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
 from beamdae.native import lane_code as operations
 from beamdae.native.lane_code import write_lane_module
-from beamdae.native.lane_kernels import WIDTH, LaneKernel, lane_kernel, pad_copies
+from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, lane_kernel, pad_copies
 
 SX = ca.SX
 
@@ -123,7 +123,7 @@ def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every
         assert_same(*every, [0.3, second], pairs)
 
 
-@pytest.mark.parametrize("repeated", [2, 3, WIDTH])
+@pytest.mark.parametrize("repeated", [2, 3, LANE_WIDTH])
 def test_lanes_with_the_numbers_of_the_one_before_have_its_results(every, repeated):
     numbers = np.repeat([0.0, -0.0, 0.3, math.nan, 2.0, -2.0, math.inf, 1e-310], repeated)
     local = np.stack([numbers, np.roll(numbers, 1)])
@@ -132,9 +132,9 @@ def test_lanes_with_the_numbers_of_the_one_before_have_its_results(every, repeat
 
 @pytest.mark.slow(reason="thousands of values in all operations")
 @settings(max_examples=300)
-@given(st.lists(EVERYTHING, min_size=2 * WIDTH + 2, max_size=2 * WIDTH + 2))
+@given(st.lists(EVERYTHING, min_size=2 * LANE_WIDTH + 2, max_size=2 * LANE_WIDTH + 2))
 def test_every_operation_has_the_same_bits_anywhere(every, numbers):
-    assert_same(*every, numbers[:2], np.reshape(numbers[2:], (2, WIDTH)))
+    assert_same(*every, numbers[:2], np.reshape(numbers[2:], (2, LANE_WIDTH)))
 
 
 @st.composite
@@ -161,8 +161,8 @@ def expressions(draw):
 def test_operations_on_each_other_have_the_same_bits(function, seed):
     kernel = lane_kernel(function)
     random = np.random.default_rng(seed)
-    local = random.normal(0.0, 2.0, (3, 2 * WIDTH))
-    local[:, WIDTH:] = random.choice(VALUES, (3, WIDTH))
+    local = random.normal(0.0, 2.0, (3, 2 * LANE_WIDTH))
+    local[:, LANE_WIDTH:] = random.choice(VALUES, (3, LANE_WIDTH))
     assert_same(function, kernel, random.choice(VALUES, 2), local)
 
 
@@ -200,10 +200,10 @@ def test_either_input_may_be_empty(shared, own):
     own_sum = ca.densify(ca.sum1(ca.exp(x)))
     function = ca.Function("empty", [s, x], [ca.vertcat(ca.sum1(s) + 2.0, own_sum)])
     kernel = lane_kernel(function)
-    local = np.linspace(0.0, 1.0, own * WIDTH).reshape(own, WIDTH)
+    local = np.linspace(0.0, 1.0, own * LANE_WIDTH).reshape(own, LANE_WIDTH)
     found = kernel(np.ones(shared), local)
-    assert_array_equal(found[0], np.full(WIDTH, shared + 2.0))
-    for copy in range(WIDTH):
+    assert_array_equal(found[0], np.full(LANE_WIDTH, shared + 2.0))
+    for copy in range(LANE_WIDTH):
         assert_array_equal(found[:, copy], function(np.ones(shared), local[:, copy]).full()[:, 0])
 
 
@@ -268,7 +268,7 @@ def test_kernels_are_built_in_several_threads_at_once():
     found = {}
 
     def build(function):
-        found[function.name()] = lane_kernel(function)(np.ones(2), np.ones((3, WIDTH)))
+        found[function.name()] = lane_kernel(function)(np.ones(2), np.ones((3, LANE_WIDTH)))
 
     threads = [threading.Thread(target=build, args=(function,)) for function in functions]
     for thread in threads:
@@ -277,7 +277,7 @@ def test_kernels_are_built_in_several_threads_at_once():
         thread.join()
     assert len(found) == len(functions)
     for each in found.values():
-        assert_same_bits(each, by_virtual_machine(small(), np.ones(2), np.ones((3, WIDTH))))
+        assert_same_bits(each, by_virtual_machine(small(), np.ones(2), np.ones((3, LANE_WIDTH))))
 
 
 @pytest.mark.parametrize(

@@ -21,8 +21,8 @@ def cache(tmp_path, monkeypatch):
     """A cache of its own for each test, and a process in which nothing went wrong yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_said", set())
-    monkeypatch.setattr(loops, "_loaded", {})
+    monkeypatch.setattr(objects, "_issued_messages", set())
+    monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 
 
@@ -30,7 +30,7 @@ MODULE = """
 from dataclasses import dataclass
 import numpy as np
 from beamdae.native.loops import Loop
-from beamdae.native.vectors import fill
+from beamdae.native.loop_functions import fill
 
 FACTOR, SHARES, TABLE = 2, (1.0, 2.0), np.array([4.0, 8.0])
 
@@ -79,13 +79,13 @@ def run(folder, text=MODULE):
 @pytest.fixture
 def builds(monkeypatch):
     """IR of what LLVM compiles."""
-    compiled, found = machine.compiled, []
+    compiled, found = machine.compile_module, []
 
     def counted(ir, level):
         found.append(ir)
         return compiled(ir, level)
 
-    monkeypatch.setattr(machine, "compiled", counted)
+    monkeypatch.setattr(machine, "compile_module", counted)
     return found
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamdae.native.loops import _parts
+from beamdae.native.loops import _iterate_code
 
 FACTOR, SHIFT = 2.0, 1.0 + 2.0j
 WEIGHTS = np.array([[1.0, 2.0], [3.0, 0.1]])
@@ -18,7 +18,7 @@ def shifted(work):
 
 
 def recipe():
-    return "\n".join(_parts(shifted, {}))
+    return "\n".join(_iterate_code(shifted, {}))
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from beamdae.errors import KernelWarning
-from beamdae.linear.return_codes import DONE, FULL
 from beamdae.native import loops
 from beamdae.native import object_code as objects
-from beamdae.native.llvm import MachineError
-from beamdae.native.loops import Loop
-from beamdae.native.vectors import combine
+from beamdae.native.llvm import MachineCodeError
+from beamdae.native.loop_functions import combine
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.return_codes import DONE, FULL
 
 FACTOR, OFFSETS = 3, (0.25, -2.0)
 TABLE = np.array([[1.0, 2.0], [3.0, 4.0]])
@@ -29,8 +29,8 @@ def cache(tmp_path, monkeypatch):
     """A cache of its own for each test, and a process in which nothing went wrong yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_said", set())
-    monkeypatch.setattr(loops, "_loaded", {})
+    monkeypatch.setattr(objects, "_issued_messages", set())
+    monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 
 
@@ -118,7 +118,7 @@ def assert_same(one, other):
 def in_silence(function, work, **callbacks):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return Loop(function, work, **callbacks)
+        return CompiledLoop(function, work, **callbacks)
 
 
 @pytest.mark.parametrize("size", [1, 4, 7])
@@ -198,8 +198,8 @@ def test_other_threads_go_on_while_a_loop_runs():
 def test_off_holds_no_longer_than_it_is_said(monkeypatch):
     own = work()
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    with pytest.raises(MachineError, match="not wanted"):
-        Loop(everything, own)
+    with pytest.raises(MachineCodeError, match="not wanted"):
+        CompiledLoop(everything, own)
     monkeypatch.delenv("BEAMDAE_NATIVE")
     assert in_silence(everything, own)() == 8
 
@@ -212,11 +212,11 @@ def test_a_loop_that_numba_does_not_compile_is_told_once(cache):
     own = work()
     with (
         pytest.warns(KernelWarning, match=r"numba cannot compile loops \(.+\); runs take") as told,
-        pytest.raises(MachineError, match="unknown: it cannot be compiled"),
+        pytest.raises(MachineCodeError, match="unknown: it cannot be compiled"),
     ):
-        Loop(unknown, own)
+        CompiledLoop(unknown, own)
     assert len(told) == 1
     assert "\n" not in str(told[0].message)
-    with pytest.raises(MachineError):
+    with pytest.raises(MachineCodeError):
         in_silence(unknown, own)
     assert list(cache.iterdir()) == []

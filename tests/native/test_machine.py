@@ -10,8 +10,8 @@ import pytest
 from beamdae.errors import KernelWarning
 from beamdae.native import llvm as machine
 from beamdae.native import object_code as objects
-from beamdae.native.llvm import Loaded, MachineError, compiled, library_address
-from beamdae.native.object_code import Source, machine_code
+from beamdae.native.llvm import LoadedObject, MachineCodeError, compile_module, library_address
+from beamdae.native.object_code import ObjectSource, load_object
 
 LOOP = """
 define i64 @total(ptr %numbers, i64 %count) {
@@ -55,7 +55,7 @@ define void @copy(ptr %to, ptr %from, i64 %size) {
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_said", set())
+    monkeypatch.setattr(objects, "_issued_messages", set())
     return tmp_path / "beamdae"
 
 
@@ -69,7 +69,7 @@ def constant(value):
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
 def test_a_loop_is_compiled_at_each_level(level):
-    code = Loaded(compiled(LOOP, level), ["total"])
+    code = LoadedObject(compile_module(LOOP, level), ["total"])
     total = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(
         code.addresses["total"]
     )
@@ -77,15 +77,15 @@ def test_a_loop_is_compiled_at_each_level(level):
 
 
 def test_symbols_from_outside_are_those_given():
-    content = compiled(CALLS, 1)
+    content = compile_module(CALLS, 1)
     for name in ("exp", "cos"):
-        code = Loaded(content, ("twice", "half"), {"outside": library_address(name)})
+        code = LoadedObject(content, ("twice", "half"), {"outside": library_address(name)})
         assert of_number(code.addresses["twice"])(0.3) == 2.0 * getattr(math, name)(0.3)
         assert of_number(code.addresses["half"])(0.3) == 0.15
 
 
 def test_what_the_compiler_itself_calls_is_there():
-    code = Loaded(compiled(COPIES, 1), ["copy"])
+    code = LoadedObject(compile_module(COPIES, 1), ["copy"])
     copy = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(
         code.addresses["copy"]
     )
@@ -96,7 +96,7 @@ def test_what_the_compiler_itself_calls_is_there():
 
 
 def test_objects_with_the_same_symbols_live_side_by_side_and_one_by_one():
-    codes = [Loaded(compiled(constant(k), 0), ["value"]) for k in range(20)]
+    codes = [LoadedObject(compile_module(constant(k), 0), ["value"]) for k in range(20)]
     for k in range(0, 20, 2):
         codes[k] = None
     gc.collect()
@@ -106,17 +106,17 @@ def test_objects_with_the_same_symbols_live_side_by_side_and_one_by_one():
 
 @pytest.mark.parametrize("ir", ["nonsense", "define double @f(double %x) {\n ret float 0.0\n}"])
 def test_ir_that_is_none_is_refused(ir):
-    with pytest.raises(MachineError, match=r"LLVM cannot compile kernels \(.+\)"):
-        compiled(ir, 1)
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot compile kernels \(.+\)"):
+        compile_module(ir, 1)
 
 
 def test_symbols_that_are_missing_are_refused(capfd):
-    content = compiled(CALLS, 1)
-    with pytest.raises(MachineError, match=r"LLVM cannot load kernels \(.*twice"):
-        Loaded(content, ["twice"])
-    with pytest.raises(MachineError, match=r"LLVM cannot load kernels \(.*nothing"):
-        Loaded(content, ["nothing"], {"outside": library_address("exp")})
-    with pytest.raises(MachineError, match="the C library has no function fourier"):
+    content = compile_module(CALLS, 1)
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*twice"):
+        LoadedObject(content, ["twice"])
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*nothing"):
+        LoadedObject(content, ["nothing"], {"outside": library_address("exp")})
+    with pytest.raises(MachineCodeError, match="the C library has no function fourier"):
         library_address("fourier")
     assert capfd.readouterr() == ("", "")
 
@@ -126,32 +126,32 @@ def test_a_system_that_executes_nothing_from_memory_is_told(monkeypatch):
         raise OSError(13, "cannot allocate executable memory")
 
     monkeypatch.setattr(llvm, "check_jit_execution", forbidden)
-    with pytest.raises(MachineError, match="executes nothing that was not installed"):
+    with pytest.raises(MachineCodeError, match="executes nothing that was not installed"):
         machine._engine.__wrapped__()
 
 
 def test_code_of_any_origin_is_kept(cache, monkeypatch):
-    source = Source("calls", CALLS, ("half", "twice"), {"outside": library_address("exp")})
-    right = machine_code(source, lambda code: of_number(code.addresses["half"])(3.0) == 1.5)
+    source = ObjectSource("calls", CALLS, ("half", "twice"), {"outside": library_address("exp")})
+    right = load_object(source, lambda code: of_number(code.addresses["half"])(3.0) == 1.5)
     assert set(right.addresses) == {"half", "twice"}
     assert [file.name.split("-")[0] for file in cache.iterdir()] == ["calls"]
-    monkeypatch.setattr(machine, "compiled", None)
-    again = machine_code(source, lambda code: False)
+    monkeypatch.setattr(machine, "compile_module", None)
+    again = load_object(source, lambda code: False)
     assert of_number(again.addresses["twice"])(0.0) == 2.0
 
 
 def test_levels_are_told_apart_in_the_cache(cache):
     for level in (0, 1):
-        machine_code(Source("loop", LOOP, ("total",), level=level), lambda code: True)
+        load_object(ObjectSource("loop", LOOP, ("total",), level=level), lambda code: True)
     assert len(list(cache.iterdir())) == 2
 
 
 def test_ir_that_cannot_be_compiled_is_done_without(cache):
     with pytest.warns(KernelWarning, match="LLVM cannot compile kernels"):
-        assert machine_code(Source("none", "nonsense", ("f",)), lambda code: True) is None
+        assert load_object(ObjectSource("none", "nonsense", ("f",)), lambda code: True) is None
     assert list(cache.iterdir()) == []
 
 
 def test_modules_that_cannot_be_linked_are_told_of():
-    with pytest.raises(MachineError, match="LLVM cannot link loops"):
-        machine.linked([constant(1), constant(2)], ("value",))
+    with pytest.raises(MachineCodeError, match="LLVM cannot link loops"):
+        machine.link_modules([constant(1), constant(2)], ("value",))

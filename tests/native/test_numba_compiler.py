@@ -28,7 +28,7 @@ def given(work, number):
 @pytest.mark.slow(reason="half a second and more")
 def test_functions_others_compile_are_whole():
     kind = ("Work", (("numbers", 0, ("float64", 1)),))
-    text = numba_compiler.ir({"loop": (loop, "@")}, (loop,), kind)
+    text = numba_compiler.compile_loops({"loop": (loop, "@")}, (loop,), kind)
     assert "define i32 @loop" in text
 
     @numba.njit
@@ -51,9 +51,9 @@ def test_another_numba_compiles_in_its_own_time(monkeypatch):
         raise AttributeError("_library_class")
         yield
 
-    monkeypatch.setattr(numba_compiler, "_text_alone", unknown)
+    monkeypatch.setattr(numba_compiler, "_emit_ir_only", unknown)
     kind = ("Other", (("numbers", 0, ("float64", 1)),))
     entries = {"loop": (other, "@"), "given": (given, "d@")}
-    text = numba_compiler.ir(entries, (other, given), kind)
+    text = numba_compiler.compile_loops(entries, (other, given), kind)
     assert "define i32 @loop" in text
     assert "define i32 @given" in text

@@ -10,25 +10,25 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from beamdae.native import vectors
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
-from beamdae.native.vectors import (
+from beamdae.native import loop_functions as vectors
+from beamdae.native.loop_functions import (
     add,
     add_weighted,
     combine,
+    euclidean_norm,
     fill,
     gather,
-    largest,
+    locate_largest,
+    max_norm,
     minimum,
-    norm,
-    parts,
     pick,
     scatter,
-    where_largest,
+    split_complex,
 )
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
 
-pytestmark = pytest.mark.skipif(not is_on(), reason="without machine code")
+pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 
 SPECIAL = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e308, 5e-324])
 
@@ -80,17 +80,17 @@ def fill_all(o):
 
 
 def largest_of(o):
-    o.answer = largest(o.x, o.y)
+    o.answer = max_norm(o.x, o.y)
     return 0
 
 
 def norm_of(o):
-    o.answer = norm(o.x, o.y)
+    o.answer = euclidean_norm(o.x, o.y)
     return 0
 
 
 def where_largest_of(o):
-    o.answer = float(where_largest(o.x, o.y)) if o.x.size > 0 else 0.0
+    o.answer = float(locate_largest(o.x, o.y)) if o.x.size > 0 else 0.0
     return 0
 
 
@@ -188,7 +188,7 @@ def test_vectors_are_the_same_compiled(function, size, count, specials, seed):
 def in_silence(function, work):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return Loop(function, work)
+        return CompiledLoop(function, work)
 
 
 @dataclass(slots=True)
@@ -199,7 +199,7 @@ class Parts:
 
 
 def parts_of(o):
-    parts(o.real, o.imaginary, o.vector)
+    split_complex(o.real, o.imaginary, o.vector)
     combine(o.vector, (2.0 - 1.0j, 1.0j), (o.vector, o.real))
     return 0
 

@@ -5,9 +5,9 @@ import ctypes
 import numpy as np
 from sksundae.ida import IDA
 
-from beamdae.sundials.library import library
+from beamdae.sundials.library import load_library
 from beamdae.sundials.prototypes import JACOBIAN, RESIDUAL
-from beamdae.sundials.solver import Solver
+from beamdae.sundials.solver import IdaSolver
 
 
 def array(address, size):
@@ -15,12 +15,12 @@ def array(address, size):
 
 
 class Direct:
-    """`Solver` with the interface of scikit-sundae's class, as far as beamdae uses it."""
+    """`IdaSolver` with the interface of scikit-sundae's class, as far as beamdae uses it."""
 
     def __init__(self, residual, *, jacfn, first_step, atol, **options):
         for band in ("linsolver", "lband", "uband"):
             options.pop(band, None)
-        call, size = library().call, len(atol)
+        call, size = load_library().call, len(atol)
 
         def vector(at):
             return array(call.N_VGetArrayPointer(at), size)
@@ -38,7 +38,7 @@ class Direct:
 
         self._kept, self._first = (called, asked), first_step
         at = (ctypes.cast(function, ctypes.c_void_p).value for function in self._kept)
-        self.solver = Solver(*at, atol=atol, **options)
+        self.solver = IdaSolver(*at, atol=atol, **options)
 
     def init_step(self, t, y, yp):
         self.solver.start(t, y, yp, self._first)

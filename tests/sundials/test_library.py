@@ -8,22 +8,22 @@ import pytest
 import sksundae
 
 from beamdae.sundials import library as library_module
-from beamdae.sundials.library import UnavailableError, library
-from beamdae.sundials.prototypes import PROTOTYPES, Addresses
+from beamdae.sundials.library import UnavailableError, load_library
+from beamdae.sundials.prototypes import PROTOTYPES, FunctionAddresses
 
 
 def test_every_function_has_a_prototype():
-    assert set(Addresses._fields) == set(PROTOTYPES)
-    assert len(Addresses._fields) == len(set(library().addresses))
+    assert set(FunctionAddresses._fields) == set(PROTOTYPES)
+    assert len(FunctionAddresses._fields) == len(set(load_library().addresses))
 
 
 def test_it_is_the_version_scikit_sundae_says():
-    assert ".".join(map(str, library().version)) == sksundae.SUNDIALS_VERSION
+    assert ".".join(map(str, load_library().version)) == sksundae.SUNDIALS_VERSION
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_there_is_one_copy_of_it_and_the_functions_are_there():
-    found = library().addresses
+    found = load_library().addresses
     lines = [line.split() for line in Path("/proc/self/maps").read_text().splitlines()]
     mapped = [line for line in lines if "libsundials_ida" in line[-1]]
     assert len({line[-1] for line in mapped}) == 1
@@ -33,7 +33,7 @@ def test_there_is_one_copy_of_it_and_the_functions_are_there():
 
 def refused():
     with pytest.raises(UnavailableError) as caught:
-        library.__wrapped__()
+        load_library.__wrapped__()
     return str(caught.value)
 
 
@@ -47,7 +47,7 @@ def other(monkeypatch, **functions):
             return ctypes.cast(made[name], ctypes.c_void_p).value
         return original(images, name)
 
-    monkeypatch.setattr(library_module, "_address", address)
+    monkeypatch.setattr(library_module, "_find_address", address)
     return made
 
 
@@ -90,17 +90,17 @@ def test_another_version_is_refused(monkeypatch):
 def test_a_build_with_mpi_is_refused(monkeypatch):
     (image,) = library_module._images()
     monkeypatch.setattr(image, "MPI_Comm_rank", None, raising=False)
-    monkeypatch.setattr(library_module, "_images", lambda: [image])
+    monkeypatch.setattr(library_module, "_find_images", lambda: [image])
     assert refused() == "SUNDIALS was built with MPI"
 
 
 def test_a_library_without_the_functions_is_refused(monkeypatch):
-    monkeypatch.setattr(library_module, "_images", lambda: [ctypes.CDLL(None)])
+    monkeypatch.setattr(library_module, "_find_images", lambda: [ctypes.CDLL(None)])
     assert refused() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
 
 
 def test_a_compiled_module_that_cannot_be_opened_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(library_module, "_extension_module", lambda: str(tmp_path / "absent.so"))
+    monkeypatch.setattr(library_module, "_find_extension_module", lambda: str(tmp_path / "absent.so"))
     assert refused().startswith("scikit-sundae's IDA cannot be opened")
 
 

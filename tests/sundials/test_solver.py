@@ -15,8 +15,8 @@ from support import by_class
 import beamdae as bd
 from beamdae.integrators.ida import python_solver as preconditioned
 from beamdae.sundials import solver as solver_module
-from beamdae.sundials.library import library
-from beamdae.sundials.solver import IdaError, Solver, Statistics, reason
+from beamdae.sundials.library import load_library
+from beamdae.sundials.solver import IdaError, IdaSolver, IdaStatistics, describe_status
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_what_ida_counts():
     problem = Robertson()
     direct = problem.made(Direct)
     direct.init_step(0.0, problem.y0, problem.yp0)
-    assert direct.solver.statistics == Statistics(*[0] * 10, 0.0, direct.solver.statistics[-1])
+    assert direct.solver.statistics == IdaStatistics(*[0] * 10, 0.0, direct.solver.statistics[-1])
     orders, times = set(), [0.0]
     while direct.step(40.0, "onestep", 40.0).status == 0:
         counted = direct.solver.statistics
@@ -157,14 +157,14 @@ def test_a_residual_that_is_not_finite_ends_as_it_does_through_scikit_sundae(cap
     assert "IDA" in capfd.readouterr().out
     found = Failing().run(Direct)
     assert capfd.readouterr() == ("", "")
-    assert reason(found[-1][0]).startswith("Newton's iteration failed")
+    assert describe_status(found[-1][0]).startswith("Newton's iteration failed")
     assert len(found) > 5
     assert same(found, expected)
 
 
 def test_codes_become_reasons(monkeypatch):
-    assert reason(-3) == "the error test failed too often, or at the smallest step"
-    assert reason(-77) == "error -77 of SUNDIALS"
+    assert describe_status(-3) == "the error test failed too often, or at the smallest step"
+    assert describe_status(-77) == "error -77 of SUNDIALS"
     direct = Robertson().made(Direct)
     with pytest.raises(IdaError, match=r"^IDASetMaxStep: an argument is out of"):
         Robertson().made(Direct, max_step=-1.0)
@@ -173,7 +173,7 @@ def test_codes_become_reasons(monkeypatch):
     with pytest.raises(IdaError, match=r"^IDASetStopTime: an argument is out of"):
         direct.solver.step(-1.0)
     # -3 is an argument out of range there, and no failed error test.
-    monkeypatch.setattr(library().call, "IDASetJacFn", lambda *_: -3)
+    monkeypatch.setattr(load_library().call, "IDASetJacFn", lambda *_: -3)
     with pytest.raises(IdaError, match=r"^IDASetJacFn: error -3 of SUNDIALS$"):
         Robertson().made(Direct)
 
@@ -184,7 +184,7 @@ FREED = ["IDAFree", "SUNLinSolFree", "SUNMatDestroy", *["N_VDestroy"] * 3, "SUNC
 @pytest.fixture
 def freed(monkeypatch):
     """Names of what was freed, in order."""
-    names, found = [], library()
+    names, found = [], load_library()
 
     def watched(name):
         function = getattr(found.call, name)
@@ -196,7 +196,7 @@ def freed(monkeypatch):
         return call
 
     call = SimpleNamespace(**{**vars(found.call), **{name: watched(name) for name in set(FREED)}})
-    monkeypatch.setattr(solver_module, "library", lambda: SimpleNamespace(call=call))
+    monkeypatch.setattr(solver_module, "load_library", lambda: SimpleNamespace(call=call))
     return names
 
 
@@ -217,7 +217,7 @@ def test_everything_is_freed_after_an_error(freed, monkeypatch):
         Robertson().made(Direct, max_order=0)
     assert freed == FREED
     freed.clear()
-    monkeypatch.setattr(solver_module.library().call, "SUNBandMatrix", lambda *_: None)
+    monkeypatch.setattr(solver_module.load_library().call, "SUNBandMatrix", lambda *_: None)
     with pytest.raises(MemoryError, match="SUNBandMatrix"):
         Robertson().made(Direct)
     assert freed == FREED[3:]
@@ -227,7 +227,7 @@ def test_everything_is_freed_after_an_error(freed, monkeypatch):
 def test_large_systems_take_memory_in_proportion():
     size = 100_000
     before = resident()
-    solver = Solver(1, 1, rtol=1e-6, atol=np.ones(size), max_order=5, max_step=1.0)
+    solver = IdaSolver(1, 1, rtol=1e-6, atol=np.ones(size), max_order=5, max_step=1.0)
     solver.start(0.0, np.ones(size), np.zeros(size), 1e-3)
     assert resident() - before < 100 * 8 * size
 

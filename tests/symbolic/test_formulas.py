@@ -12,7 +12,12 @@ import beamdae as bd
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.formulas import Combined, Formula, combined_kernel, plain
+from beamdae.symbolic.formulas import (
+    Formula,
+    FormulaExpression,
+    build_formula_kernel,
+    constant_formula,
+)
 
 TIME = np.array([0.7, 0.7])
 
@@ -104,7 +109,7 @@ def pushed(local, *functions):
 
 def test_equal_kinds_give_the_same_kernel_and_others_another():
     def made(*functions):
-        return combined_kernel(pushed, functions, 1)
+        return build_formula_kernel(pushed, functions, 1)
 
     one, data = made(Formula(lifted, (2.0,)), Formula(Raised(2), (3.0,)))
     again, other = made(Formula(lifted, (4.0,)), Formula(Raised(2), (5.0,)))
@@ -116,7 +121,7 @@ def test_equal_kinds_give_the_same_kernel_and_others_another():
 
 
 def test_functions_that_are_no_formulas_are_taken_as_they_are():
-    kernel, data = combined_kernel(pushed, (lambda q: 7.0 * q, Formula(lifted, (2.0,))), 1)
+    kernel, data = build_formula_kernel(pushed, (lambda q: 7.0 * q, Formula(lifted, (2.0,))), 1)
     assert not kernel.reused
     assert_allclose(data, [[2.0]], rtol=0)
     force = kernel.force_kernel.function(TIME, [3.0, 0.0, 0.0, *data.ravel()])
@@ -124,10 +129,10 @@ def test_functions_that_are_no_formulas_are_taken_as_they_are():
 
 
 def test_a_mix_of_formulas_and_functions_is_of_no_kind():
-    kind, _ = Combined.of(pushed, (plain(1.0),))
-    mixed, _ = Combined.of(pushed, (plain(1.0), abs))
-    assert kind.is_kind
-    assert not mixed.is_kind
+    kind, _ = FormulaExpression.of(pushed, (constant_formula(1.0),))
+    mixed, _ = FormulaExpression.of(pushed, (constant_formula(1.0), abs))
+    assert kind.is_shareable
+    assert not mixed.is_shareable
 
 
 class Halved(Law):

@@ -40,7 +40,7 @@ from timing import Times, in_turns, integrated, taken, within_loops
 from workers import Worker, checkout, exudyn
 
 import beamdae as bd
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.outcome import Statistics
 
 MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}

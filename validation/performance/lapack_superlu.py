@@ -12,7 +12,8 @@ import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.linear.factorizations import create_factorization, single_threaded
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.linear.factorizations import create_factorization
 
 TIME = np.array([0.1, 0.5])
 

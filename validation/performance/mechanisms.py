@@ -20,7 +20,7 @@ from tables import RESULTS, write
 from timing import in_turns, integrated, within_loops
 
 import beamdae as bd
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 
 STEP, STEPS = 1e-3, 20_000
 # By name: whether the coupler is a beam, and which forces there are.

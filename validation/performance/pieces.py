@@ -117,12 +117,12 @@ def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> P
     coefficients = np.array([member.gamma / (step * member.beta), 1.0 / (c_f * share), c_f])
     at = StepPrediction(start.q, start.v, start.a, start.q.copy(), coefficients)
     x = np.concatenate([np.zeros(equations.n), c_f * start.lam])
-    matrix = FactorizedMatrix.of(form.pattern)
+    matrix = FactorizedMatrix.from_pattern(form.pattern)
     matrix.nonzeros[:] = form.jacobian(TIME, at, x)
     right = np.full(form.size, 1e-3)
 
     def make(native: bool) -> StepWork:
-        linear = matrix.linear(native, "auto")
+        linear = matrix.make_solver(native, "auto")
         return StepWork(
             form.buffers(native), linear, at, x, right, right.copy(), matrix.nonzeros, repeats
         )
@@ -135,7 +135,7 @@ def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: 
     """Those of Ida, or with a complex rate Radau's factorizations and solutions of a pair."""
     form = formulate_first_order(equations, "stabilized-index1")
     y, yp = form.pack(ConsistencySolver(equations).state(TIME, equations.q0, equations.v0))
-    matrix = FactorizedMatrix.of(form.pattern, type(rate))
+    matrix = FactorizedMatrix.from_pattern(form.pattern, type(rate))
     # dR/dy + rate dR/dy', of which the Jacobian gives sums with a real rate.
     at_zero, at_one = (form.jacobian(TIME, y, yp, c) for c in (0.0, 1.0))
     matrix.nonzeros[:] = at_zero + rate * (at_one - at_zero)
@@ -144,7 +144,7 @@ def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: 
     def make(native: bool) -> FirstOrderWork:
         return FirstOrderWork(
             form.buffers(native),
-            matrix.linear(native, "auto"),
+            matrix.make_solver(native, "auto"),
             y,
             yp,
             rate.real,

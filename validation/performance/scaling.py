@@ -35,7 +35,7 @@ from timing import integrated, taken
 from workers import Worker, exudyn
 
 import beamdae as bd
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 
 ELEMENTS = (8, 32, 128, 512, 2048, 4096)
 BEAMS = (2, 4, 8, 16, 32, 64)

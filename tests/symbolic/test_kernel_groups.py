@@ -8,9 +8,9 @@ from chains import STRIP, chain, state
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
-from beamdae.equations import building
-from beamdae.equations.formulations import first_order
-from beamdae.symbolic.kernel_groups import Alike
+from beamdae.equations.assembly import building
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.symbolic.kernel_groups import KernelGroup
 from beamdae.symbolic.statements import Named, Quantity
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -36,12 +36,12 @@ def workshop(mass=1.0):
 
 
 def each_on_its_own(statements):
-    return [Alike(x.kernel, [k], x.data) for k, x in enumerate(statements)]
+    return [KernelGroup(x.kernel, [k], x.data) for k, x in enumerate(statements)]
 
 
 def numbers(equations, name):
     """Residual and Jacobian of a first-order form at some state."""
-    form = first_order(equations, name)
+    form = formulate_first_order(equations, name)
     q, v, a, _ = state(equations)
     rest = np.cos(np.arange(form.size - 2 * equations.n))
     y, yp = np.concatenate([q, v, rest]), np.concatenate([v, a, 2.0 * rest])
@@ -67,8 +67,10 @@ def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
 def test_a_longer_chain_has_no_longer_program(joint):
     programs = []
     for beams in (5, 10):
-        form = first_order(bd.equations_of_motion(chain(beams, joint)), "stabilized-index1")
-        programs.append([len(total.calls) for total in form.sums])
+        form = formulate_first_order(
+            bd.equations_of_motion(chain(beams, joint)), "stabilized-index1"
+        )
+        programs.append([len(total.batches) for total in form.sums])
     assert programs[0] == programs[1]
 
 

@@ -14,19 +14,19 @@ from sksundae.ida import IDA
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations.formulations import (
+from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
-    first_order,
-    first_order_jacobian,
-    first_order_residual,
+    evaluate_jacobian,
+    evaluate_residual,
+    formulate_first_order,
 )
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.ida import python_solver as preconditioned
 from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
     SingularMatrixError,
-    factorization,
+    create_factorization,
 )
 
 
@@ -52,7 +52,7 @@ def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype)
     rng = np.random.default_rng(size)
     pattern, _, _ = arrow(size, rng)
     ones = pattern.data.copy()
-    solver = factorization(pattern, method, dtype)
+    solver = create_factorization(pattern, method, dtype)
     for _ in range(2):
         _, nonzeros, matrix = arrow(size, rng, dtype)
         right = numbers(size, rng, dtype)
@@ -69,7 +69,7 @@ def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype)
 
 def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
     for size, dense in ((DENSE_LIMIT, True), (DENSE_LIMIT + 1, False)):
-        solver = factorization(sp.csc_array(sp.eye_array(size, format="csc")))
+        solver = create_factorization(sp.csc_array(sp.eye_array(size, format="csc")))
         assert isinstance(solver, DenseFactorization) == dense
 
 
@@ -78,7 +78,7 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
 def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
-    solver = factorization(pattern, method, dtype)
+    solver = create_factorization(pattern, method, dtype)
     with pytest.raises(SingularMatrixError):
         solver.factorize(np.array([1.0, bad, 1.0]))
     # The next matrix must find nothing of the bad one.
@@ -90,13 +90,13 @@ def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad, 
 def test_a_rank_deficient_matrix_is_said_to_be_singular(method):
     pattern = sp.csc_array(np.ones((2, 2)))
     with pytest.raises(SingularMatrixError):
-        factorization(pattern, method).factorize(np.array([1.0, 2.0, 2.0, 4.0]))
+        create_factorization(pattern, method).factorize(np.array([1.0, 2.0, 2.0, 4.0]))
 
 
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 def test_entries_near_the_largest_float_are_no_overflow(method):
     pattern = sp.csc_array(sp.eye_array(2, format="csc"))
-    solver = factorization(pattern, method)
+    solver = create_factorization(pattern, method)
     solver.factorize(np.array([1.5e308, 1.5e308]))
     assert_allclose(solver.solve(np.array([1.5e308, 0.0])), [1.0, 0.0], rtol=1e-15)
 
@@ -117,12 +117,12 @@ class Sundials:
         self.solver = IDA(self._residual, **{**kept, "jacfn": self._jacobian, "linsolver": "dense"})
 
     def _residual(self, t, y, yp, out):
-        first_order_residual(self._buffers, t, self._branch, y, yp, out)
+        evaluate_residual(self._buffers, t, self._branch, y, yp, out)
         self.residuals += 1
 
     def _jacobian(self, t, y, yp, res, c, out):
         nonzeros, pattern = self._nonzeros, self._form.pattern
-        first_order_jacobian(self._buffers, t, self._branch, c, y, yp, nonzeros)
+        evaluate_jacobian(self._buffers, t, self._branch, c, y, yp, nonzeros)
         self.jacobians += 1
         out[:] = sp.csc_array(
             (nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape
@@ -131,7 +131,7 @@ class Sundials:
     def run(self, t_end):
         e = self._form.equations
         self._branch = 0.5 * t_end
-        state = Starter(e).state(np.array([0.0, 0.5 * t_end]), e.q0, e.v0)
+        state = ConsistencySolver(e).state(np.array([0.0, 0.5 * t_end]), e.q0, e.v0)
         y, yp = self._form.pack(state)
         t, rows = [0.0], [y]
         with contextlib.redirect_stdout(io.StringIO()):
@@ -166,7 +166,7 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
     solutions = [bd.simulate(case.equations, settings, t_end)]
     by_class(monkeypatch)
     solutions.append(bd.simulate(case.equations, settings, t_end))
-    own = Sundials(first_order(case.equations, formulation), given)
+    own = Sundials(formulate_first_order(case.equations, formulation), given)
     t, y = own.run(t_end)
     for solution in solutions:
         assert solution.status.success

@@ -14,29 +14,34 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.native.lane_code import imports, lane_source, require_form, writing
-from beamdae.native.llvm import Loaded
-from beamdae.native.object_code import Source, is_on, machine_code
-from beamdae.native.operations import WIDTH
+from beamdae.native.lane_code import (
+    LANE_WIDTH,
+    describe_writer,
+    library_imports,
+    require_lane_form,
+    write_lane_module,
+)
+from beamdae.native.llvm import LoadedObject
+from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
 
 Array = np.ndarray
 
 # Straight lines gain nothing from LLVM's passes, which take a third of the time.
-_LEVEL = 0
+_OPTIMIZATION_LEVEL = 0
 # Rows so many numbers apart share few sets of the cache: a tangent takes up to 1.7 times as long.
-_CRAMPED = 128
+_CACHE_CONFLICT_STRIDE = 128
 _SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
 
 
-def padded(copies: int) -> int:
+def pad_copies(copies: int) -> int:
     """A length of rows for so many copies: whole vectors, and rows that do not evict each other."""
-    length = -(-copies // WIDTH) * WIDTH
-    return length + WIDTH if length and length % _CRAMPED == 0 else length
+    length = -(-copies // LANE_WIDTH) * LANE_WIDTH
+    return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 
 
 @dataclass(frozen=True)
 class LaneKernel:
-    """A function of (shared, local) as machine code that evaluates `WIDTH` copies at once.
+    """A function of (shared, local) as machine code that evaluates `LANE_WIDTH` copies at once.
 
     void f(const double *shared, const double *local, double *out, int64_t padded), where `local`
     is [n_local][padded] and `out` is [n_out][padded]. The address is good as long as this is kept.
@@ -58,7 +63,7 @@ class LaneKernel:
     n_shared: int
     n_local: int
     n_out: int
-    code: Loaded = field(repr=False, compare=False)
+    code: LoadedObject = field(repr=False, compare=False)
 
     @cached_property
     def _call(self) -> Any:
@@ -79,9 +84,9 @@ class LaneKernel:
             raise ValueError(
                 f"{self.name}: shared must have shape {(self.n_shared,)}, got {shared.shape}."
             )
-        if local.shape != (self.n_local, count) or count % WIDTH:
+        if local.shape != (self.n_local, count) or count % LANE_WIDTH:
             raise ValueError(
-                f"{self.name}: local must have shape ({self.n_local}, a multiple of {WIDTH}), "
+                f"{self.name}: local must have shape ({self.n_local}, a multiple of {LANE_WIDTH}), "
                 f"got {local.shape}."
             )
         if out is None:
@@ -106,32 +111,39 @@ def lane_kernel(function: ca.Function) -> LaneKernel | None:
     KernelWarning
         Once a process, of a cache or a machine that cannot be used.
     """
-    if not is_on():
+    if not is_native_enabled():
         return None
-    require_form(function)
+    require_lane_form(function)
     name = function.name()
 
-    def kernel(code: Loaded) -> LaneKernel:
+    def kernel(code: LoadedObject) -> LaneKernel:
         sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
     # What the function is written as follows from it and from these: writing takes longer.
-    text = "\n".join([function.serialize(), *writing()])
-    source = Source(name, text, (name,), imports(), _LEVEL, lambda: lane_source(function))
+    text = "\n".join([function.serialize(), *describe_writer()])
+    source = ObjectSource(
+        name,
+        text,
+        (name,),
+        library_imports(),
+        _OPTIMIZATION_LEVEL,
+        lambda: write_lane_module(function),
+    )
     try:
-        code = machine_code(source, lambda code: _same(function, kernel(code)))
+        code = load_object(source, lambda code: _matches_virtual_machine(function, kernel(code)))
     except ValueError:
         return None
     return None if code is None else kernel(code)
 
 
-def _same(function: ca.Function, kernel: LaneKernel) -> bool:
+def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
     """Whether a kernel gives the bits of CasADi's virtual machine at some points."""
     random = np.random.default_rng(0)
     shared = random.uniform(0.5, 1.5, kernel.n_shared)
-    local = random.uniform(0.5, 1.5, (kernel.n_local, 3 * WIDTH))
+    local = random.uniform(0.5, 1.5, (kernel.n_local, 3 * LANE_WIDTH))
     # As in lanes to spare.
-    local[:, -WIDTH // 2 :] = local[:, -1:]
+    local[:, -LANE_WIDTH // 2 :] = local[:, -1:]
     found = kernel(shared, local)
     expected = np.hstack([function(shared, column).full() for column in local.T])
     return np.array_equal(found, expected, equal_nan=True)

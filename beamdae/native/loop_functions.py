@@ -1,7 +1,7 @@
-"""What compiled loops are made of, as plain Python; `native.overloads` has each once more.
+"""Array operations of loops in plain Python; `overloads` has their compiled versions.
 
-Loops of integrators are stated once, in plain Python that numba compiles. What they do with whole
-arrays they do by these functions: numpy computes them where nothing is compiled.
+The loops of integrators are written once, in plain Python that numba compiles. They work on whole
+arrays through these functions, which numpy computes wherever nothing is compiled.
 """
 
 from __future__ import annotations
@@ -12,106 +12,109 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.linear.return_codes import DONE, SINGULAR
+from beamdae.native.return_codes import DONE, SINGULAR
 
 Array = np.ndarray
 
 
 def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]) -> None:
-    """Out = sum of factors times vectors; `out` may be one of these."""
+    """Set `out` to the sum of factors times vectors; `out` may be one of the vectors."""
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 
 
 def fill(out: Array, value: float) -> None:
-    """Set all of `out`."""
+    """Set all of `out` to a value."""
     out[:] = value
 
 
 def minimum(out: Array, vector: Array, factor: float, other: Array) -> None:
-    """The smaller ones of `vector` and factor times `other`."""
+    """Set `out` to the smaller ones of `vector` and factor times `other`; NaN of either stays."""
     np.minimum(vector, factor * other, out=out)
 
 
-def parts(real: Array, imaginary: Array, vector: Array) -> None:
-    """Take a complex vector apart."""
+def split_complex(real: Array, imaginary: Array, vector: Array) -> None:
+    """Split a complex vector into its real and imaginary parts."""
     real[:], imaginary[:] = vector.real, vector.imag
 
 
-def largest(vector: Array, weights: Array) -> float:
-    """Largest |vector * weights|, 0 of none, not a number if one of them is none."""
+def max_norm(vector: Array, weights: Array) -> float:
+    """Return the largest |vector * weights|; 0 for empty vectors, NaN if any of them is NaN."""
     return float(np.max(np.abs(vector * weights), initial=0.0))
 
 
-def norm(vector: Array, weights: Array) -> float:
-    """Euclidean norm of vector * weights."""
+def euclidean_norm(vector: Array, weights: Array) -> float:
+    """Return the Euclidean norm of vector * weights."""
     scaled = vector * weights
     return math.sqrt(scaled @ scaled)
 
 
-def where_largest(vector: Array, weights: Array) -> int:
-    """Index of the largest |vector * weights|."""
+def locate_largest(vector: Array, weights: Array) -> int:
+    """Return the index of the largest |vector * weights|, or of the first NaN."""
     return int(np.argmax(np.abs(vector * weights)))
 
 
 def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """out[at] = vector[of], of a stretch of `at` and `of`."""
+    """Set out[at] = vector[of], for the range from begin to end of `at` and `of`."""
     out[at[begin:end]] = vector[of[begin:end]]
 
 
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """out[at] = weights vector[of] of a stretch, summed where `at` repeats; others stay."""
+    """Set out[at] = weights vector[of] for a range, summed where an index occurs repeatedly."""
     out[at[begin:end]] = 0.0
     add_weighted(out, at, weights, vector, of, begin, end)
 
 
 def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """out[rows] += vector[of], of a stretch of `rows` and `of`."""
+    """Add vector[of] to out[rows], for the range from begin to end of `rows` and `of`."""
     np.add.at(out, rows[begin:end], vector[of[begin:end]])
 
 
 def add_weighted(
     out: Array, rows: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """out[rows] += weights vector[of], of a stretch of `rows`, `weights` and `of`."""
+    """Add weights vector[of] to out[rows], for a range of `rows`, `weights` and `of`."""
     np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
-    """Out = 0, then out[rows] += weights vector[of]."""
+    """Set `out` to zero, then add weights vector[of] to out[rows]."""
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 
 def call_kernel(
     kernels: Any, k: int, shared: Array, local: Array, start: int, out: Array, lanes: int
 ) -> None:
-    """Evaluate one of the kernels of a `Sum` for its stretch, whose numbers start in `local`."""
+    """Evaluate kernel k of a `Sum` for its batch, whose inputs begin at `start` in `local`."""
     kernels[k](shared, local, out)
 
 
 def factorize(linear: Any, nonzeros: Array) -> int:
-    """Factorize a matrix: DONE, SINGULAR, or NEW_PIVOTS in machine code."""
-    return DONE if linear.factorized(nonzeros) else SINGULAR
+    """Factorize a matrix; return DONE, SINGULAR, or in machine code NEW_PIVOTS."""
+    return DONE if linear.try_factorize(nonzeros) else SINGULAR
 
 
 def solve(linear: Any, right: Array) -> None:
-    """Solve with the last factors, in place."""
+    """Replace a right-hand side by the solution with the last factors."""
     right[:] = linear.solve(right)
 
 
 def array_at(address: int, size: int) -> Array:
-    """The numbers at an address, which stay there."""
+    """Return a view of `size` floats at an address."""
     return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
 
 
 def call_for_int(address: int, arguments: tuple[float, ...]) -> int:
-    """Call a C function that gives an int: of doubles, and of pointers and ints as integers."""
+    """Call a C function that returns an int.
+
+    Floats are passed as doubles, integers (also in place of pointers) as 64-bit integers.
+    """
     return int(_c_function(ctypes.c_int32, address, arguments)(*arguments))
 
 
 def call_for_pointer(address: int, arguments: tuple[float, ...]) -> int:
-    """The same for one that gives a pointer."""
+    """Call a C function that returns a pointer, as `call_for_int` does."""
     return int(_c_function(ctypes.c_void_p, address, arguments)(*arguments) or 0)
 
 

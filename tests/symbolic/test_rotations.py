@@ -10,13 +10,22 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.formulations import State, first_order, first_order_parts
-from beamdae.equations.step_equations import Predicted, step_equations, step_matrix, step_residual
-from beamdae.equations.sums import data_of, local_operator
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.first_order import (
+    evaluate_jacobian_parts,
+    formulate_first_order,
+)
+from beamdae.equations.formulations.step_equations import (
+    StepPrediction,
+    evaluate_step_matrix,
+    evaluate_step_residual,
+    formulate_step,
+)
+from beamdae.equations.formulations.sums import build_local_operator, term_data
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.rotations import turned, turned_operator
+from beamdae.symbolic.rotations import factor_operator, rotate_kernel
 
 TIME = np.array([0.1, 0.5])
 # Rounding of the sums of a frame over 100 elements.
@@ -43,15 +52,15 @@ def motion(equations, random):
 @dataclass(slots=True)
 class Work:
     form: Any
-    at: Predicted
+    at: StepPrediction
     x: np.ndarray
     result: np.ndarray
     nonzeros: np.ndarray
 
 
 def both(work):
-    step_residual(work.form, 0.1, 0.5, work.at, work.x, work.result)
-    step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
+    evaluate_step_residual(work.form, 0.1, 0.5, work.at, work.x, work.result)
+    evaluate_step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
     return 0
 
 
@@ -59,16 +68,16 @@ def both(work):
 @pytest.mark.parametrize("elements", [1, 2, 72, 73])
 @pytest.mark.parametrize("settings", [{}, {"frame": "tangent", "elements_shape": "straight"}])
 def test_sums_over_many_elements(native, elements, settings):
-    if native and not is_on():
+    if native and not is_native_enabled():
         pytest.skip("without machine code")
     equations = arch(elements, **settings)
     state = motion(equations, np.random.default_rng(elements))
-    form = step_equations(equations, False)
+    form = formulate_step(equations, False)
     c_v, c_a, c_f = 30.0, 200.0, 1e-3
-    at = Predicted(*state[:3], state.q, np.array([c_v, c_a, c_f]))
+    at = StepPrediction(*state[:3], state.q, np.array([c_v, c_a, c_f]))
     result, nonzeros = np.zeros(form.size), np.zeros(form.pattern.nnz)
     work = Work(form.buffers(native), at, np.zeros(form.size), result, nonzeros)
-    (Loop(both, work) if native else lambda: both(work))()
+    (CompiledLoop(both, work) if native else lambda: both(work))()
     pattern, n = form.pattern, equations.n
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     force, tangent = by_copy(equations, state, (1.0, c_v, c_a))
@@ -82,7 +91,7 @@ def by_copy(equations, state, c):
     n = equations.n
     force, tangent = np.zeros(n), np.zeros((n, n))
     for term in equations.forces:
-        own = local_operator(equations, term).toarray().reshape(term.count, -1, n)
+        own = build_local_operator(equations, term).toarray().reshape(term.count, -1, n)
         kernel = term.kernel
         x, vectors = kernel.local, (kernel.local.q, kernel.local.v, kernel.local.a)
         parts = [
@@ -90,7 +99,7 @@ def by_copy(equations, state, c):
         ]
         outputs = [ca.densify(kernel.force), ca.densify(sum(parts))]
         function = ca.Function("copy", [x.time, *vectors, x.data], outputs)
-        data = data_of(equations, term).T
+        data = term_data(equations, term).T
         for operator, numbers in zip(own, data, strict=True):
             column, matrix = function(TIME, *(operator @ y for y in state[:3]), numbers)
             force += operator.T @ column.full().ravel()
@@ -102,10 +111,10 @@ def by_copy(equations, state, c):
 def test_matrices_apart_add_up(name):
     equations = arch(75)
     random = np.random.default_rng(0)
-    y, yp = first_order(equations, name).pack(motion(equations, random))
-    together, apart = (first_order(equations, name, apart) for apart in (False, True))
+    y, yp = formulate_first_order(equations, name).pack(motion(equations, random))
+    together, apart = (formulate_first_order(equations, name, apart) for apart in (False, True))
     both = np.zeros(2 * apart.pattern.nnz)
-    first_order_parts(apart.buffers(), 0.1, 0.5, y, yp, both)
+    evaluate_jacobian_parts(apart.buffers(), 0.1, 0.5, y, yp, both)
     stiffness, inertia = np.split(both, 2)
     for c in (0.0, 1.0, 1e3):
         expected = stiffness + c * inertia
@@ -119,21 +128,21 @@ def test_operators_are_picked_and_turned():
     rows, count, n = 4, 6, 9
     dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
     dense[random.random(dense.shape) < 0.1] = 1.0
-    found = turned_operator(sp.csr_array(dense), count)
-    own = found.turn.shape[1]
+    found = factor_operator(sp.csr_array(dense), count)
+    own = found.rotation.shape[1]
     for copy in range(count):
-        matrix = ca.DM(found.turn.matrix(ca.SX(ca.DM(found.data[:, copy])))).full()
-        picked = found.picked[copy * own : (copy + 1) * own].toarray()
+        matrix = ca.DM(found.rotation.matrix(ca.SX(ca.DM(found.data[:, copy])))).full()
+        picked = found.selection[copy * own : (copy + 1) * own].toarray()
         assert_allclose(matrix @ picked, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
-    whole = found.turn.operator(found.picked, found.data)
+    whole = found.rotation.operator(found.selection, found.data)
     assert_allclose(whole.toarray(), dense, rtol=0, atol=0)
 
 
 def test_picking_operators_stay():
     operator = sp.csr_array(np.eye(6)[[0, 2, 1, 5]])
-    found = turned_operator(operator, 2)
-    assert found.turn is None
-    assert found.picked is operator
+    found = factor_operator(operator, 2)
+    assert found.rotation is None
+    assert found.selection is operator
 
 
 def test_turned_kernels():
@@ -143,13 +152,13 @@ def test_turned_kernels():
     x, v, data = local[:3], local[3:6], local[6]
     column = data * s * x**2 + v
     kernel = Kernel.of("kernel", s, local, [column, ca.jacobian(column, x)])
-    found = turned_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
+    found = factor_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
     numbers = random.normal(size=4)
-    T = ca.DM(found.turn.matrix(ca.SX(ca.DM(found.data[:, 0])))).full()
+    T = ca.DM(found.rotation.matrix(ca.SX(ca.DM(found.data[:, 0])))).full()
     shared, own = 0.7, np.concatenate([numbers, [1.3], found.data[:, 0]])
-    entries = turned(kernel, found.turn, 2).function(shared, own).full().ravel()
+    entries = rotate_kernel(kernel, found.rotation, 2).function(shared, own).full().ravel()
     at = T @ numbers[:2]
     assert_allclose(entries[:2], T.T @ (1.3 * shared * at**2 + T @ numbers[2:]), rtol=1e-13)
     matrix = T.T @ np.diag(2.0 * 1.3 * shared * at) @ T
     assert_allclose(entries[2:].reshape(2, 2, order="F"), matrix, rtol=1e-13)
-    assert turned(kernel, found.turn, 2) is turned(kernel, found.turn, 2)
+    assert rotate_kernel(kernel, found.rotation, 2) is rotate_kernel(kernel, found.rotation, 2)

@@ -8,9 +8,9 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.step_equations import step_equations
+from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.linear.factorizations import SparseFactorization
-from beamdae.linear.orderings import bordered
+from beamdae.linear.orderings import compute_bordered_ordering
 
 STEPS = (1e-2, 1e-4, 1e-6)
 MECHANISMS = {
@@ -78,8 +78,8 @@ def test_the_fill_of_an_undamped_beam_does_not_grow_with_its_elements(name):
 
 def test_frames_and_multipliers_come_last():
     equations = bd.equations_of_motion(chain(2, elements=8))
-    form = step_equations(equations, False)
-    order, border = bordered(form.pattern)
+    form = formulate_step(equations, False)
+    order, border = compute_bordered_ordering(form.pattern)
     assert sorted(order) == list(range(form.size))
     names = [*equations.q_names, *equations.lam_names]
     last = {names[k] for k in order[form.size - border :]}
@@ -94,7 +94,7 @@ def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
     links, others = np.eye(half) + few, more - np.diag(np.diag(more))
     # Pivots of the band that are all rounding, and a border that is none.
     matrix = sp.csc_array(np.block([[1e-17 * np.eye(half), links], [links.T, others]]))
-    assert bordered(matrix).border == half
+    assert compute_bordered_ordering(matrix).border == half
     right = rng.normal(size=2 * half)
     x = factors(matrix, matrix.data).solve(right)
     assert backward_error(matrix, matrix.data, x, right) < 1e-10

@@ -1,0 +1,57 @@
+"""Restriction of BLAS to one thread during runs."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from threadpoolctl import ThreadpoolController
+
+
+class _SingleThreadedBlas(contextlib.ContextDecorator):
+    """Context in which BLAS uses one thread.
+
+    Matrices of this size gain nothing from threads and lose a factor of ten where cores are busy.
+    Contexts of several threads may overlap: the last one to end restores the limits that the first
+    one replaced.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._n_active = 0
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._limits is None:
+                _call_in_thread(self._limit)
+            self._n_active += 1
+
+    def __exit__(self, *problem: object) -> None:
+        with self._lock:
+            self._n_active -= 1
+            if self._n_active == 0:
+                _call_in_thread(self._restore)
+
+    def _limit(self) -> None:
+        self._limits = ThreadpoolController().limit(limits=1, user_api="blas")
+
+    def _restore(self) -> None:
+        self._limits.restore_original_limits()
+        self._limits = None
+
+
+def _call_in_thread(function: Callable[[], None]) -> None:
+    """Call a function that changes BLAS limits in a thread that ends afterwards.
+
+    Threadpoolctl accepts changes from one thread only: the first one to make a change, until it
+    ends. Besides, no interrupt arrives in that thread.
+    """
+    with ThreadPoolExecutor(1) as threads:
+        threads.submit(function).result()
+
+
+single_threaded = _SingleThreadedBlas()

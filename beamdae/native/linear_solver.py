@@ -1,0 +1,75 @@
+"""Linear solver of compiled loops, which asks Python for new pivots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.linear.elimination import (
+    EliminationPlan,
+    Factors,
+    allocate_factors,
+    empty_plan,
+    refactorize,
+    solve,
+)
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
+
+Array = np.ndarray
+
+
+@dataclass(slots=True)
+class LinearSolver:
+    """Factors of the successive matrices of a loop.
+
+    Attributes
+    ----------
+    plan, factors
+        Pivots and factors.
+    needs_pivots
+        1 if the loop has returned NEW_PIVOTS for this matrix.
+    is_untried
+        1 if the pivots have not been used yet.
+    singular
+        1 if there are no pivots for the matrix of the current step.
+    factorizations, solves
+        Counts.
+    """
+
+    plan: EliminationPlan
+    factors: Factors
+    needs_pivots: int = 0
+    is_untried: int = 0
+    singular: int = 0
+    factorizations: int = 0
+    solves: int = 0
+
+    @classmethod
+    def empty(cls, dtype: type) -> LinearSolver:
+        """Return a solver without pivots, which asks for some at the first factorization."""
+        plan = empty_plan()
+        return cls(plan, allocate_factors(plan, dtype))
+
+    def set_plan(self, plan: EliminationPlan) -> None:
+        """Continue with other pivots."""
+        self.plan, self.factors = plan, allocate_factors(plan, self.factors.matrix.dtype)
+        self.is_untried = 1
+
+
+def factorize_linear(linear: LinearSolver, nonzeros: Array) -> int:
+    """Factorize the matrix with these CSC non-zeros; return DONE, NEW_PIVOTS or SINGULAR."""
+    if linear.singular == 1:
+        return SINGULAR
+    if linear.plan.rows.size == 0 or not refactorize(linear.plan, linear.factors, nonzeros):
+        linear.needs_pivots = 1
+        return NEW_PIVOTS
+    linear.factorizations += 1
+    linear.is_untried = 0
+    return DONE
+
+
+def solve_linear(linear: LinearSolver, right: Array) -> None:
+    """Replace a right-hand side by the solution with the last factors."""
+    linear.solves += 1
+    solve(linear.plan, linear.factors, right)
