@@ -1,5 +1,5 @@
-"""Beams: sections, meshes on curves, the kinematics of their points, damping.
+"""Beams: sections, meshes on curves, kinematics of their points, loads and damping of beams.
 
-May import: parts, curves, symbolic. Knows nothing of equations or time stepping.
-Next: a kinematics is one file that subclasses `Kinematics` and `Element` (see `floating_frame`).
+May import: parts, curves, symbolic. Independent of equations and time stepping.
+Next: a kinematics subclasses `Kinematics` and `Element` in its own folder (see `floating_frame`).
 """

@@ -1,41 +1,56 @@
-"""What a beam asks of its kinematics, and what damping asks of its elements.
+"""Protocols of beam kinematics and beam elements, and what both of beamdae's formulations share.
 
-A kinematics says how the points of a beam follow from its coordinates: in a floating frame
-(`floating_frame`), or otherwise. Beams, damping, loads, observables and drawings know this
-interface alone.
+A kinematics expresses the motion of a beam's points by its coordinates: in a floating frame
+(`floating_frame`), in the inertial frame (`exact`), or otherwise. Beams, damping, loads,
+observables and drawings use this interface only.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.beams.element_data import assemble_element_data, require_free_curve
 from beamdae.beams.mesh import Mesh
-from beamdae.errors import BeamdaeError, format_exception, short_repr
+from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
+from beamdae.beams.sections import Section, VaryingSection
+from beamdae.curves.plane_curves import PlaneCurve
+from beamdae.errors import (
+    BeamdaeError,
+    format_exception,
+    require_choice,
+    set_fields,
+    short_repr,
+)
 from beamdae.symbolic.statements import SX, ForceKernel, Local, Named, RangeKernel
 
 Array = np.ndarray
 
+# Shape functions below this are rounding errors of zero.
+_MIN_SHAPE_FUNCTION = 1e-12
+
 
 class InertiaPoint(NamedTuple):
-    """A point at which inertia is integrated.
+    """A quadrature point of the inertia terms.
 
     Attributes
     ----------
     weight
-        Length of axis it stands for [m].
+        Length of axis that the point represents [m].
     density
-        (rhoA, rhoA, rhoI), of the rates below.
+        (rhoA, rhoA, rhoI), the inertias of the two velocities and the angular velocity.
     velocity
-        Of the axis, (2,) [m/s], in some orthogonal axes.
+        Velocity of the axis (2,) [m/s], in any orthogonal axes.
     angular_velocity
-        Of the section [rad/s].
+        Angular velocity of the section [rad/s].
     rotation
-        Of the section relative to those axes: its normal is (-sin, cos) in them [rad].
+        Angle of the section relative to these axes [rad]: its normal is (-sin, cos).
     """
 
     weight: SX
@@ -46,12 +61,12 @@ class InertiaPoint(NamedTuple):
 
 
 class StrainRatePoint(NamedTuple):
-    """A point at which elasticity is integrated.
+    """A quadrature point of the stiffness terms.
 
     Attributes
     ----------
     weight
-        Length of axis it stands for [m].
+        Length of axis that the point represents [m].
     stiffness
         (EA, GA, EI).
     rates
@@ -65,7 +80,7 @@ class StrainRatePoint(NamedTuple):
 
 
 class Element(ABC):
-    """One element type in symbols: all numbers are inputs (`local.data`), it is hashable."""
+    """One element type in symbols; hashable, and all its numbers are inputs (`local.data`)."""
 
     @property
     @abstractmethod
@@ -75,22 +90,23 @@ class Element(ABC):
     @property
     @abstractmethod
     def n_data(self) -> int:
-        """Numbers a copy of the element takes."""
+        """Number of data values of one element."""
 
     @abstractmethod
     def kernel(self) -> ForceKernel:
-        """Virtual work of inertia, elasticity, material damping and weight; the same object always.
+        """Return the virtual work of inertia, elasticity, material damping and weight.
 
-        Elements of several beams that share it are evaluated in one map.
+        Must return the same object at every call: elements of several beams that share it are
+        evaluated in one map.
         """
 
     @abstractmethod
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """How the inertia points move; `local.data` may hold more behind the element's numbers."""
+        """Return the motion of the inertia points; `local.data` may end with further values."""
 
     @abstractmethod
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Linear strain rates at the stiffness points; `local.data` as above."""
+        """Return the strain rates at the stiffness points; `local.data` as in inertia_points."""
 
 
 class MaterialPoint(NamedTuple):
@@ -98,27 +114,32 @@ class MaterialPoint(NamedTuple):
 
     Attributes
     ----------
-    drawn
-        Its place (x, y) in the reference drawing [m].
+    reference_position
+        Position (x, y) in the reference drawing [m].
     inclination
-        Its angle there [rad].
+        Angle of the section in the reference drawing [rad].
     operator
-        Rows that pick its local coordinates from those of the beam.
+        Sparse matrix that selects the local coordinates from those of the beam.
     motion
-        Local coordinates -> (position in the inertial frame, turn since the reference drawing), a
-        `Formula` or any function.
+        Maps local coordinates to (position in the inertial frame, rotation since the reference
+        drawing): a `Formula` or any function.
     """
 
-    drawn: tuple[float, float]
+    reference_position: tuple[float, float]
     inclination: float
     operator: sp.csr_array
     motion: Callable[[SX], tuple[SX, SX]]
 
 
 class PointValues(NamedTuple):
-    """Values at a section: rows that pick local coordinates, and the values from these.
+    """Values at a section.
 
-    The values are a `Formula` or any function.
+    Attributes
+    ----------
+    operator
+        Sparse matrix that selects the local coordinates from those of the beam.
+    values
+        Maps local coordinates to the values: a `Formula` or any function.
     """
 
     operator: sp.csr_array
@@ -126,7 +147,20 @@ class PointValues(NamedTuple):
 
 
 class StrainValidity(NamedTuple):
-    """How far the strains of a kinematics reach; see `RangeStatement`."""
+    """Validity of the small-strain assumption; fields as in `RangeStatement`.
+
+    Attributes
+    ----------
+    kernel
+        Largest deflection, rotation and strain of an element.
+    data
+        Data of the kernel, one column per element.
+    error
+        Coefficients (a, b) of the relative error a r + b r^2 at rotations of r [rad]; None for
+        exact strains.
+    remedies
+        Settings that extend the range.
+    """
 
     kernel: RangeKernel
     data: Array
@@ -135,10 +169,10 @@ class StrainValidity(NamedTuple):
 
 
 class Kinematics(ABC):
-    """How the points of one beam follow from its coordinates.
+    """Maps the coordinates of one beam to the motion and the strains of its points.
 
-    Made by the beam as `kinematics(name, mesh, section, **settings)`, `mesh` in the axes of the
-    drawing; the section at arc length s is `section.at(s)`, whether it varies or not.
+    The beam creates it as `kinematics(name, mesh, section, **settings)` with `mesh` in the axes of
+    the drawing. `section.at(s)` is the section at arc length s, for constant and varying sections.
     """
 
     name: str
@@ -147,7 +181,7 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def element(self) -> Element:
-        """The type of all elements."""
+        """Type of all elements."""
 
     @property
     @abstractmethod
@@ -157,35 +191,39 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
+        """Coordinates in the reference drawing, shape (n,)."""
 
     @abstractmethod
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Rates of a rigid motion: of the start point [m/s] and of the beam about it [rad/s]."""
+        """Return the coordinates' rates (n,) of a rigid motion.
+
+        `velocity` [m/s] is that of the start point, `angular_velocity` [rad/s] that of the beam.
+        """
 
     @property
     @abstractmethod
     def operator(self) -> sp.csr_array:
-        """From the beam's coordinates to those of all elements, shape (elements * size, n)."""
+        """Maps the beam's coordinates to those of all elements, shape (elements * size, n)."""
 
     @abstractmethod
     def data(self, gravity: Array) -> Array:
-        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
+        """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
 
     @abstractmethod
     def material_point(self, s: float) -> MaterialPoint:
-        """The section at arc length s [m]."""
+        """Return the section at arc length s [m], on the reference curve."""
 
     def axis_point(self, s: float) -> MaterialPoint:
-        """The section at arc length s [m] on the axis of its element, which bears the inertia.
+        """Return the section at arc length s [m], on the axis of its element.
 
-        Elements interpolate the curve, `material_point` lies on it.
+        Elements interpolate the curve. Inertia is integrated along their axes, while
+        `material_point` lies on the curve.
         """
         return self.material_point(s)
 
     @abstractmethod
     def strains(self, s: float) -> PointValues:
-        """Axial strain, shear strain and curvature at arc length s [m], shape (3,)."""
+        """Return axial strain, shear strain and curvature at arc length s [m], shape (3,)."""
 
     @property
     def curvature_error(self) -> float:
@@ -194,41 +232,122 @@ class Kinematics(ABC):
 
     @property
     def strain_validity(self) -> StrainValidity | None:
-        """How far its strains reach; its kernel takes the coordinates of an element.
+        """Validity of the small-strain assumption; None if the strains hold for any deformation.
 
-        None where they hold however far the beam bends, and there is nothing to tell.
+        The kernel takes the coordinates of an element.
         """
         return None
 
     @property
     def floating_frame(self) -> MaterialPoint:
-        """The floating frame, if there is one."""
-        raise self._without_frame()
+        """The floating frame.
+
+        Raises
+        ------
+        BeamdaeError
+            If the kinematics has none.
+        """
+        raise self._missing_frame_error()
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """(u, v, phi) at arc length s relative to the undeformed beam in its floating frame."""
-        raise self._without_frame()
+        """Return (u, v, phi) at arc length s [m] relative to the undeformed beam in its frame.
 
-    def _without_frame(self) -> BeamdaeError:
+        `axes` of the components: "inertial", "frame" or "local" (the tangent frame at s).
+        """
+        raise self._missing_frame_error()
+
+    def _missing_frame_error(self) -> BeamdaeError:
         return BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no floating frame to see a deformation from; "
-            "bd.relative_displacement sees it from another section."
+            f"{self.name}: {type(self).__name__} has no floating frame to measure a deformation "
+            "from; use bd.relative_displacement to measure it from another section."
         )
+
+
+@dataclass(frozen=True, eq=False)
+class FormulationKinematics(Kinematics):
+    """Settings, element data and material points that both of beamdae's formulations share.
+
+    The settings are documented at `Beam`.
+    """
+
+    name: str
+    mesh: Mesh
+    section: Section | VaryingSection
+    quadrature: str = "reduced"
+    frame: str | None = None
+    free_curve: PlaneCurve | None = None
+    _material_points: dict[float, MaterialPoint] = field(
+        default_factory=dict, init=False, repr=False
+    )
+
+    def __post_init__(self) -> None:
+        set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
+        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        _ = self.frame_angle
+        if self.free_curve is not None:
+            require_free_curve(self.name, self.free_curve, self.mesh.curve)
+
+    @cached_property
+    def frame_angle(self) -> float:
+        """Angle of the reference frame in the drawing [rad]."""
+        return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
+
+    @property
+    def stiffness_points(self) -> int:
+        """Number of Gauss points of the stiffness terms per element."""
+        return self.mesh.nodes if self.quadrature == "full" else self.mesh.nodes - 1
+
+    @property
+    @abstractmethod
+    def _point_data(self) -> Array:
+        """Values of all quadrature points, one column per element."""
+
+    def data(self, gravity: Array) -> Array:
+        """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
+        return assemble_element_data(self._point_data, self.section, gravity)
+
+    def material_point(self, s: float) -> MaterialPoint:
+        """Return the section at arc length s [m], in the coordinates of the nodes it depends on."""
+        # Every joint, observable and drawing requests the ends.
+        if s not in self._material_points:
+            self._material_points[s] = self._create_section(s, on_axis=False)
+        return self._material_points[s]
+
+    def axis_point(self, s: float) -> MaterialPoint:
+        """Return the section at arc length s [m], on the interpolated axis."""
+        return self._create_section(s, on_axis=True)
+
+    @abstractmethod
+    def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
+        """Return the section on the interpolated axis, or on the reference curve."""
+
+
+def nonzero_shape_functions(row: Array) -> Array:
+    """Return a mask of the shape functions in `row` that are not rounding errors of zero."""
+    return np.abs(row) > _MIN_SHAPE_FUNCTION
 
 
 def create_custom_kinematics(
     name: str, make: Callable[[str, Mesh, Any], Kinematics], mesh: Mesh, section: Any
 ) -> Kinematics:
-    """What a kinematics of the user's own makes of the beam."""
-    wanted = f"{name}: kinematics must be a function of (name, mesh, section)"
+    """Return the kinematics that the user's function creates for the beam.
+
+    Raises
+    ------
+    BeamdaeError
+        If `make` is not callable, fails, or does not return a `Kinematics`.
+    """
+    requirement = f"{name}: kinematics must be a function of (name, mesh, section)"
     if not callable(make):
-        raise BeamdaeError(f"{wanted}, got {short_repr(make)}.")
+        raise BeamdaeError(f"{requirement}, got {short_repr(make)}.")
     try:
-        made = make(name, mesh, section)
+        kinematics = make(name, mesh, section)
     except BeamdaeError:
         raise
     except Exception as problem:
-        raise BeamdaeError(f"{wanted}, it failed, {format_exception(problem)}.") from problem
-    if not isinstance(made, Kinematics):
-        raise BeamdaeError(f"{wanted} that gives a Kinematics, got {short_repr(made)}.")
-    return made
+        raise BeamdaeError(f"{requirement}; it failed, {format_exception(problem)}.") from problem
+    if not isinstance(kinematics, Kinematics):
+        raise BeamdaeError(
+            f"{requirement} that returns a Kinematics, got {short_repr(kinematics)}."
+        )
+    return kinematics

@@ -1,4 +1,4 @@
-"""Materials: the numbers of isotropic linear elasticity, and a small table of them."""
+"""Isotropic linear-elastic materials and a small table of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beamdae.errors import (
     suggest,
 )
 
-# E [Pa], nu, rho [kg/m^3] at 20 °C, and where they stand. EN 1993-1-1:2005, 3.2.6 (density:
+# E [Pa], nu, rho [kg/m^3] at 20 °C. Sources: EN 1993-1-1:2005, 3.2.6 (density:
 # EN 1991-1-1, table A.4); EN 1999-1-1:2007, 3.2.5; EN 10088-1:2014, table E.1 and EN 1993-1-4;
 # ASM Handbook vol. 2 (1990).
 _TABLE = {
@@ -39,7 +39,12 @@ class Material:
     rho
         Density [kg/m^3].
     yield_stress
-        Stress [Pa] at which it yields, where that is known: for `SectionForces.safety`.
+        Yield stress [Pa], optional; needed by `SectionForces.safety`.
+
+    Raises
+    ------
+    BeamdaeError
+        If E, rho or the yield stress is not positive, or nu is out of range.
 
     Examples
     --------
@@ -70,7 +75,7 @@ class Material:
 
     @classmethod
     def of(cls, name: str) -> Material:
-        """A material by name, at 20 °C.
+        """Return a material from a table of design values at 20 °C.
 
         ===================== ======= ===== ======== ==========================================
         name                  E [GPa] nu    rho      source
@@ -83,8 +88,13 @@ class Material:
         "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
         ===================== ======= ===== ======== ==========================================
 
-        Design values: alloys and tempers differ by some percent. Of a measured strip the
-        `Material` is given by its own numbers.
+        The unit of rho is kg/m^3. Alloys and tempers differ by some percent; create a `Material`
+        for measured values.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is not in the table.
 
         Examples
         --------
@@ -106,7 +116,7 @@ class Material:
 
 
 def require_material(part: str, value: object) -> Material:
-    """Return `value` if it is a material."""
+    """Return `value` if it is a material, or raise BeamdaeError."""
     if not isinstance(value, Material):
         raise BeamdaeError(f"{part}: material must be a Material, got {short_repr(value)}.")
     return value

@@ -1,4 +1,4 @@
-"""The geometry of a beam's mesh: nodes on its curve, and the elements' own axes between them."""
+"""Geometry of a beam's mesh: nodes on its curve and the axes of the elements between them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,26 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# What the polygon through its nodes has to have of the length of an element.
-_MIN_POLYGON_LENGTH = 0.5
+_MIN_POLYGON_LENGTH = 0.5  # length of the polygon through an element's nodes over its arc length
+_LENGTH_GAUSS_POINTS = 8  # per element; resolves the error of the arc length
 
 
 class AxisPoints(NamedTuple):
-    """Points of the elements' axes: place (n, 2), angle, curvature and ds/dxi (n,)."""
+    """Points on the axes of elements.
 
-    place: Array
+    Attributes
+    ----------
+    position
+        Shape (n, 2) [m].
+    angle
+        Angle of the axis (n,) [rad].
+    curvature
+        Signed curvature (n,) [1/m].
+    ds
+        ds/dxi (n,) [m].
+    """
+
+    position: Array
     angle: Array
     curvature: Array
     ds: Array
@@ -43,8 +55,8 @@ class Mesh:
         "curved": each element interpolates the curve through its nodes (eq. 13); "straight":
         each element is the chord between its end nodes.
     origin, angle
-        The axes in which points and angles are told: a point of the drawing [m] and an
-        inclination [rad]; default the drawing itself.
+        Axes of the points and angles: a point of the drawing [m] and an inclination [rad]. Default
+        to the axes of the drawing.
     """
 
     curve: PlaneCurve
@@ -55,12 +67,12 @@ class Mesh:
     angle: float = 0.0
 
     def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
-        """The same mesh, told in other axes."""
+        """Return the same mesh in other axes."""
         return replace(self, origin=origin, angle=angle)
 
     @property
     def node_count(self) -> int:
-        """Number of nodes."""
+        """Number of nodes of the beam."""
         return self.elements * (self.nodes - 1) + 1
 
     @property
@@ -75,44 +87,46 @@ class Mesh:
         return np.linspace(0.0, self.curve.length, self.node_count)
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the curve's tangent [rad] at arc lengths s [m]."""
+        """Return the angle of the curve's tangent [rad] at arc lengths s [m]."""
         return self.curve.tangent_angle(s) - self.angle
 
     @cached_property
     def node_points(self) -> Array:
         """Nodes of each element, shape (elements, nodes, 2)."""
-        there = self.curve.point(self.node_arc_lengths) - np.asarray(self.origin, float)
-        points = rotate_points(there, -self.angle)[self.element_nodes]
+        relative = self.curve.point(self.node_arc_lengths) - np.asarray(self.origin, float)
+        points = rotate_points(relative, -self.angle)[self.element_nodes]
         if self.shape == "straight":
-            share = np.linspace(0.0, 1.0, self.nodes)[:, None]
-            points = points[:, :1] + share * (points[:, -1:] - points[:, :1])
+            fraction = np.linspace(0.0, 1.0, self.nodes)[:, None]
+            points = points[:, :1] + fraction * (points[:, -1:] - points[:, :1])
         return points
 
     def require_resolved_curve(self, part: str) -> None:
-        """Refuse elements whose nodes lie much nearer to each other than along the curve.
+        """Refuse elements whose nodes are much closer together than along the curve.
 
         Raises
         ------
         BeamdaeError
-            Naming the `part`, if they leave out half of the curve.
+            Naming the `part`, if the polygon through the nodes of an element is less than half as
+            long as the curve.
         """
-        between = np.diff(self.node_points, axis=1)
-        along = self.curve.length / self.elements
-        shortest = float(np.min(np.hypot(between[..., 0], between[..., 1]).sum(axis=1)))
-        if not shortest >= _MIN_POLYGON_LENGTH * along:
+        steps = np.diff(self.node_points, axis=1)
+        arc_length = self.curve.length / self.elements
+        shortest = float(np.min(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)))
+        if not shortest >= _MIN_POLYGON_LENGTH * arc_length:
             raise BeamdaeError(
                 f"{part}: elements={self.elements} of {self.nodes} nodes are too few for its "
-                f"curve, nodes {shortest:.3g} m apart stand for {along:.3g} m of it; take more "
-                "elements."
+                f"curve, nodes {shortest:.3g} m apart stand for {arc_length:.3g} m of it; take "
+                "more elements."
             )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
-        """The interpolated axes (eqs. 2, 13, 14) at local coordinates `xi` of `element`, (n,) each.
+        """Return points on the interpolated axes (eqs. 2, 13, 14).
 
-        Angles are continuous along the curve.
+        `element` and the local coordinates `xi` are of shape (n,). Angles are continuous along the
+        curve.
         """
         nodes = self.node_points[element]
-        at, d1, d2 = (
+        position, d1, d2 = (
             np.einsum("ei,eik->ek", shape_functions(self.nodes, xi, k), nodes) for k in range(3)
         )
         ds = np.hypot(d1[:, 0], d1[:, 1])
@@ -120,12 +134,12 @@ class Mesh:
         s = (element + 0.5 * (xi + 1.0)) * self.curve.length / self.elements
         angle = np.arctan2(d1[:, 1], d1[:, 0])
         angle = angle + 2.0 * np.pi * np.round((self.tangent_angle(s) - angle) / (2.0 * np.pi))
-        return AxisPoints(at, angle, curvature, ds)
+        return AxisPoints(position, angle, curvature, ds)
 
     def gauss(self, points: int) -> tuple[Array, AxisPoints]:
-        """Weights times ds/dxi, and the axes, at the Gauss points of one element after the other.
+        """Return the weights times ds/dxi and the axes at the Gauss points of all elements.
 
-        They are of shape (elements * points, ...).
+        Arrays are of shape (elements * points, ...), one element after the other.
         """
         xi, weights = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
@@ -133,29 +147,29 @@ class Mesh:
         return np.tile(weights, self.elements) * axis.ds, axis
 
     def gauss_arc_lengths(self, points: int) -> Array:
-        """Arc lengths [m] of the Gauss points of one element after the other."""
+        """Return the arc lengths [m] of the Gauss points, one element after the other."""
         xi, _ = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
-        share = element + 0.5 * (np.tile(xi, self.elements) + 1.0)
-        return share * (self.curve.length / self.elements)
+        elements_passed = element + 0.5 * (np.tile(xi, self.elements) + 1.0)
+        return elements_passed * (self.curve.length / self.elements)
 
     def locate(self, s: float) -> tuple[int, float]:
-        """Element and local coordinate xi of the arc length s [m]."""
-        at = s / self.curve.length * self.elements
-        element = min(int(at), self.elements - 1)
-        xi = 2.0 * (at - element) - 1.0
+        """Return the element and the local coordinate xi of the arc length s [m]."""
+        elements_passed = s / self.curve.length * self.elements
+        element = min(int(elements_passed), self.elements - 1)
+        xi = 2.0 * (elements_passed - element) - 1.0
         return element, float(np.clip(xi, -1.0, 1.0))
 
     @cached_property
     def length_error(self) -> float:
         """Largest relative error of the arc length of an element."""
-        weighted_ds, _ = self.gauss(8)
-        true = self.curve.length / self.elements
-        lengths = weighted_ds.reshape(self.elements, 8).sum(axis=1)
-        return float(np.max(np.abs(lengths - true)) / true)
+        weighted_ds, _ = self.gauss(_LENGTH_GAUSS_POINTS)
+        exact = self.curve.length / self.elements
+        lengths = weighted_ds.reshape(self.elements, _LENGTH_GAUSS_POINTS).sum(axis=1)
+        return float(np.max(np.abs(lengths - exact)) / exact)
 
     def curvature_error(self, points: int) -> float:
-        """Largest error of the curvature at Gauss points, times the length of the curve."""
+        """Return the largest error of the curvature at Gauss points, times the curve's length."""
         _, axis = self.gauss(points)
         error = np.abs(axis.curvature - self.curve.curvature(self.gauss_arc_lengths(points)))
         return float(error.max() * self.curve.length)

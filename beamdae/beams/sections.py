@@ -1,4 +1,4 @@
-"""Cross-sections: the numbers a beam's constitutive law is made of."""
+"""Cross-sections: stiffnesses, inertias and damping; sections that vary along a beam."""
 
 from __future__ import annotations
 
@@ -26,31 +26,37 @@ from beamdae.errors import (
 class Section:
     """Cross-section of a beam.
 
-    One that varies along a beam is a function of arc length s [m] that gives a `Section`, such as
-    ``lambda s: bd.Section.rectangle(alloy, width=0.03, height=0.01 - 0.002 * s)``, or a `taper`.
+    A section that varies along the beam is given as a function of arc length s [m] that returns a
+    `Section`, such as ``lambda s: bd.Section.rectangle(alloy, width=0.03, height=0.01 - 0.002 *
+    s)``, or as a `taper`.
 
     Parameters
     ----------
     material
         The material.
     area
-        A [m^2].
+        Area A [m^2].
     second_moment
-        I [m^4] about the axis normal to the plane of motion, through the centroid.
+        Second moment of area I [m^4] about the centroidal axis normal to the plane of motion.
     shear_coefficient
-        k_G of the shear stiffness k_G G A (eq. 7); 5/6 for a rectangle.
+        Shear correction factor k_G of the shear stiffness k_G G A (eq. 7); 5/6 for a rectangle.
     damping
-        Kelvin-Voigt retardation time [s]: every section force gets damping * stiffness *
-        strain rate on top of its elastic part.
+        Kelvin-Voigt retardation time [s]: each section force is stiffness * (strain + damping *
+        strain rate).
     mass_per_length, rotary_inertia_per_length
-        rho A [kg/m] and rho I [kg m], where they are not those of the material: for stiffened or
-        loaded sections, and for published cases that give them.
+        rho A [kg/m] and rho I [kg m] if they do not follow from the material, as for stiffened or
+        loaded sections. Default to the values of the material and the shape.
     height
-        Height [m] in the plane of motion, half of it on either side of the axis, where it is known:
-        strains are asked for within it. The shapes below know theirs.
+        Height [m] in the plane of motion, half of it on either side of the axis. Required for
+        strains at "top" and "bottom"; the class methods below set it.
     shear_peak
-        Largest shear stress over its mean Q / A, on the axis; 3/2 for a rectangle. The shapes below
-        know theirs.
+        Largest shear stress, on the axis, over its mean Q / A; 3/2 for a rectangle. The class
+        methods below set it.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is not positive (`damping`: negative), or a stiffness or inertia not finite.
 
     Examples
     --------
@@ -74,19 +80,19 @@ class Section:
 
     def __post_init__(self) -> None:
         require_material("Section", self.material)
-        sizes = ("area", "second_moment", "shear_coefficient", "shear_peak")
-        given = ("mass_per_length", "rotary_inertia_per_length", "height")
-        needed = (*sizes, *(name for name in given if getattr(self, name) is not None))
+        required = ("area", "second_moment", "shear_coefficient", "shear_peak")
+        optional = ("mass_per_length", "rotary_inertia_per_length", "height")
+        positive = (*required, *(name for name in optional if getattr(self, name) is not None))
         set_fields(
             self,
-            **{name: require_positive("Section", name, getattr(self, name)) for name in needed},
+            **{name: require_positive("Section", name, getattr(self, name)) for name in positive},
         )
         set_fields(self, damping=require_non_negative("Section", "damping", self.damping))
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise BeamdaeError(
-                    f"Section: {name} must be positive and finite, it is {getattr(self, name):g} "
-                    f"with {self.material}, area {self.area:g} and second_moment "
+                    f"Section: {name} must be positive and finite, got {getattr(self, name):g} "
+                    f"from {self.material}, area {self.area:g} and second_moment "
                     f"{self.second_moment:g}."
                 )
 
@@ -94,7 +100,7 @@ class Section:
     def rectangle(
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
-        """Rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
+        """Return a rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
         width = require_positive("Section.rectangle", "width", width)
         height = require_positive("Section.rectangle", "height", height)
         area, second_moment = width * height, width * height**3 / 12.0
@@ -102,7 +108,7 @@ class Section:
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
-        """Solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
+        """Return a solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
         diameter = require_positive("Section.circle", "diameter", diameter)
         nu = require_material("Section.circle", material).nu
         return cls(
@@ -119,10 +125,10 @@ class Section:
     def pipe(
         cls, material: Material, diameter: float, wall: float, damping: float = 0.0
     ) -> Section:
-        """Round pipe of outer `diameter` and `wall` thickness [m]; k_G by Cowper (1966).
+        """Return a round pipe of outer `diameter` and `wall` thickness [m].
 
-        6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2), m the inner diameter
-        over the outer one.
+        k_G = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2) (Cowper 1966)
+        with m the inner diameter over the outer one.
         """
         diameter = require_positive("Section.pipe", "diameter", diameter)
         wall = require_positive("Section.pipe", "wall", wall)
@@ -152,11 +158,25 @@ class Section:
         web: float,
         damping: float = 0.0,
     ) -> Section:
-        """I-profile whose web lies in the plane of motion, so that it bends about its strong axis.
+        """Return an I-profile that bends about its strong axis: its web is in the plane of motion.
 
-        Flanges of `width` [m] and thickness `flange` [m], overall `height` [m], a web of thickness
-        `web` [m]; without fillets. k_G is Cowper's (1966) of thin walls: flanges and web are lines
-        in it, at the distance height - flange.
+        The profile has no fillets. k_G is Cowper's (1966) for thin walls, which idealizes flanges
+        and web as lines; the flanges are height - flange apart.
+
+        Parameters
+        ----------
+        material
+            The material.
+        width
+            Width of the flanges [m].
+        height
+            Overall height [m].
+        flange
+            Thickness of the flanges [m].
+        web
+            Thickness of the web [m].
+        damping
+            Kelvin-Voigt retardation time [s].
         """
         sizes = {"width": width, "height": height, "flange": flange, "web": web}
         width, height, flange, web = (
@@ -165,11 +185,10 @@ class Section:
         _require_less("Section.i_profile", "flange", flange, "half the height", 0.5 * height)
         _require_less("Section.i_profile", "web", web, "the width", width)
         nu = require_material("Section.i_profile", material).nu
-        inner, beside = height - 2.0 * flange, width - web
-        area = 2.0 * width * flange + inner * web
-        second_moment = (width * height**3 - beside * inner**3) / 12.0
-        # Of the half above the axis.
-        first_moment = 0.5 * width * flange * (height - flange) + web * inner**2 / 8.0
+        web_height, overhang = height - 2.0 * flange, width - web
+        area = 2.0 * width * flange + web_height * web
+        second_moment = (width * height**3 - overhang * web_height**3) / 12.0
+        first_moment_of_half = 0.5 * width * flange * (height - flange) + web * web_height**2 / 8.0
         return cls(
             material,
             area,
@@ -177,21 +196,25 @@ class Section:
             _shear_coefficient_of_thin_i(nu, width, height - flange, flange, web),
             damping,
             height=height,
-            shear_peak=area * first_moment / (second_moment * web),
+            shear_peak=area * first_moment_of_half / (second_moment * web),
         )
 
     def at(self, s: float) -> Section:
-        """Itself: the section at any arc length, as those that vary tell theirs."""
+        """Return the section itself, at any arc length: the interface of `VaryingSection`."""
         return self
 
     def fiber_offset(self, part: str, offset: float | str) -> float:
-        """Distance from the axis [m] of "top" (left of the curve), "bottom", or a number."""
+        """Return the distance of a fiber from the axis [m], positive to the left of the curve.
+
+        `offset` is that distance, "top" (left surface) or "bottom" (right surface); `part` names
+        the beam in errors.
+        """
         if isinstance(offset, str):
             require_choice(part, "offset", offset, ("top", "bottom"))
             if self.height is None:
                 raise BeamdaeError(
-                    f"{part}: offset {offset!r} needs the height of the section, give Section "
-                    "height=."
+                    f"{part}: offset {offset!r} needs the height of the section; set height= of "
+                    "the Section."
                 )
             return 0.5 * self.height if offset == "top" else -0.5 * self.height
         offset = require_finite(part, "offset", offset)
@@ -209,7 +232,7 @@ class Section:
 
     @property
     def GA(self) -> float:
-        """Shear stiffness with the shear coefficient, k_G G A [N]."""
+        """Shear stiffness k_G G A with the shear correction factor k_G [N]."""
         return self.shear_coefficient * self.material.G * self.area
 
     @property
@@ -220,14 +243,16 @@ class Section:
     @property
     def rhoA(self) -> float:
         """Mass per length [kg/m]."""
-        own = self.mass_per_length
-        return self.material.rho * self.area if own is None else own
+        if self.mass_per_length is not None:
+            return self.mass_per_length
+        return self.material.rho * self.area
 
     @property
     def rhoI(self) -> float:
         """Rotary inertia per length [kg m]."""
-        own = self.rotary_inertia_per_length
-        return self.material.rho * self.second_moment if own is None else own
+        if self.rotary_inertia_per_length is not None:
+            return self.rotary_inertia_per_length
+        return self.material.rho * self.second_moment
 
 
 def _require_less(part: str, name: str, value: float, what: str, bound: float) -> None:
@@ -238,7 +263,7 @@ def _require_less(part: str, name: str, value: float, what: str, bound: float) -
 def _shear_coefficient_of_thin_i(
     nu: float, width: float, height: float, flange: float, web: float
 ) -> float:
-    """k_G of a thin-walled I (Cowper 1966, table 1); `height` from flange to flange."""
+    """Return k_G of a thin-walled I (Cowper 1966, table 1); `height` from flange to flange."""
     m, n2 = 2.0 * width * flange / (height * web), (width / height) ** 2
     return (
         10.0
@@ -259,80 +284,98 @@ def _shear_coefficient_of_thin_i(
 SectionLaw = Callable[[float], Section]
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
+_SECTION_REQUIREMENT = "section must be a Section, or a function of s that gives one"
 
 
 @dataclass(frozen=True, eq=False)
 class VaryingSection:
-    """The section of a beam along which it varies, as its kinematics asks for it.
+    """A section that varies along its beam.
 
     Attributes
     ----------
     part
-        Name of the beam.
+        Name of the beam, for errors.
     law
-        Arc length s [m] -> Section.
+        Maps arc length s [m] to the `Section` there.
     """
 
     part: str
     law: SectionLaw
 
     def at(self, s: float) -> Section:
-        """The section at arc length s [m]."""
-        wanted = f"{self.part}: section must be a Section, or a function of s that gives one"
+        """Return the section at arc length s [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If the law fails or does not return a `Section`.
+        """
+        requirement = f"{self.part}: {_SECTION_REQUIREMENT}"
         try:
-            found = self.law(float(s))
+            section = self.law(float(s))
         except BeamdaeError as problem:
-            raise BeamdaeError(f"{self.part}: at s = {s:g} m of it, {problem}") from None
+            raise BeamdaeError(f"{self.part}: at s = {s:g} m, {problem}") from None
         except Exception as problem:
             raise BeamdaeError(
-                f"{wanted}, at s = {s:g} it failed, {format_exception(problem)}."
+                f"{requirement}; at s = {s:g} it failed, {format_exception(problem)}."
             ) from problem
-        if not isinstance(found, Section):
-            raise BeamdaeError(f"{wanted}, at s = {s:g} it gave {short_repr(found)}.")
-        return found
+        if not isinstance(section, Section):
+            raise BeamdaeError(f"{requirement}; at s = {s:g} it gave {short_repr(section)}.")
+        return section
 
     def __getattr__(self, name: str) -> Any:
         if name in _SECTION_ATTRIBUTES:
             raise BeamdaeError(
-                f"{self.part}: its section varies along the beam, {name} is asked of section.at(s)."
+                f"{self.part}: its section varies along the beam; use section.at(s).{name}."
             )
         raise AttributeError(name)
 
     def law_from(self, start: float) -> SectionLaw:
-        """The section of what is left of the beam from arc length `start` [m] on."""
+        """Return the section law of the rest of the beam, from arc length `start` [m] on."""
         return lambda s: self.at(start + s)
 
 
 @dataclass(frozen=True)
 class Taper:
-    """A shape whose dimensions run linearly from one end of a beam to the other: see `taper`."""
+    """A section whose dimensions vary linearly along a beam; created by `taper`."""
 
     shape: Callable[..., Section]
     material: Material
     dimensions: tuple[tuple[str, tuple[float, float]], ...]
 
     def section_law(self, length: float) -> SectionLaw:
-        """Of a beam of that length [m], by arc length."""
+        """Return the section as a function of arc length, for a beam of `length` [m]."""
 
         def section(s: float) -> Section:
-            share = s / length
-            sizes = {name: (1.0 - share) * a + share * b for name, (a, b) in self.dimensions}
+            fraction = s / length
+            sizes = {name: (1.0 - fraction) * a + fraction * b for name, (a, b) in self.dimensions}
             return self.shape(self.material, **sizes)
 
         return section
 
 
 def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) -> Taper:
-    """A section whose dimensions run linearly from the start of a beam to its end.
+    """Return a section whose dimensions vary linearly from the start of a beam to its end.
 
     Parameters
     ----------
     shape
-        Such as ``bd.Section.rectangle``: a function of the material and the dimensions.
+        A function of the material and the dimensions that returns a `Section`, such as
+        ``bd.Section.rectangle``.
     material
         The material.
     dimensions
-        Arguments of the shape, each a number or a pair (at the start, at the end).
+        Arguments of `shape`: each a number, or a pair (at the start, at the end).
+
+    Returns
+    -------
+    Taper
+        The `section` of a `Beam`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `shape` rejects the dimensions at the start or at the end.
 
     Examples
     --------
@@ -348,33 +391,36 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
             f"taper: shape must be a function such as Section.rectangle, got {short_repr(shape)}."
         )
     require_material("taper", material)
-    both = tuple((name, _parse_dimension(name, value)) for name, value in dimensions.items())
-    found = Taper(shape, material, both)
-    ends = VaryingSection("taper", found.section_law(1.0))
+    pairs = tuple((name, _parse_dimension(name, value)) for name, value in dimensions.items())
+    section = Taper(shape, material, pairs)
+    unit_length = VaryingSection("taper", section.section_law(1.0))
     for end in (0.0, 1.0):
-        ends.at(end)
-    return found
+        unit_length.at(end)
+    return section
 
 
 def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
+    """Return the dimension at the start and at the end."""
     if hasattr(value, "__len__") and not isinstance(value, str):
         a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
-        return require_finite("taper", f"{name} at the start", a), require_finite(
-            "taper", f"{name} at the end", b
-        )
+        start = require_finite("taper", f"{name} at the start", a)
+        return start, require_finite("taper", f"{name} at the end", b)
     size = require_finite("taper", name, value)
     return size, size
 
 
 def require_section(part: str, value: Any, length: float) -> Section | VaryingSection:
-    """Return `value` as the section of a beam of that length [m]."""
+    """Return `value` as the section of a beam of that length [m].
+
+    Raises
+    ------
+    BeamdaeError
+        If `value` is neither a `Section`, a `Taper` nor a function.
+    """
     if isinstance(value, Section):
         return value
     if isinstance(value, Taper):
         return VaryingSection(part, value.section_law(length))
     if not callable(value) or isinstance(value, type):
-        raise BeamdaeError(
-            f"{part}: section must be a Section, or a function of s that gives one, "
-            f"got {short_repr(value)}."
-        )
+        raise BeamdaeError(f"{part}: {_SECTION_REQUIREMENT}, got {short_repr(value)}.")
     return VaryingSection(part, value)

@@ -1,4 +1,11 @@
-"""Points that slide along the deformed axis of a beam."""
+"""Points that slide along the deformed axis of a beam.
+
+Neighboring elements meet at small angles, but the second derivative of the constraint needs a track
+with two continuous derivatives. The track consists of quintics between the nodes of the beam; their
+slopes and curvatures at the nodes are central differences over five nodes. Two points beyond either
+end are extrapolated by the quartic through the last five nodes, or by the polynomial through all
+nodes if there are fewer.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +19,9 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import Beam, require_beam
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields, short_repr
+from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import meeting_tolerance
@@ -33,19 +40,34 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Points that the slopes and curvatures of one between two of them are taken from.
+# Points on which one quintic depends.
 _STENCIL_POINTS = 6
+# Extrapolated points beyond either end.
 _EXTRA_POINTS = 2
+# Nodes from which they are extrapolated.
+_MAX_EXTRAPOLATION_NODES = 5
+
+# Search for the arc length nearest to a point.
 _SEARCH_SAMPLES = 257
+_SEARCH_ITERATIONS = 10
+
+# The constraint has one kernel with all nodes of the beam. A step with 30 elements takes 35 times as
+# long as with 16, with 60 elements thousands of times.
+_MAX_ELEMENTS = 32
+
+_SLIDER_OPERATOR = sp.eye_array(1, format="csr")
 
 
 @cache
 def _quintic_coefficients() -> Array:
-    """Coefficients of the share of each of six points, (power, point), between the middle two."""
-    slope = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-    bend = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
+    """Return the weights of six points as polynomials between the middle two, (power, point)."""
+    first_difference = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
+    second_difference = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
+    # Values, slopes and curvatures at the middle two points.
     f0, f1 = np.eye(_STENCIL_POINTS)[2:4]
-    d0, d1, c0, c1 = (np.pad(x, pad) for x in (slope, bend) for pad in ((0, 1), (1, 0)))
+    d0, d1, c0, c1 = (
+        np.pad(x, pad) for x in (first_difference, second_difference) for pad in ((0, 1), (1, 0))
+    )
     rise = f1 - f0
     return np.array(
         [
@@ -61,91 +83,96 @@ def _quintic_coefficients() -> Array:
 
 @cache
 def _extension_matrix(count: int) -> Array:
-    """From so many points to these and two more at either end, (count + 4, count)."""
-    last = min(count, 5)
-    at = np.arange(last)
-    found = np.zeros((count + 2 * _EXTRA_POINTS, count))
-    found[_EXTRA_POINTS:-_EXTRA_POINTS] = np.eye(count)
+    """Return the map from `count` points to these and two more at either end."""
+    last = min(count, _MAX_EXTRAPOLATION_NODES)
+    nodes = np.arange(last)
+    matrix = np.zeros((count + 2 * _EXTRA_POINTS, count))
+    matrix[_EXTRA_POINTS:-_EXTRA_POINTS] = np.eye(count)
     for k in range(_EXTRA_POINTS):
-        where = k - _EXTRA_POINTS
-        share = [
-            np.prod([(where - j) / (i - j) for j in range(last) if j != i], initial=1.0) for i in at
+        x = k - _EXTRA_POINTS
+        weights = [
+            np.prod([(x - j) / (i - j) for j in range(last) if j != i], initial=1.0) for i in nodes
         ]
-        found[k, :last] = share
-        found[-1 - k, -last:] = share[::-1]
-    return found
+        matrix[k, :last] = weights
+        matrix[-1 - k, -last:] = weights[::-1]
+    return matrix
 
 
-def _point_weights(at: SX) -> list[SX]:
-    """Of the six points, at 0 to 1 between the middle two; beyond that along the tangent."""
-    found = []
+def _point_weights(x: SX) -> list[SX]:
+    """Return the weights of six points at x from 0 to 1 between the middle two.
+
+    Outside this interval, the curve continues along its tangent.
+    """
+    weights = []
     for c in _quintic_coefficients().T:
         slopes = c[1:] * np.arange(1.0, _STENCIL_POINTS)
-        inside = sum((float(x) * at**k for k, x in enumerate(c)), SX(0))
-        before = float(c[0]) + float(c[1]) * at
-        after = float(c.sum()) + float(slopes.sum()) * (at - 1.0)
-        found.append(ca.if_else(at < 0.0, before, ca.if_else(at > 1.0, after, inside)))
-    return found
+        inside = sum((float(coefficient) * x**k for k, coefficient in enumerate(c)), SX(0))
+        before = float(c[0]) + float(c[1]) * x
+        after = float(c.sum()) + float(slopes.sum()) * (x - 1.0)
+        weights.append(ca.if_else(x < 0.0, before, ca.if_else(x > 1.0, after, inside)))
+    return weights
 
 
 def interpolate_track(points: SX, along: SX) -> SX:
-    """The curve through `points` (2, count), at `along` from 0 to count - 1."""
+    """Return the point of the smooth curve through `points` (2, count) at the parameter `along`.
+
+    `along` is 0 at the first and count - 1 at the last point.
+    """
     count = points.shape[1]
     cell = ca.fmin(ca.fmax(ca.floor(along), 0.0), count - 2.0)
-    here = [cell == k for k in range(count - 1)]
+    is_in_cell = [cell == k for k in range(count - 1)]
     weights = SX.zeros(count + 2 * _EXTRA_POINTS)
-    for i, share in enumerate(_point_weights(along - cell)):
-        for k, chosen in enumerate(here):
-            weights[k + i] += chosen * share
+    for i, weight in enumerate(_point_weights(along - cell)):
+        for k, indicator in enumerate(is_in_cell):
+            weights[k + i] += indicator * weight
     return points @ (ca.DM(_extension_matrix(count)).T @ weights)
 
 
-def nearest_arc_length(curve: PlaneCurve, place: tuple[float, float]) -> float:
-    """Arc length [m] of the point of a curve that is nearest to a place on it, or near it."""
+def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> float:
+    """Return the arc length [m] of the point of a curve that is nearest to `position`.
+
+    The position must lie on the curve or close to it.
+    """
     samples = np.linspace(0.0, curve.length, _SEARCH_SAMPLES)
-    s = float(samples[np.argmin(np.linalg.norm(curve.point(samples) - place, axis=1))])
-    for _ in range(10):
+    s = float(samples[np.argmin(np.linalg.norm(curve.point(samples) - position, axis=1))])
+    for _ in range(_SEARCH_ITERATIONS):
         angle = float(curve.tangent_angle(s))
-        ahead = np.subtract(place, curve.point(s)) @ (np.cos(angle), np.sin(angle))
+        ahead = np.subtract(position, curve.point(s)) @ (np.cos(angle), np.sin(angle))
         s = float(np.clip(s + ahead, 0.0, curve.length))
     return s
 
 
-# Its one kernel has all nodes of the beam: with 30 elements a step takes 35 times as long as with
-# 16, with 60 thousands of times.
-_MAX_ELEMENTS = 32
-_SLIDER_OPERATOR = sp.eye_array(1, format="csr")
-
-
 @dataclass(frozen=True)
 class _TrackConstraint:
-    """The kernel of a point on the curve through others; the last coordinate of all is s.
+    """Constraint kernel r_a - r_track(s) of a sliding point.
 
-    `sizes` are the numbers of local coordinates of the point and of those of the curve.
+    Local coordinates: those of the point, of the nodes of the track, and the arc length s. `sizes`
+    are the numbers of local coordinates of the point and of each node.
     """
 
     sizes: tuple[int, ...]
 
     def __call__(self, local: Local, *functions: Callable[..., Any]) -> ConstraintKernel:
-        place, *track = (at for at, _ in _evaluate_points(local, self.sizes, functions))
-        along = local.q[-1] / functions[-1]()[0]
-        return ConstraintKernel(local, place - interpolate_track(ca.horzcat(*track), along))
+        position, *track = (x for x, _ in _evaluate_points(local, self.sizes, functions))
+        spacing = functions[-1]()[0]
+        along = local.q[-1] / spacing
+        return ConstraintKernel(local, position - interpolate_track(ca.horzcat(*track), along))
 
 
 @dataclass(frozen=True)
 class _Reaction:
-    """Force, and moment, on the point or on the beam where the point is.
+    """Reaction on the body of the sliding point, or on the beam at that point.
 
     Attributes
     ----------
     sizes
-        As of the kernel.
+        As in `_TrackConstraint`.
     on_beam
-        Which of the two is asked for.
+        True for the reaction on the beam.
     axes
-        Inertial ones, or those of the body; on the beam along and across its axis.
+        "inertial", or "body": the axes of the body, or along and across the axis of the beam.
     has_angle
-        Whether the body of the point turns.
+        True if the body of the point has an orientation, and the reaction a moment (zero).
     """
 
     sizes: tuple[int, ...]
@@ -154,21 +181,21 @@ class _Reaction:
     has_angle: bool
 
     def __call__(self, local: Local, *functions: Callable[..., Any]) -> SX:
-        place, *track = _evaluate_points(local, self.sizes, functions)
+        (_, rotation), *track = _evaluate_points(local, self.sizes, functions)
         if not self.on_beam:
-            return resolve_load(self.axes, place[1], -local.lam, 0 if self.has_angle else None)
+            return resolve_load(self.axes, rotation, -local.lam, 0 if self.has_angle else None)
         spacing = functions[-1]()[0]
-        at = interpolate_track(ca.horzcat(*(x for x, _ in track)), local.q[-1] / spacing)
-        slope = ca.jacobian(at, local.q[-1])
+        point = interpolate_track(ca.horzcat(*(x for x, _ in track)), local.q[-1] / spacing)
+        slope = ca.jacobian(point, local.q[-1])
         return resolve_load(self.axes, ca.atan2(slope[1], slope[0]), local.lam)
 
 
 def _evaluate_points(local: Local, sizes: tuple[int, ...], functions: Sequence[Any]) -> list[Any]:
-    """The point and those of the curve, as they have moved."""
+    """Return (position, rotation) of the sliding point and of each node of the track."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [
-        at(local.q[first:last])
-        for at, (first, last) in zip(functions[:-1], pairwise(ends), strict=True)
+        kinematics(local.q[first:last])
+        for kinematics, (first, last) in zip(functions[:-1], pairwise(ends), strict=True)
     ]
 
 
@@ -186,24 +213,30 @@ def _arc_length_and_rate(local: Local) -> SX:
 
 @dataclass(frozen=True, eq=False)
 class SlidingOnBeam(Part):
-    """A point that slides along the deformed axis of a beam: g = r_a - r_beam(s).
+    """Frictionless joint of a point that slides along a deformed beam: g = r_a - r_beam(s).
 
-    Its coordinate s [m] is the arc length of the undeformed beam at which the point is; it has no
-    mass and starts where the drawing has it. Without friction: the reaction Fx, Fy is the force on
-    the body of `a` and normal to the axis, which is the smooth curve through the nodes of the beam
-    with two continuous derivatives. Beyond an end of the beam the point goes on along the tangent
-    there; that it passes an end is among the events of a run.
+    The joint adds the coordinate s [m], the arc length of the undeformed beam at the point. It has
+    no inertia and starts at the position of the point in the drawing. The reaction is normal to the
+    track, a smooth curve through the nodes of the beam with two continuous derivatives. Beyond the
+    ends of the beam, the track continues along its tangent; passing an end is an event.
 
     Parameters
     ----------
     name
         Unique name.
     a
-        The point, of a body, a particle or another beam; it has to lie on the beam as drawn.
+        Attachment of a body, a particle or another beam; it must lie on the beam in the drawing.
     beam
-        What it slides along.
+        The beam, of at most 32 elements.
     ends
-        What becomes of a run where the point passes an end: "record", it goes on, or "stop".
+        Action when the point passes an end: "record" the event and continue (default), or "stop"
+        the run.
+
+    Raises
+    ------
+    BeamdaeError
+        If the point belongs to the beam itself or does not lie on it, or the beam has too many
+        elements.
 
     Examples
     --------
@@ -224,55 +257,54 @@ class SlidingOnBeam(Part):
         set_fields(self, name=require_name("SlidingOnBeam", self.name))
         require_choice(self.name, "ends", self.ends, ("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
-        if not isinstance(self.beam, Beam):
-            raise BeamdaeError(f"{self.name}: beam must be a Beam, got {short_repr(self.beam)}.")
+        require_beam(self.name, self.beam)
         if self.a.body is self.beam:
             raise BeamdaeError(
-                f"{self.name}: the point must be one of another body than the beam, got {self.a}."
+                f"{self.name}: the point must belong to another body than the beam, got {self.a}."
             )
         if self.beam.mesh.elements > _MAX_ELEMENTS:
             raise BeamdaeError(
-                f"{self.name}: it slides along beams of at most {_MAX_ELEMENTS} elements, "
-                f"{self.beam.name} has {self.beam.mesh.elements}; cubic elements need few of them."
+                f"{self.name}: the beam must have at most {_MAX_ELEMENTS} elements, "
+                f"{self.beam.name} has {self.beam.mesh.elements}; use fewer cubic elements."
             )
-        here = self.beam.at(self._start)
-        gap = float(np.hypot(*np.subtract(here.point, self.a.point)))
-        if gap > meeting_tolerance(self.a, here):
+        section = self.beam.at(self._initial_arc_length)
+        gap = float(np.hypot(*np.subtract(section.point, self.a.point)))
+        if gap > meeting_tolerance(self.a, section):
             raise BeamdaeError(
                 f"{self.name}: the point must lie on the beam in the reference drawing, but "
                 f"{self.a} is {gap:.6g} m off the axis of {self.beam.name}."
             )
 
     @cached_property
-    def _start(self) -> float:
+    def _initial_arc_length(self) -> float:
         return nearest_arc_length(self.beam.curve, self.a.point)
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
-        """The arc length of the point."""
+        """Arc length of the point."""
         return (Named("s", "m"),)
 
     @property
     def initial_position(self) -> Array:
-        """Where the point is drawn."""
-        return np.array([self._start])
+        """Arc length of the point in the drawing, shape (1,)."""
+        return np.array([self._initial_arc_length])
 
     @property
     def initial_velocity(self) -> Array:
-        """None of its own: it follows from that of the point."""
+        """Zero, shape (1,); the consistent start computes it from the velocity of the point."""
         return np.zeros(1)
 
     @property
     def outline(self) -> Array:
-        """The beam, on which the point is at home."""
+        """Outline of the beam."""
         return self.beam.outline
 
     @property
     def s(self) -> Quantity:
-        """Arc length s [m] of the point, and its rate."""
-        s = Named("", "m")
+        """Arc length s [m] of the point and its rate [m/s]."""
+        columns = (Named("", "m"), Named("rate", "m/s"))
         values, _ = FormulaExpression.of(_arc_length_and_rate, ())
-        return Quantity((s, Named("rate", "m/s")), (Piece(self, _SLIDER_OPERATOR),), values)
+        return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)
 
     @property
     def reaction(self) -> Quantity:
@@ -282,29 +314,33 @@ class SlidingOnBeam(Part):
         return Quantity(columns, (), values, joint=self.name)
 
     def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
-        """Force Fx, Fy [N] on the body of `a`, with a moment M of zero if it turns, or on the beam.
+        """Return the reaction on the body of `a` or on the beam.
 
         Parameters
         ----------
         place
-            "a", or "beam": where the point is.
+            "a" (default), or "beam", at the position of the point.
         axes
-            "inertial", or "body": those of the drawing as the body of `a` turns them; on the beam
+            "inertial" (default), or "body": axes that rotate with the body of `a`; for the beam,
             along its axis and to the left of it.
+
+        Returns
+        -------
+        Quantity
+            Columns Fx, Fy [N]; on a body with an orientation also M [N m], which is zero.
         """
         require_choice(self.name, "place", place, ("a", "beam"))
         require_choice(self.name, "axes", axes, ("inertial", "body"))
-        points, functions = self._points, self._functions
-        on_beam, sizes = place == "beam", tuple(at.size for at in points)
+        on_beam, sizes = place == "beam", self._sizes
         values, data = FormulaExpression.of(
-            _Reaction(sizes, on_beam, axes, self.a.has_angle), functions
+            _Reaction(sizes, on_beam, axes, self.a.has_angle), self._functions
         )
         columns = load_columns(self.a)[: 2 if on_beam else None]
         return Quantity(columns, self._pieces, values, data, joint=self.name)
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """The point passes an end of the beam."""
+        """Events of passing the ends of the beam."""
         values, _ = FormulaExpression.of(_slider_arc_length, ())
         s = Quantity((Named("", "m"),), (Piece(self, _SLIDER_OPERATOR),), values)
         ends = {"start": 0.0, "end": self.beam.length}
@@ -315,26 +351,31 @@ class SlidingOnBeam(Part):
 
     @cached_property
     def _points(self) -> tuple[Attachment, ...]:
-        """The point, and those of the axis."""
+        """The sliding point, then the nodes of the beam."""
         return (self.a, *(self.beam.at(s) for s in self.beam.mesh.node_arc_lengths.tolist()))
 
     @property
+    def _sizes(self) -> tuple[int, ...]:
+        return tuple(point.size for point in self._points)
+
+    @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
+        """Kinematics of the points, then the formula of the node spacing."""
         spacing = constant_formula(self.beam.length / (self.beam.mesh.node_count - 1))
-        return (*(at.checked_kinematics for at in self._points), spacing)
+        return (*(point.checked_kinematics for point in self._points), spacing)
 
     @property
     def _pieces(self) -> tuple[Piece, ...]:
-        return (*(at.piece for at in self._points), Piece(self, _SLIDER_OPERATOR))
+        return (*(point.piece for point in self._points), Piece(self, _SLIDER_OPERATOR))
 
     @property
     def load_distribution(self) -> str:
-        """Between the nodes that have shares of its reaction."""
+        """Shares of the reaction between the nodes."""
         return "shares"
 
     def constraints(self) -> list[ConstraintStatement]:
-        """The constraint as a local statement."""
-        sizes = tuple(at.size for at in self._points)
+        """Return the two constraint equations, x and y."""
+        sizes = self._sizes
         kernel, data = build_formula_kernel(
             _TrackConstraint(sizes), self._functions, sum(sizes) + 1, 2
         )

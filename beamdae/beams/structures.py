@@ -1,4 +1,4 @@
-"""Frames: straight beams between named points, rigidly joined where they meet."""
+"""Structures of several beams: frames of straight beams, and a curved beam cut into several."""
 
 from __future__ import annotations
 
@@ -26,17 +26,20 @@ from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
 
 _MEMBER_FORMAT = "a pair of names of points, or these and a section"
+_MAX_BODIES = 10_000
+# Gap between the ends of a closed curve, relative to its length; joints reject larger gaps.
+_MAX_CLOSING_GAP = 1e-6
 
 
 class Frame(NamedTuple):
-    """What `frame` added.
+    """Beams and corners that `frame` added to a mechanism.
 
     Attributes
     ----------
     beams
-        By the names of their two points, as they were given.
+        Beams by the pair of names of their points, in the order of the member.
     corners
-        The frame at each point: to be joined, loaded and observed.
+        Attachment at each point, for joints, loads and observations.
     """
 
     beams: Mapping[tuple[str, str], Beam]
@@ -51,25 +54,35 @@ def frame(
     section: Section | SectionLaw | Taper | None = None,
     **settings: Any,
 ) -> Frame:
-    """Add beams between named points, welded to each other wherever they meet.
+    """Add straight beams between named points, welded together where they meet.
 
-    Beams are called "name A-B", the welds of the corner B "name B", "name B 2" and so on. Any
-    number of beams meets in a corner, and they may enclose areas.
+    Any number of beams can meet at a corner, and they can enclose areas. The beam from A to B is
+    named "name A-B"; the welds of corner B are named "name B", "name B 2" and so on.
 
     Parameters
     ----------
     mechanism
         The Mechanism to add to.
     name
-        What names begin with.
+        Prefix of the names.
     points
-        Names and places (x, y) of the corners and ends [m].
+        Positions (x, y) [m] of corners and ends, by name.
     members
-        The beams: pairs of names of points, or triples of these and a section.
+        The beams: pairs of names of points, or triples of two names and a section.
     section
-        The section of those that come without one.
+        Section of the members that are given without one.
     settings
         Further arguments of each `Beam`.
+
+    Returns
+    -------
+    Frame
+        The beams and the corners.
+
+    Raises
+    ------
+    BeamdaeError
+        If a member refers to an unknown point, has no section, or is given twice.
 
     Examples
     --------
@@ -87,55 +100,53 @@ def frame(
     name = require_name("frame", name)
     if not isinstance(points, Mapping):
         raise BeamdaeError(
-            f"{name}: points must be a dictionary of places, got {short_repr(points)}."
+            f"{name}: points must be a dictionary of positions, got {short_repr(points)}."
         )
-    places = {
+    positions = {
         require_name(name, key): require_point(name, f"point {key}", points[key]) for key in points
     }
     beams: dict[tuple[str, str], Beam] = {}
-    meeting: dict[str, list[Attachment]] = {key: [] for key in places}
+    ends: dict[str, list[Attachment]] = {key: [] for key in positions}
     for member in require_sequence(name, "members", members, "a list of pairs of names of points"):
-        a, b, own = _parse_member(name, member, places, section)
+        a, b, member_section = _parse_member(name, member, positions, section)
         if (a, b) in beams or (b, a) in beams:
             raise BeamdaeError(f"{name}: the member {a}-{b} comes twice.")
-        beam = mechanism.add(Beam(f"{name} {a}-{b}", Line(places[a], places[b]), own, **settings))
+        line = Line(positions[a], positions[b])
+        beam = mechanism.add(Beam(f"{name} {a}-{b}", line, member_section, **settings))
         beams[a, b] = beam
-        meeting[a].append(beam.start)
-        meeting[b].append(beam.end)
-    for key, (first, *others) in ((k, ends) for k, ends in meeting.items() if ends):
-        for count, other in enumerate(others, start=1):
+        ends[a].append(beam.start)
+        ends[b].append(beam.end)
+    corners = {key: attachments[0] for key, attachments in ends.items() if attachments}
+    for key, corner in corners.items():
+        for count, other in enumerate(ends[key][1:], start=1):
             weld = f"{name} {key}" if count == 1 else f"{name} {key} {count}"
-            mechanism.add(Weld(weld, first, other))
-    return Frame(beams, {key: ends[0] for key, ends in meeting.items() if ends})
+            mechanism.add(Weld(weld, corner, other))
+    return Frame(beams, corners)
 
 
 def _parse_member(
-    name: str, member: Any, places: Mapping[str, Any], section: Any
+    name: str, member: Any, positions: Mapping[str, Any], section: Any
 ) -> tuple[str, str, Any]:
-    """Both points of a member, and its section."""
-    # Points of one letter may be written together.
-    given = (
+    """Return both points of a member and its section."""
+    # Points with names of one letter may be written as one string, such as "AB".
+    entries = (
         list(member)
         if isinstance(member, str)
         else require_sequence(name, "member", member, _MEMBER_FORMAT)
     )
-    if len(given) not in (2, 3):
+    if len(entries) not in (2, 3):
         raise BeamdaeError(f"{name}: a member must be {_MEMBER_FORMAT}, got {short_repr(member)}.")
-    for key in given[:2]:
-        if not isinstance(key, str) or key not in places:
+    a, b, *own_section = entries
+    for key in (a, b):
+        if not isinstance(key, str) or key not in positions:
             raise BeamdaeError(
                 f"{name}: no point {short_repr(key)} of the member {short_repr(member)}"
-                f"{suggest(key, places)}."
+                f"{suggest(key, positions)}."
             )
-    own = given[2] if len(given) == 3 else section
-    if own is None:
-        raise BeamdaeError(f"{name}: the member {given[0]}-{given[1]} needs a section.")
-    return given[0], given[1], own
-
-
-_MAX_BODIES = 10_000
-# Distance of the ends of a closed curve, over its length: where a joint would refuse them anyway.
-_MAX_CLOSING_GAP = 1e-6
+    member_section = own_section[0] if own_section else section
+    if member_section is None:
+        raise BeamdaeError(f"{name}: the member {a}-{b} needs a section.")
+    return a, b, member_section
 
 
 def welded_beams(
@@ -147,27 +158,37 @@ def welded_beams(
     closed: bool = False,
     **settings: Any,
 ) -> list[Beam]:
-    """Add a beam as `bodies` beams of equal length, welded end to start; returns them in order.
+    """Add a beam as `bodies` beams of equal length, welded end to start.
 
-    The strains of eqs. (5) and (6) hold for moderate displacements relative to the floating frame:
-    cut into n bodies a beam bends n times as far for the same deformation in each frame.
+    The strains of eqs. (5) and (6) hold for moderate displacements relative to the floating frame.
+    A beam cut into n bodies can bend n times as far for the same deformation in each frame.
 
     Parameters
     ----------
     mechanism
         The Mechanism to add to.
     name
-        The name of a single beam; several are called "name 1", "name 2", ...
+        Name of a single beam; several are named "name 1", "name 2", ...
     curve, section
-        As in `Beam`, of the whole.
+        Curve and section of the whole beam, as in `Beam`.
     bodies
-        How many.
+        Number of beams, at most 10 000.
     closed
-        Whether the last is welded to the first, of a curve whose ends meet; without it a ring is
-        slit at its start.
+        True welds the end of the last beam to the start of the first, for a curve whose ends meet.
+        By default a ring is slit at its start.
     settings
-        Further arguments of each `Beam`; `elements` is the number in each of them. `free_curve` is
-        that of the whole.
+        Further arguments of each `Beam`. `elements` is the number of elements of each beam,
+        `free_curve` the stress-free shape of the whole beam.
+
+    Returns
+    -------
+    list of Beam
+        The beams in order of arc length.
+
+    Raises
+    ------
+    BeamdaeError
+        If `closed` is set for a single body or for a curve whose ends do not meet.
 
     Examples
     --------
@@ -190,34 +211,32 @@ def welded_beams(
         _require_closed_curve(name, curve, bodies)
     if bodies == 1:
         return [mechanism.add(Beam(name, curve, section, **settings))]
-    whole, free = require_section(name, section, curve.length), settings.pop("free_curve", None)
+    whole_section = require_section(name, section, curve.length)
+    free = settings.pop("free_curve", None)
+    if free is not None:
+        require_curve(f"{name}, free_curve", free)
     beams = []
     for k, (start, end) in enumerate(pairwise(np.linspace(0.0, curve.length, bodies + 1)), start=1):
-        own = whole if isinstance(whole, Section) else whole.law_from(start)
+        body_section = (
+            whole_section if isinstance(whole_section, Section) else whole_section.law_from(start)
+        )
         if free is not None:
-            settings["free_curve"] = _cut_free_curve(
-                name, free, start / curve.length, end / curve.length
-            )
-        part = Segment(curve, start, end)
-        beams.append(mechanism.add(Beam(f"{name} {k}", part, own, **settings)))
+            first, last = start / curve.length, end / curve.length
+            settings["free_curve"] = Segment(free, first * free.length, last * free.length)
+        beam = Beam(f"{name} {k}", Segment(curve, start, end), body_section, **settings)
+        beams.append(mechanism.add(beam))
     for before, after in pairwise([*beams, beams[0]] if closed else beams):
         mechanism.add(Weld(f"{before.name} to {after.name}", before.end, after.start))
     return beams
 
 
-def _cut_free_curve(name: str, free: Any, first: float, last: float) -> Segment:
-    """The part of a free shape between two shares of its length."""
-    length = require_curve(f"{name}, free_curve", free).length
-    return Segment(free, first * length, last * length)
-
-
 def _require_closed_curve(name: str, curve: PlaneCurve, bodies: int) -> None:
-    """Refuse a curve whose ends lie apart."""
+    """Refuse a curve whose ends do not meet, and a single body."""
     if bodies < 2:
         raise BeamdaeError(f"{name}: closed=True needs at least 2 bodies, got {bodies}.")
     ends = np.array([0.0, curve.length])
-    apart = float(np.hypot(*np.diff(curve.point(ends), axis=0)[0]))
-    if apart > _MAX_CLOSING_GAP * curve.length:
+    gap = float(np.hypot(*np.diff(curve.point(ends), axis=0)[0]))
+    if gap > _MAX_CLOSING_GAP * curve.length:
         raise BeamdaeError(
-            f"{name}: closed=True needs a curve whose ends meet, they lie {apart:.3g} m apart."
+            f"{name}: closed=True needs a curve whose ends meet; they lie {gap:.3g} m apart."
         )

@@ -156,7 +156,7 @@ def test_a_line_has_no_mesh_errors(shape, quadrature):
 @every_curve
 def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
     frame = beam(curve, 3, "curved", frame, nodes=nodes).kinematics
-    found = frame.mesh_in_frame.node_points @ rotation(frame.angle).T + frame.origin
+    found = frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
     step = nodes - 1
     on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
@@ -169,7 +169,7 @@ def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
 @every_curve
 def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
     frame = beam(curve, 3, "straight", frame, nodes=nodes).kinematics
-    found = frame.mesh_in_frame.node_points @ rotation(frame.angle).T + frame.origin
+    found = frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
     ends = curve.point(np.linspace(0.0, curve.length, 4))
     for e in range(3):
         for i in range(nodes):
@@ -183,10 +183,10 @@ def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
     element, xi = np.arange(40), np.linspace(-1.0, 1.0, 40)
     at, angle, _, ds = frame.mesh_in_frame.axis(element, xi)
     s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
-    on_curve = (curve.point(s) - frame.origin) @ rotation(frame.angle)
+    on_curve = (curve.point(s) - frame.origin) @ rotation(frame.frame_angle)
     # Cubic interpolation over 1/40 of the length: fourth order in place, third in direction.
     assert_allclose(at, on_curve, atol=1e-5)
-    assert_allclose(angle, curve.tangent_angle(s) - frame.angle, atol=1e-4)
+    assert_allclose(angle, curve.tangent_angle(s) - frame.frame_angle, atol=1e-4)
     assert_allclose(ds, 0.5 * curve.length / 40, rtol=1e-4)
 
 
@@ -263,7 +263,7 @@ def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
     rng = np.random.default_rng(3)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
-    tangent = ARC.tangent_angle(mesh.node_arc_lengths) - body.kinematics.angle
+    tangent = ARC.tangent_angle(mesh.node_arc_lengths) - body.kinematics.frame_angle
     coordinates = [coordinate.name for coordinate in body.coordinates]
     for e in range(3):
         for i in range(nodes):
@@ -290,7 +290,7 @@ def test_tangent_frame_rides_on_the_start_section(curve, shape):
 @every_curve
 def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
     body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
-    frame_angle, mesh = body.kinematics.angle, body.kinematics.mesh_in_frame
+    frame_angle, mesh = body.kinematics.frame_angle, body.kinematics.mesh_in_frame
     rng = np.random.default_rng(2)
     q = rng.standard_normal(len(body.initial_position))
     nodal, angles = local_fields(body, q)
@@ -324,7 +324,7 @@ def test_chord_frame_is_refused_for_a_ring():
     with pytest.raises(bd.BeamdaeError, match=r"hoop: frame 'chord' needs a curve whose ends lie"):
         bd.Beam("hoop", ring, SECTION, frame="chord")
     # Fewer elements than the ring has turns to resolve are no excuse to fail otherwise.
-    assert beam(ring, 8, frame="tangent").kinematics.angle == 0.0
+    assert beam(ring, 8, frame="tangent").kinematics.frame_angle == 0.0
 
 
 @pytest.mark.parametrize(

@@ -245,7 +245,7 @@ def test_passing_an_end_is_an_event(ends):
         ),
         (
             lambda d, b: bd.SlidingOnBeam("slide", b.end, b),
-            "slide: the point must be one of another body than the beam, got beam at",
+            "slide: the point must belong to another body than the beam, got beam at",
         ),
         (
             lambda d, b: bd.SlidingOnBeam("slide", d.at(*ARC.start), b.end),
@@ -264,5 +264,5 @@ def test_refusals(make, message):
 def test_a_beam_of_too_many_elements_is_refused():
     mech, *_ = rotating(1e9, elements=32)
     assert "slide" in mech.parts
-    with pytest.raises(bd.BeamdaeError, match="at most 32 elements, rod has 33"):
+    with pytest.raises(bd.BeamdaeError, match="at most 32 elements, rod has 33; use fewer"):
         rotating(1e9, elements=33)

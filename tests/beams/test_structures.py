@@ -117,7 +117,7 @@ def framed(points=None, members=("AB",), section=SLENDER):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: framed(points=[(0, 0)]), "f: points must be a dictionary of places"),
+        (lambda: framed(points=[(0, 0)]), "f: points must be a dictionary of positions"),
         (lambda: framed(members=["AC"]), "f: no point 'C' of the member 'AC'"),
         (lambda: framed(members=["ABA"]), "f A-B: section must be a Section"),
         (lambda: framed(members=["A"]), "f: a member must be a pair of names"),
@@ -129,7 +129,7 @@ def framed(points=None, members=("AB",), section=SLENDER):
         (lambda: bd.frame(3, "f", POINTS, ["AB"], SLENDER), "frame: mechanism must be a Mechanism"),
         (
             lambda: bd.welded_beams(bd.Mechanism(), "w", bd.Arc(1.0, 2.0), SLENDER, 3, closed=True),
-            "w: closed=True needs a curve whose ends meet, they lie 1.68 m apart",
+            "w: closed=True needs a curve whose ends meet; they lie 1.68 m apart",
         ),
         (
             lambda: bd.welded_beams(

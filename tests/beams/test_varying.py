@@ -246,11 +246,11 @@ def test_models_of_other_tapers_share_their_structure():
         (lambda: bd.Beam("b", LINE, lambda s: 1 / 0), "at s = 0 it failed, ZeroDivisionError"),
         (
             lambda: bd.Beam("b", LINE, lambda s: bd.Section.circle(ALLOY, 0.01 - 0.02 * s)),
-            "b: at s = 0.5 m of it, Section.circle: diameter must be positive, got 0",
+            "b: at s = 0.5 m, Section.circle: diameter must be positive, got 0",
         ),
         (
             lambda: bd.Beam("b", LINE, wedge).section.EA,
-            r"b: its section varies along the beam, EA is asked of section.at\(s\)",
+            r"b: its section varies along the beam; use section.at\(s\).EA",
         ),
         (lambda: bd.Beam("b", LINE, wedge).strain(1.0, 0.006), "half the height .* 0.005 m"),
         (lambda: bd.taper("round", ALLOY), "taper: shape must be a function such as"),
@@ -261,12 +261,12 @@ def test_models_of_other_tapers_share_their_structure():
         ),
         (
             lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(0.01, 0.0)),
-            "taper: at s = 1 m of it, Section.circle: diameter must be positive, got 0",
+            "taper: at s = 1 m, Section.circle: diameter must be positive, got 0",
         ),
         (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "unexpected keyword .*width"),
         (
             lambda: bd.Beam("b", LINE, STRIP, free_curve=bd.Line((0, 0), (1.1, 0))),
-            "b: free_curve must be as long as the curve of 1 m to within 1%, it is 1.1 m long",
+            "b: free_curve is 1.1 m long; its length must be within 1% of the curve.s 1 m",
         ),
         (lambda: bd.Beam("b", LINE, STRIP, free_curve=1.0), "b, free_curve: curve must be a Line"),
         (lambda: bd.Beam("b", LINE, STRIP).strain(0.5, "left"), "offset must be one of 'top'"),

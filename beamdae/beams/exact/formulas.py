@@ -1,6 +1,6 @@
-"""Kinds of formulas of geometrically exact beams: how their sections move, and what is seen of it.
+"""Formulas of geometrically exact beams: motion of sections and of the chord, deformation.
 
-The numbers of a formula are taken one by one: see `symbolic.formulas`.
+Each is a kind of a `Formula`: see `symbolic.formulas`.
 """
 
 from __future__ import annotations
@@ -18,50 +18,53 @@ from beamdae.symbolic.statements import SX, Local
 
 @dataclass(frozen=True)
 class ExactSectionMotion:
-    """Position and turn of a section between so many nodes.
+    """Position and rotation of a section between the nodes of an element.
 
-    Numbers: its angle in the drawing, shape functions; and where it lies `apart` from the
-    interpolated axis by how much in the drawing, which turns with it. Linear where it does not,
-    such as at nodes.
+    Numbers: angle of the section in the drawing, shape functions; with an offset also the vector
+    (x, y) in the drawing from the interpolated axis to the section, which rotates with the section.
+    Without an offset, as at nodes, the motion is linear in the coordinates.
     """
 
     nodes: int
-    apart: bool
+    has_offset: bool
 
     @property
     def count(self) -> int:
-        """How many numbers it takes."""
-        return 1 + self.nodes + 2 * self.apart
+        """Number of numbers."""
+        return 1 + self.nodes + 2 * self.has_offset
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
-        """From local coordinates."""
-        at = ca.reshape(q, NODE_SIZE, self.nodes) @ slice_column(numbers, 1, self.nodes)
-        turn = at[2] - numbers[0]
-        place = at[:2]
-        if self.apart:
-            place += rotate(turn, slice_column(numbers, 1 + self.nodes, 2))
-        return place, turn
+        reference_angle = numbers[0]
+        nodal = ca.reshape(q, NODE_SIZE, self.nodes)
+        section = nodal @ slice_column(numbers, 1, self.nodes)
+        rotation = section[2] - reference_angle
+        position = section[:2]
+        if self.has_offset:
+            position += rotate(rotation, slice_column(numbers, 1 + self.nodes, 2))
+        return position, rotation
 
 
 def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
-    """Position of the first of two nodes, and turn of the line to the second.
+    """Return the position of the first of two nodes and the rotation of the line to the second.
 
-    Numbers: angle of the first section in the drawing, and the line there. Turns are counted on
-    with those of the first section: the line may lie up to half a turn off where that carries it.
+    Numbers: angle of the first section in the drawing; vector (x, y) of the line there. The
+    rotation is continuous as long as the line is less than half a turn away from the direction in
+    which the first section carries it.
     """
-    turn = q[2] - numbers[0]
-    along = rotate(-turn, q[3:5] - q[:2])
-    drawn = slice_column(numbers, 1, 2)
-    across = drawn[0] * along[1] - drawn[1] * along[0]
-    return q[:2], turn + ca.atan2(across, ca.dot(drawn, along))
+    section_rotation = q[2] - numbers[0]
+    along = rotate(-section_rotation, q[3:5] - q[:2])
+    chord = slice_column(numbers, 1, 2)
+    across = chord[0] * along[1] - chord[1] * along[0]
+    return q[:2], section_rotation + ca.atan2(across, ca.dot(chord, along))
 
 
 @dataclass(frozen=True)
 class ExactDeformation:
-    """(u, v, phi) of a section, seen from a frame that rides on the beam, in some axes.
+    """(u, v, phi) of a section relative to a reference frame, in the axes `axes`.
 
-    Local coordinates: of the frame, and behind them of the section. Numbers: of the frame, of the
-    section, from the frame to the section in the drawing, and the angles of both there.
+    Local coordinates: those of the frame, then those of the section. Numbers: of the frame's
+    motion; of the section's motion; vector (x, y) from the frame to the section in the drawing;
+    angles of the frame and of the section there.
     """
 
     frame: Any
@@ -71,15 +74,19 @@ class ExactDeformation:
     axes: str
 
     def __call__(self, local: Local, numbers: Any) -> SX:
-        """From local coordinates."""
-        own, last = self.frame_count, self.frame_count + self.section.count
-        origin, turn = self.frame(local.q[: self.frame_size], slice_column(numbers, 0, own))
-        section = slice_column(numbers, own, self.section.count)
-        place, turned = self.section(local.q[self.frame_size :], section)
-        displacement = place - origin - rotate(turn, slice_column(numbers, last, 2))
-        back = {
+        section_count = self.section.count
+        offset_first = self.frame_count + section_count
+        frame_numbers = slice_column(numbers, 0, self.frame_count)
+        section_numbers = slice_column(numbers, self.frame_count, section_count)
+        offset = slice_column(numbers, offset_first, 2)
+        frame_angle, section_angle = (numbers[offset_first + k] for k in (2, 3))
+
+        origin, frame_rotation = self.frame(local.q[: self.frame_size], frame_numbers)
+        position, section_rotation = self.section(local.q[self.frame_size :], section_numbers)
+        displacement = position - origin - rotate(frame_rotation, offset)
+        to_axes = {
             "inertial": 0.0,
-            "frame": -(turn + numbers[last + 2]),
-            "local": -(turn + numbers[last + 3]),
+            "frame": -(frame_rotation + frame_angle),
+            "local": -(frame_rotation + section_angle),
         }[self.axes]
-        return ca.vertcat(rotate(back, displacement), turned - turn)
+        return ca.vertcat(rotate(to_axes, displacement), section_rotation - frame_rotation)

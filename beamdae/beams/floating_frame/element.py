@@ -1,8 +1,8 @@
-"""The planar curved beam element of Pan & Liu (2012) as one symbolic kernel.
+"""Planar curved beam element of Pan & Liu (2012) as one symbolic kernel.
 
-The kernel states the virtual work of one element in the coordinates of its floating frame and its
-nodes. All numbers (quadrature points, section values, gravity) are inputs, so one kernel serves
-every element of a type, curved or straight, in every beam.
+The kernel computes the virtual work of one element from the coordinates of its floating frame and
+its nodes. All numbers (quadrature points, section properties, gravity) are inputs, so one kernel
+serves every element of a type, curved or straight, in every beam.
 """
 
 from __future__ import annotations
@@ -20,18 +20,23 @@ from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import elastic_work
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
+# Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
 FRAME_SIZE = 3
+ORIGIN = slice(0, 2)
+THETA = 2
 NODE_SIZE = 3
-# X and Y are the components of s0 in the local frame of the point.
+PHI = 2
+
+# Values of a point in the element data. X and Y are the components of s0 in the local frame of the
+# point; the prestrains follow the values of a stiffness point where the drawing is strained.
 MASS_POINT_VALUES = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
 STIFFNESS_POINT_VALUES = ("weight", "curvature", "dxi_ds")
-# Behind those of a stiffness point: strains of the drawing.
 PRESTRAIN_VALUES = ("axial", "bending")
 
 
 @dataclass(frozen=True)
 class FloatingFrameElement(Element):
-    """What distinguishes one element kernel from another.
+    """Properties that distinguish one element kernel from another.
 
     Attributes
     ----------
@@ -41,14 +46,14 @@ class FloatingFrameElement(Element):
         Gauss points of the stiffness terms.
     strain
         "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well), "linear"
-        (without them) or "exact" (Reissner's).
+        (without quadratic terms) or "exact" (Reissner's).
     damped
-        Whether the section has Kelvin-Voigt damping; without it a third of the tangent's
-        operations falls away.
+        True if the section has Kelvin-Voigt damping; without it the tangent has a third fewer
+        operations.
     varying
-        Whether the section varies along the beam.
+        True if the section varies along the beam.
     prestressed
-        Whether the drawing is strained.
+        True if the reference drawing is strained.
     """
 
     nodes: int = 4
@@ -65,31 +70,31 @@ class FloatingFrameElement(Element):
 
     @property
     def size(self) -> int:
-        """Local coordinates: (x0, y0, theta) and (u, v, phi) of each node."""
+        """Number of local coordinates: (x0, y0, theta) and (u, v, phi) of each node."""
         return FRAME_SIZE + NODE_SIZE * self.nodes
 
     @property
     def layout(self) -> ElementDataLayout:
-        """Where its numbers stand."""
+        """Layout of the data."""
         stiffness_point = STIFFNESS_POINT_VALUES + PRESTRAIN_VALUES * self.prestressed
         counts = (self.mass_quadrature, self.quadrature)
         return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point, self.varying)
 
     @property
     def n_data(self) -> int:
-        """Numbers a copy of the kernel takes."""
+        """Number of data values of one element."""
         return self.layout.size
 
     def kernel(self) -> ForceKernel:
-        """Virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
+        """Return the virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
         return floating_frame_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Weight and strains of the stiffness points; see `strain_points`."""
+        """Return weight and strains of the stiffness points; see the function `strain_points`."""
         return strain_points(self, points, q[FRAME_SIZE:])
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """How the inertia points move, in the local frame ec of each."""
+        """Return the motion of the inertia points, each in its local frame ec."""
         data = self.layout.split(local.data)
         axis = AxisMotion(local.q, local.v)
         return [
@@ -104,13 +109,13 @@ class FloatingFrameElement(Element):
         ]
 
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Linear strain rates at the stiffness points."""
+        """Return the linear strain rates at the stiffness points."""
         data = self.layout.split(local.data)
         linear = replace(self, strain="linear", prestressed=False)
-        found = strain_points(linear, data.stiffness, local.v[FRAME_SIZE:])
+        strain_rates = strain_points(linear, data.stiffness, local.v[FRAME_SIZE:])
         return [
             StrainRatePoint(weight, data.elasticity(k), rates)
-            for k, (weight, rates) in enumerate(found)
+            for k, (weight, rates) in enumerate(strain_rates)
         ]
 
 
@@ -118,10 +123,16 @@ class FloatingFrameElement(Element):
 class AxisMotion:
     """Position, velocity and acceleration of the points of an axis (eqs. 8, 10 at eta = 0).
 
-    From local coordinates (x0, y0, theta, (u, v, phi) a node) and their rates. A point is given by
-    its shape functions `row`, its undeformed place `reference` in its local frame ec, and the
-    rotation `to_local` from the floating frame to ec; velocities and accelerations are told in ec,
-    where plane rotations commute with interpolation. Accelerations are those relative to free fall.
+    A point is given by its shape functions `row`, its undeformed position `reference` in its local
+    frame ec, and the rotation matrix `to_local` from the floating frame to ec. Velocities and
+    accelerations are components in ec, where plane rotations commute with interpolation.
+
+    Attributes
+    ----------
+    q, v, a
+        Local coordinates (x0, y0, theta, (u, v, phi) of each node) and their rates.
+    gravity
+        Acceleration of gravity (2,); accelerations are relative to free fall.
     """
 
     q: SX
@@ -131,167 +142,189 @@ class AxisMotion:
 
     @cached_property
     def frame(self) -> SX:
-        """Rotation of the floating frame."""
-        return rotation_matrix(ca.cos(self.q[2]), ca.sin(self.q[2]))
+        """Rotation matrix of the floating frame."""
+        return rotation_matrix(ca.cos(self.q[THETA]), ca.sin(self.q[THETA]))
 
     @cached_property
     def _origin_velocity(self) -> SX:
-        return self.frame.T @ self.v[:2]
+        return self.frame.T @ self.v[ORIGIN]
 
     @cached_property
     def _origin_acceleration(self) -> SX:
-        return self.frame.T @ (self.a[:2] - self.gravity)
+        return self.frame.T @ (self.a[ORIGIN] - self.gravity)
 
     @cached_property
-    def _swing(self) -> SX:
-        """Acceleration of what the frame carries, as a linear map of its place."""
-        return rotation_matrix(-(self.v[2] ** 2), self.a[2])
+    def _transport_matrix(self) -> SX:
+        """Maps a position in the frame to its centripetal and tangential acceleration."""
+        return rotation_matrix(-(self.v[THETA] ** 2), self.a[THETA])
 
     @cached_property
-    def _relative(self) -> SX:
-        """By the nodal displacements: one linear map at all points, so it can be interpolated."""
+    def _deformation_accelerations(self) -> SX:
+        """Accelerations due to the nodal displacements, one column per node.
+
+        The map is linear and the same at all points, so its columns can be interpolated.
+        """
         q, v, a = (_nodal_vectors(z) for z in (self.q, self.v, self.a))
-        return self._swing @ q + 2 * self.v[2] * _rotate_quarter_turn(v) + a
+        return self._transport_matrix @ q + 2 * self.v[THETA] * _rotate_quarter_turn(v) + a
 
-    def place(self, row: np.ndarray, reference: SX) -> SX:
-        """Place relative to the origin of the frame, in ec."""
+    def relative_position(self, row: np.ndarray, reference: SX) -> SX:
+        """Return the position relative to the origin of the frame, in ec."""
         return reference + _nodal_vectors(self.q) @ row
 
-    def position(self, row: np.ndarray, carried: Any, to_frame: SX) -> SX:
-        """Position in the inertial frame, of a point whose undeformed place in the frame is given.
+    def position(self, row: np.ndarray, reference_in_frame: Any, to_frame: SX) -> SX:
+        """Return the position in the inertial frame.
 
-        `to_frame` is the rotation from ec to the floating frame.
+        `reference_in_frame` is the undeformed position in the floating frame and `to_frame` the
+        rotation matrix from ec to that frame.
         """
-        return self.q[:2] + self.frame @ (carried + to_frame @ (_nodal_vectors(self.q) @ row))
+        in_frame = reference_in_frame + to_frame @ (_nodal_vectors(self.q) @ row)
+        return self.q[ORIGIN] + self.frame @ in_frame
 
     def rotation(self, row: np.ndarray) -> SX:
-        """phi, of the section relative to the undeformed one."""
-        return self.q[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
+        """Return phi, the rotation of the section relative to the undeformed one."""
+        return _section_rotations(self.q).T @ row
 
     def velocity(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
-        """Velocity in ec."""
-        carried = to_local @ self._origin_velocity + self.v[2] * _rotate_quarter_turn(
-            self.place(row, reference)
+        """Return the velocity in ec."""
+        relative = self.relative_position(row, reference)
+        transport = to_local @ self._origin_velocity + self.v[THETA] * _rotate_quarter_turn(
+            relative
         )
-        return carried + _nodal_vectors(self.v) @ row
+        return transport + _nodal_vectors(self.v) @ row
 
     def angular_velocity(self, row: np.ndarray) -> SX:
-        """Theta' + phi' of the section."""
-        return self.v[2] + self.v[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
+        """Return theta' + phi' of the section."""
+        return self.v[THETA] + _section_rotations(self.v).T @ row
 
     def acceleration(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
-        """Acceleration relative to free fall, in ec."""
-        carried = to_local @ self._origin_acceleration + self._swing @ reference
-        return carried + self._relative @ row
+        """Return the acceleration relative to free fall, in ec."""
+        transport = to_local @ self._origin_acceleration + self._transport_matrix @ reference
+        return transport + self._deformation_accelerations @ row
 
     def angular_acceleration(self, row: np.ndarray) -> SX:
-        """Theta'' + phi'' of the section."""
-        return self.a[2] + self.a[FRAME_SIZE + 2 :: NODE_SIZE].T @ row
+        """Return theta'' + phi'' of the section."""
+        return self.a[THETA] + _section_rotations(self.a).T @ row
 
 
 def rotation_matrix(cosine: SX, sine: SX) -> SX:
-    """Matrix of a plane rotation."""
+    """Return the matrix of a plane rotation."""
     return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
 
 
 def _rotate_quarter_turn(vectors: SX) -> SX:
-    """The columns turned by 90 degrees."""
+    """Return the columns rotated counter-clockwise by 90 degrees."""
     return ca.vertcat(-vectors[1, :], vectors[0, :])
 
 
 def _nodal_vectors(coordinates: SX) -> SX:
-    """Displacements (u, v) of the nodes, or their rates, as columns."""
+    """Return the displacements (u, v) of the nodes, or their rates, as columns."""
     nodes = (coordinates.shape[0] - FRAME_SIZE) // NODE_SIZE
     return ca.reshape(coordinates[FRAME_SIZE:], NODE_SIZE, nodes)[:2, :]
 
 
+def _section_rotations(coordinates: SX) -> SX:
+    """Return the section rotations phi of the nodes, or their rates."""
+    return coordinates[FRAME_SIZE + PHI :: NODE_SIZE]
+
+
 def _mass_points(
-    kind: FloatingFrameElement, data: ElementData
+    element: FloatingFrameElement, data: ElementData
 ) -> list[tuple[np.ndarray, SX, SX, SX]]:
-    """Shape functions, weight, undeformed place in ec and rotation to ec of each inertia point."""
-    xi, _ = gauss_points(kind.mass_quadrature)
-    return [
-        (row, at[0], at[1:3], rotation_matrix(at[3], at[4]).T)
-        for row, at in zip(shape_functions(kind.nodes, xi), ca.horzsplit(data.mass), strict=True)
-    ]
+    """Return shape functions, weight, undeformed position in ec and rotation to ec by point."""
+    xi, _ = gauss_points(element.mass_quadrature)
+    points = []
+    for row, point in zip(shape_functions(element.nodes, xi), ca.horzsplit(data.mass), strict=True):
+        weight, x, y, cosine, sine = (point[k] for k in range(len(MASS_POINT_VALUES)))
+        points.append((row, weight, ca.vertcat(x, y), rotation_matrix(cosine, sine).T))
+    return points
 
 
-def strain_points(kind: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
-    """Weight, and (axial strain, shear strain 2 eps12, curvature kappa11), of the stiffness points.
+def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
+    """Return weight and (axial strain, shear strain 2 eps12, kappa11) of the stiffness points.
 
-    Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R the derivative of
-    the place is (1 + along, across) in ec, and the exact strains are its components in the axes of
-    the section, turned by phi: (1 + along) cos phi + across sin phi - 1 and
-    across cos phi - (1 + along) sin phi. `points` has a column of `STIFFNESS_POINT_VALUES` each and what
-    is behind it, `nodal` are the coordinates (u, v, phi) a node.
+    Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R, the derivative
+    of the position is (1 + along, across) in ec. The exact strains are its components in the axes
+    of the section, rotated by phi: (1 + along) cos phi + across sin phi - 1 and
+    across cos phi - (1 + along) sin phi.
+
+    Parameters
+    ----------
+    element
+        Element type.
+    points
+        Values `STIFFNESS_POINT_VALUES` of each point, one column per point; further rows may
+        follow.
+    nodal
+        Coordinates (u, v, phi) of each node.
     """
-    xi, _ = gauss_points(kind.quadrature)
-    rows, slopes = (shape_functions(kind.nodes, xi, k) for k in (0, 1))
-    found = []
+    xi, _ = gauss_points(element.quadrature)
+    rows, slopes = (shape_functions(element.nodes, xi, k) for k in (0, 1))
+    strains = []
     for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
-        weight, curvature, dxi_ds = point[0], point[1], point[2]
+        weight, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
         u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE_SIZE))
         du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE_SIZE))
         along, across = du - v * curvature, dv + u * curvature
-        if kind.strain == "exact":
-            # By the half angle, which keeps the digits of small strains beside one.
+        if element.strain == "exact":
+            # cos phi - 1 by the half angle, so that small strains keep their digits beside 1.
             c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
-            less, sine = -2.0 * s * s, 2.0 * s * c
-            axial = along + (along * less + across * sine) + less
-            shear = across + (across * less - along * sine) - sine
+            cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
+            axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
+            shear = across + (across * cosine_minus_1 - along * sine) - sine
         else:
             quadratic = {
                 "linear": SX(0),
                 "nonlinear": 0.5 * (du**2 + dv**2),
                 "green": 0.5 * (along**2 + across**2),
             }
-            axial, shear = along + quadratic[kind.strain], across - phi
+            axial, shear = along + quadratic[element.strain], across - phi
         strain = ca.vertcat(axial, shear, -dphi)
-        if kind.prestressed:
-            strain += ca.vertcat(point[3], 0, point[4])
-        found.append((weight, strain))
-    return found
+        if element.prestressed:
+            first = len(STIFFNESS_POINT_VALUES)
+            axial_prestrain, bending_prestrain = point[first], point[first + 1]
+            strain += ca.vertcat(axial_prestrain, 0, bending_prestrain)
+        strains.append((weight, strain))
+    return strains
 
 
 def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
-    return sum(
-        (float(row[i]) * nodal[NODE_SIZE * i + component] for i in range(len(row))), start=SX(0)
-    )
+    return sum((float(row[i]) * nodal[NODE_SIZE * i + component] for i in range(len(row))), SX(0))
 
 
 @cache
-def floating_frame_kernel(kind: FloatingFrameElement) -> ForceKernel:
-    """Virtual work of one element: inertia (eqs. 10, 11, 15), elasticity and damping (21).
+def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
+    """Return the virtual work of one element: inertia (eqs. 10, 11, 15) and elasticity (21).
 
     The inertial forces are density times the acceleration of material points, eq. (10). Departure
     from the paper: the rotary inertia is the consistent one, 1/2 rho I (theta' + phi')^2, where
     eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
-    local = Local(kind.size, kind.n_data)
-    data = kind.layout.split(local.data)
-    inertia, kinetic, potential = _inertial_work(kind, local, data)
+    local = Local(element.size, element.n_data)
+    data = element.layout.split(local.data)
+    inertia, kinetic, potential = _inertial_work(element, local, data)
     nodal, rates = local.q[FRAME_SIZE:], local.v[FRAME_SIZE:]
-    points = strain_points(kind, data.stiffness, nodal)
-    elastic, stored, dissipated = elastic_work(points, data, kind.damped, nodal, rates)
+    points = strain_points(element, data.stiffness, nodal)
+    elastic, strain_energy, dissipated = elastic_work(points, data, element.damped, nodal, rates)
     force = inertia + ca.vertcat(SX.zeros(FRAME_SIZE), elastic)
-    energies = ca.vertcat(kinetic, stored, potential)
+    energies = ca.vertcat(kinetic, strain_energy, potential)
     return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
 
 
 def _inertial_work(
-    kind: FloatingFrameElement, local: Local, data: ElementData
+    element: FloatingFrameElement, local: Local, data: ElementData
 ) -> tuple[SX, SX, SX]:
-    """Generalized inertial forces and weight, kinetic and gravity energy."""
+    """Return generalized inertial forces and weight, kinetic energy and gravity energy."""
     axis = AxisMotion(local.q, local.v, local.a, data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
-    on_nodes = SX.zeros(NODE_SIZE * kind.nodes)
+    on_nodes = SX.zeros(NODE_SIZE * element.nodes)
     kinetic, potential = SX(0), SX(0)
-    for k, (row, weight, reference, to_local) in enumerate(_mass_points(kind, data)):
+    for k, (row, weight, reference, to_local) in enumerate(_mass_points(element, data)):
         rhoA, rhoI = ca.vertsplit(data.inertia(k))
         force = (weight * rhoA) * axis.acceleration(row, reference, to_local)
         moment = weight * rhoI * axis.angular_acceleration(row)
         on_origin += to_local.T @ force
-        on_angle += ca.dot(_rotate_quarter_turn(axis.place(row, reference)), force) + moment
+        relative = axis.relative_position(row, reference)
+        on_angle += ca.dot(_rotate_quarter_turn(relative), force) + moment
         on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
         position = axis.position(row, to_local.T @ reference, to_local.T)
         potential -= weight * rhoA * ca.dot(data.gravity, position)

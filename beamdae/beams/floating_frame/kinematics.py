@@ -1,21 +1,15 @@
-"""The kinematics of Pan & Liu (2012): small strains relative to a floating frame."""
+"""Kinematics of Pan & Liu (2012): small strains relative to a floating frame."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.element_data import (
-    assemble_element_data,
-    assemble_point_data,
-    compute_prestrains,
-    is_damped,
-    require_free_curve,
-)
+from beamdae.beams.element_data import assemble_point_data, compute_prestrains, is_damped
 from beamdae.beams.floating_frame.element import FRAME_SIZE, NODE_SIZE, FloatingFrameElement
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
@@ -23,66 +17,60 @@ from beamdae.beams.floating_frame.formulas import (
     frame_motion,
 )
 from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_error_coefficients
-from beamdae.beams.kinematics import Kinematics, MaterialPoint, PointValues, StrainValidity
+from beamdae.beams.kinematics import (
+    FormulationKinematics,
+    MaterialPoint,
+    PointValues,
+    StrainValidity,
+    nonzero_shape_functions,
+)
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.reference_frames import compute_frame_angle, has_chord, resolve_frame
-from beamdae.beams.sections import Section, VaryingSection
+from beamdae.beams.reference_frames import has_chord
+from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import InterpolatedStrains
-from beamdae.curves.plane_curves import PlaneCurve, rotate_points
-from beamdae.errors import BeamdaeError, require_choice, set_fields
+from beamdae.curves.plane_curves import rotate_points
+from beamdae.errors import BeamdaeError, require_choice
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
 
+# Points at which the tangent angle is sampled to measure how far a curve turns.
+_TURN_SAMPLES = 65
+
 
 @dataclass(frozen=True, eq=False)
-class FloatingFrame(Kinematics):
-    """Displacements and section rotations relative to a frame that rides on the beam.
+class FloatingFrame(FormulationKinematics):
+    """Displacements and section rotations relative to a floating frame.
 
-    Coordinates: (x0, y0, theta) of the frame and the free ones of (u, v, phi) at the nodes,
-    displacements in the local tangent frame and section rotation relative to the undeformed one.
-    `strain`, `continuity`, `quadrature`, `frame` and `free_curve` are explained at `Beam`.
+    Coordinates: (x0, y0, theta) of the frame and the free ones of (u, v, phi) at the nodes, where
+    (u, v) is the displacement in the local tangent frame and phi the rotation of the section
+    relative to the undeformed one. The settings are documented at `Beam`.
     """
 
-    name: str
-    mesh: Mesh
-    section: Section | VaryingSection
     strain: str = "green"
     continuity: str = "cartesian"
-    quadrature: str = "reduced"
-    frame: str | None = None
-    free_curve: PlaneCurve | None = None
-    _material_points: dict[float, MaterialPoint] = field(
-        default_factory=dict, init=False, repr=False
-    )
 
     def __post_init__(self) -> None:
-        set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
+        super().__post_init__()
         require_choice(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
         require_choice(self.name, "continuity", self.continuity, ("cartesian", "local"))
-        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
-        kinked = self.mesh.shape == "straight" or self.mesh.nodes == 2
-        if kinked and self.continuity == "local":
+        has_kinks = self.mesh.shape == "straight" or self.mesh.nodes == 2
+        if has_kinks and self.continuity == "local":
             raise BeamdaeError(
-                f"{self.name}: straight elements meet at kinks, continuity must be 'cartesian'."
+                f"{self.name}: straight elements meet at kinks; continuity must be 'cartesian'."
             )
-        _ = self.angle
-        if self.free_curve is not None:
-            require_free_curve(self.name, self.free_curve, self.mesh.curve)
 
     @cached_property
     def element(self) -> FloatingFrameElement:
-        """The type of all elements."""
-        nodes = self.mesh.nodes
-        points = nodes if self.quadrature == "full" else nodes - 1
+        """Type of all elements."""
         return FloatingFrameElement(
-            nodes,
-            points,
+            self.mesh.nodes,
+            self.stiffness_points,
             self.strain,
-            is_damped(self.section, self.mesh, points),
+            is_damped(self.section, self.mesh, self.stiffness_points),
             isinstance(self.section, VaryingSection),
             self.free_curve is not None,
         )
@@ -94,18 +82,13 @@ class FloatingFrame(Kinematics):
         return float(x), float(y)
 
     @cached_property
-    def angle(self) -> float:
-        """Reference angle of the frame [rad]."""
-        return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
-
-    @cached_property
     def mesh_in_frame(self) -> Mesh:
-        """The mesh as the frame carries it."""
-        return self.mesh.in_axes(self.origin, self.angle)
+        """The mesh in the axes of the floating frame."""
+        return self.mesh.in_axes(self.origin, self.frame_angle)
 
     @cached_property
     def coordinates(self) -> tuple[Named, ...]:
-        """Frame, and free nodal coordinates."""
+        """Coordinates of the frame, then the free nodal ones."""
         frame = (Named("x0", "m"), Named("y0", "m"), Named("theta", "rad"))
         nodal = [
             Named(f"{name}{i}", unit)
@@ -119,48 +102,48 @@ class FloatingFrame(Kinematics):
     @property
     def initial_position(self) -> Array:
         """Coordinates in the reference drawing."""
-        return self._undeformed([*self.origin, self.angle])
+        return self._without_deformation([*self.origin, self.frame_angle])
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Rates of the frame, without any of the deformation."""
-        return self._undeformed([*velocity, angular_velocity])
+        """Return the rates of the frame, with zero rates of the deformation."""
+        return self._without_deformation([*velocity, angular_velocity])
 
-    def _undeformed(self, frame: list[float]) -> Array:
+    def _without_deformation(self, frame: list[float]) -> Array:
         return np.concatenate([frame, np.zeros(len(self.coordinates) - FRAME_SIZE)])
 
     @cached_property
     def operator(self) -> sp.csr_array:
-        """From the beam's coordinates to those of all elements, shape (elements * size, n).
+        """Maps the beam's coordinates to those of all elements, shape (elements * size, n).
 
         Nodal coordinates are (u, v, phi) in the tangent frame of the curve at the node. The axes of
         two neighboring elements meet at a small angle, of the order of the cube of their length (of
-        their length for straight ones): with "cartesian" continuity each turns the nodal
-        displacement into its own direction there, with "local" continuity it is taken over as it
-        is.
+        their length for straight elements). With "cartesian" continuity, each element rotates the
+        nodal displacement into the direction of its own axis; with "local" continuity it uses the
+        components unchanged.
         """
-        mesh, kind = self.mesh_in_frame, self.element
-        element = np.repeat(np.arange(mesh.elements), kind.nodes)
-        local = np.tile(np.arange(kind.nodes), mesh.elements)
+        mesh, element_type = self.mesh_in_frame, self.element
+        element = np.repeat(np.arange(mesh.elements), element_type.nodes)
+        local = np.tile(np.arange(element_type.nodes), mesh.elements)
         node = mesh.element_nodes.ravel()
-        turn = self._kink(element, node)
-        row = element * kind.size + FRAME_SIZE + NODE_SIZE * local
-        c, s = np.cos(turn), np.sin(turn)
+        kink = self._kink_angles(element, node)
+        row = element * element_type.size + FRAME_SIZE + NODE_SIZE * local
+        c, s = np.cos(kink), np.sin(kink)
         entries = [(0, 0, c), (0, 1, s), (1, 0, -s), (1, 1, c), (2, 2, np.ones_like(c))]
-        into, share = self._free
-        column = [NODE_SIZE * node + j for _, j, _ in entries]
-        size = mesh.elements * kind.size
-        in_frame = np.arange(size).reshape(-1, kind.size)[:, :FRAME_SIZE].ravel()
-        rows = np.concatenate([in_frame, *(row + i for i, _, _ in entries)])
-        columns = np.concatenate([in_frame % kind.size, *(into[j] for j in column)])
-        turns = [value * share[j] for j, (_, _, value) in zip(column, entries, strict=True)]
-        values = np.concatenate([np.ones(len(in_frame)), *turns])
+        coordinate, factor = self._nodal_to_free
+        nodal = [NODE_SIZE * node + j for _, j, _ in entries]
+        size = mesh.elements * element_type.size
+        frame_rows = np.arange(size).reshape(-1, element_type.size)[:, :FRAME_SIZE].ravel()
+        rows = np.concatenate([frame_rows, *(row + i for i, _, _ in entries)])
+        columns = np.concatenate([frame_rows % element_type.size, *(coordinate[j] for j in nodal)])
+        rotations = [value * factor[j] for j, (_, _, value) in zip(nodal, entries, strict=True)]
+        values = np.concatenate([np.ones(len(frame_rows)), *rotations])
         shape = (size, len(self.coordinates))
         operator = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
         operator.eliminate_zeros()
         return operator
 
-    def _kink(self, element: Array, node: Array) -> Array:
-        """Angle from the curve's tangent at a node to the element's own axis there."""
+    def _kink_angles(self, element: Array, node: Array) -> Array:
+        """Return the angles from the curve's tangent at a node to the element's axis there."""
         if self.continuity == "local":
             return np.zeros(len(element))
         mesh = self.mesh_in_frame
@@ -168,85 +151,77 @@ class FloatingFrame(Kinematics):
         return mesh.axis(element, xi).angle - mesh.tangent_angle(mesh.node_arc_lengths[node])
 
     @property
-    def _free(self) -> tuple[Array, Array]:
-        """Which coordinate moves each of those of all nodes, and how much: the frame's conditions.
+    def _nodal_to_free(self) -> tuple[Array, Array]:
+        """For each nodal coordinate, the index of the free one that moves it, and the factor.
 
-        What the frame holds moves by nothing.
+        Expresses the conditions of the floating frame; the factor of a fixed coordinate is zero.
         """
         size, free = NODE_SIZE * self.mesh.node_count, len(self.coordinates)
-        held = NODE_SIZE if self.frame == "tangent" else 2
-        into, share = np.maximum(np.arange(size) - held, 0) + FRAME_SIZE, np.ones(size)
-        share[:held] = 0.0
+        fixed = NODE_SIZE if self.frame == "tangent" else 2
+        coordinate = np.maximum(np.arange(size) - fixed, 0) + FRAME_SIZE
+        factor = np.ones(size)
+        factor[:fixed] = 0.0
         if self.frame == "chord":
+            # The end of the beam moves along the chord only.
             angle = float(self.mesh_in_frame.tangent_angle(self.mesh.curve.length))
-            share[-3:-1] = np.cos(angle), -np.sin(angle)
-            into[-3:-1], into[-1] = free - 2, free - 1
-        return into, share
+            factor[-3:-1] = np.cos(angle), -np.sin(angle)
+            coordinate[-3:-1], coordinate[-1] = free - 2, free - 1
+        return coordinate, factor
 
     @cached_property
-    def _points(self) -> Array:
+    def _point_data(self) -> Array:
         mesh, layout = self.mesh_in_frame, self.element.layout
-        weight, at = mesh.gauss(layout.mass_points)
-        mass = [weight, *rotate_points(at.place, -at.angle).T, np.cos(at.angle), np.sin(at.angle)]
-        weight, at = mesh.gauss(layout.stiffness_points)
+        weight, axis = mesh.gauss(layout.mass_points)
+        local_position = rotate_points(axis.position, -axis.angle)
+        mass = [weight, *local_position.T, np.cos(axis.angle), np.sin(axis.angle)]
+        weight, axis = mesh.gauss(layout.stiffness_points)
         s = mesh.gauss_arc_lengths(layout.stiffness_points)
-        drawn = compute_prestrains(mesh.curve, self.free_curve, s)
-        stiffness = [weight, at.curvature, 1.0 / at.ds, *drawn]
+        prestrains = compute_prestrains(mesh.curve, self.free_curve, s)
+        stiffness = [weight, axis.curvature, 1.0 / axis.ds, *prestrains]
         return assemble_point_data(mesh, layout, self.section, mass, stiffness)
 
-    def data(self, gravity: Array) -> Array:
-        """Numbers of the elements under `gravity` (2,), shape (n_data, elements)."""
-        return assemble_element_data(self._points, self.section, gravity)
-
-    def _located(self, s: float) -> tuple[int, Array, float]:
-        """The element at s, its shape functions there, and the angle of its axis in the frame."""
+    def _locate_section(self, s: float) -> tuple[int, Array, float]:
+        """Return the element at s, its shape functions and the angle of its axis in the frame."""
         element, xi = self.mesh.locate(s)
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
         angle = float(self.mesh_in_frame.axis(np.array([element]), np.array([xi])).angle[0])
         return element, row, angle
 
-    def _rows_of(self, element: int, nodes: Array | None = None) -> sp.csr_array:
-        """Rows of the operator of an element: of the frame, and of these nodes or of all."""
+    def _element_operator(self, element: int, nodes: Array | None = None) -> sp.csr_array:
+        """Return the rows of the operator of one element: the frame, and all or some nodes."""
         size = self.element.size
         rows = np.arange(size)
         if nodes is not None:
-            own = FRAME_SIZE + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
-            rows = np.concatenate([rows[:FRAME_SIZE], own.ravel()])
+            nodal_rows = FRAME_SIZE + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
+            rows = np.concatenate([rows[:FRAME_SIZE], nodal_rows.ravel()])
         return select_rows(self.operator, rows + element * size)
 
-    def material_point(self, s: float) -> MaterialPoint:
-        """The section at arc length s [m], with the coordinates of the nodes it depends on."""
-        # Ends are asked for by whatever is joined to them, observed or drawn.
-        if s not in self._material_points:
-            drawn = np.asarray(self.mesh.curve.point(s), float)
-            self._material_points[s] = self._section(s, drawn)
-        return self._material_points[s]
-
-    def axis_point(self, s: float) -> MaterialPoint:
-        """The section on the interpolated axis."""
-        element, xi = self.mesh.locate(s)
-        return self._section(s, self.mesh.axis(np.array([element]), np.array([xi])).place[0])
-
-    def _section(self, s: float, drawn: Array) -> MaterialPoint:
-        element, row, angle = self._located(s)
-        nodes = np.flatnonzero(np.abs(row) > 1e-12)
-        mesh_in_frame = rotate_points(drawn - np.asarray(self.origin), -self.angle)
-        numbers = [*mesh_in_frame, math.cos(angle), math.sin(angle), self.angle, *row[nodes]]
+    def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
+        if on_axis:
+            located, xi = self.mesh.locate(s)
+            position = self.mesh.axis(np.array([located]), np.array([xi])).position[0]
+        else:
+            position = np.asarray(self.mesh.curve.point(s), float)
+        element, row, angle = self._locate_section(s)
+        nodes = np.flatnonzero(nonzero_shape_functions(row))
+        in_frame = rotate_points(position - np.asarray(self.origin), -self.frame_angle)
+        numbers = [*in_frame, math.cos(angle), math.sin(angle), self.frame_angle, *row[nodes]]
         return MaterialPoint(
-            (float(drawn[0]), float(drawn[1])),
-            angle + self.angle,
-            self._rows_of(element, nodes),
+            (float(position[0]), float(position[1])),
+            angle + self.frame_angle,
+            self._element_operator(element, nodes),
             Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
 
     @property
     def strain_validity(self) -> StrainValidity:
-        """How far it bends, and how far its strains reach."""
+        """Validity of the small-strain assumption; see `StrainValidity`."""
         curve = self.mesh.curve
         data = self.data(np.zeros(2))
         lengths = np.full((1, self.mesh.elements), curve.length)
-        turning = float(np.ptp(curve.tangent_angle(np.linspace(0.0, curve.length, 65))))
-        # Measured: the curvature in the quadratic strains helps in a chord frame alone.
+        samples = np.linspace(0.0, curve.length, _TURN_SAMPLES)
+        turning = float(np.ptp(curve.tangent_angle(samples)))
+        # Measured: the curvature in the quadratic strains helps in a chord frame only.
         remedies = {
             "frame='chord'": self.frame == "tangent" and has_chord(curve),
             "strain='green'": self.frame == "chord" and self.strain == "nonlinear" and turning > 0,
@@ -264,34 +239,35 @@ class FloatingFrame(Kinematics):
     def floating_frame(self) -> MaterialPoint:
         """Origin and angle of the frame."""
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
-        return MaterialPoint(self.origin, self.angle, rows, Formula(frame_motion, (self.angle,)))
+        motion = Formula(frame_motion, (self.frame_angle,))
+        return MaterialPoint(self.origin, self.frame_angle, rows, motion)
 
     def strains(self, s: float) -> PointValues:
-        """Strains at arc length s, eqs. (5) and (6).
+        """Return the strains at arc length s, eqs. (5) and (6).
 
-        Taken from the stiffness quadrature points, where those of an element are most accurate, and
-        interpolated.
+        They are interpolated between the stiffness quadrature points, where those of an element are
+        most accurate.
         """
         element, xi = self.mesh.locate(s)
-        points = self.element.quadrature
+        points = self.stiffness_points
         gauss, _ = gauss_points(points)
-        at = self.mesh_in_frame.axis(np.full(points, element), gauss)
+        axis = self.mesh_in_frame.axis(np.full(points, element), gauss)
         s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
-        drawn = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
-        numbers = [*lagrange_weights(gauss, xi), *at.curvature, *(1.0 / at.ds), *np.ravel(drawn)]
+        prestrains = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
+        weights = lagrange_weights(gauss, xi)
+        numbers = [*weights, *axis.curvature, *(1.0 / axis.ds), *np.ravel(prestrains)]
         values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
-        return PointValues(self._rows_of(element), values)
+        return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """(u, v, phi) at arc length s, components in the axes "inertial", "frame" or "local"."""
-        element, row, angle = self._located(s)
-        numbers = tuple(map(float, (angle, *row)))
-        return PointValues(
-            self._rows_of(element),
-            Formula(FloatingFrameDeformation(self.mesh.nodes, axes), numbers),
+        """Return (u, v, phi) at arc length s; axes "inertial", "frame" or "local"."""
+        element, row, angle = self._locate_section(s)
+        formula = Formula(
+            FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
         )
+        return PointValues(self._element_operator(element), formula)
 
     @property
     def curvature_error(self) -> float:
         """Largest error of curvature at the stiffness quadrature points, times the length."""
-        return self.mesh_in_frame.curvature_error(self.element.quadrature)
+        return self.mesh_in_frame.curvature_error(self.stiffness_points)
