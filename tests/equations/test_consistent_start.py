@@ -217,7 +217,7 @@ def test_dependent_constraints_are_named_and_others_are_not():
     with pytest.raises(
         bd.BeamdaeError,
         match=r"^door hinge.y, second hinge.y: these constraints depend .*remove 1 of them: "
-        r"door hinge and second hinge both block the travel of the door along \(0, 1\)\.$",
+        r"door hinge and second hinge both block the translation of the door along \(0, 1\)\.$",
     ):
         started(mech)
 
@@ -272,7 +272,9 @@ def system(mass, force=None, constraints=None):
     ],
 )
 def test_a_coordinate_without_mass_is_named(mass, constraints, name):
-    with pytest.raises(bd.BeamdaeError, match=f"^{name}: this coordinate has no inertia at t = 0 s; "):
+    with pytest.raises(
+        bd.BeamdaeError, match=f"^{name}: this coordinate has no inertia at t = 0 s; "
+    ):
         system(mass, constraints=constraints)
 
 

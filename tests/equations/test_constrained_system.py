@@ -216,7 +216,9 @@ def test_a_constraint_that_cannot_be_met_is_not_called_dependent():
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     circle = {"constraints": ca.dot(q, q) + 1.0, "q0": [1, 0], "v0": [0, 0]}
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1, 1], force=[0, 0], **circle)
-    with pytest.raises(bd.BeamdaeError, match=r"g0: (this constraint has a zero gradient|the joints cannot)"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"g0: (this constraint has a zero gradient|the joints cannot)"
+    ):
         bd.simulate(system, t_end=1.0)
 
 

@@ -357,7 +357,9 @@ def test_a_reaction_of_what_holds_nothing_is_refused():
     mech = pushed()
     joint = bd.Revolute("push", mech.ground.at(0.0, 0.0), mech.part("first").at(0.0, 0.0))
     mech.observe("force", joint.reaction)
-    with pytest.raises(bd.BeamdaeError, match=r"^force: 'push' has no constraints and therefore no reaction"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^force: 'push' has no constraints and therefore no reaction"
+    ):
         bd.equations_of_motion(mech)
 
 

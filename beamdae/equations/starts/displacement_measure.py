@@ -1,4 +1,4 @@
-"""How far changes of the coordinates carry things, however the axes are turned."""
+"""Size of changes of the coordinates, independent of the orientation of the axes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class DisplacementMeasure:
-    """Distances of changes of the coordinates: x and y of a point count as one.
+    """Measures displacements: the x and y of a point count as one distance.
 
     Attributes
     ----------
     scale
         Natural size of each coordinate, (n,).
     point
-        The x of the point each coordinate belongs to, (n,); of what is no point itself.
+        Index of the x coordinate of the point each coordinate belongs to, (n,); a coordinate that
+        is not one of a point has its own index.
     """
 
     scale: Array
@@ -29,7 +30,7 @@ class DisplacementMeasure:
 
     @classmethod
     def of(cls, e: EquationsOfMotion) -> DisplacementMeasure:
-        """That of the bodies of these equations."""
+        """Return the measure for the bodies of these equations."""
         point = np.arange(e.n)
         for body in collect_bodies(e):
             if body.nodes is not None:
@@ -39,10 +40,10 @@ class DisplacementMeasure:
         return cls(e.position_scales, point)
 
     def distances(self, change: Array) -> Array:
-        """How far each coordinate, or its point, is carried, (n,)."""
+        """Return the displacement of each coordinate, or of its point, (n,)."""
         squares = np.bincount(self.point, change**2, len(self.point))
         return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
-        """The largest of them, in natural sizes."""
+        """Return the largest displacement in natural sizes."""
         return float(np.max(self.distances(change) / self.scale, initial=0.0))

@@ -1,4 +1,4 @@
-"""Equilibrium from afar: down the gradient flow of a mechanism, to where it can rest."""
+"""Static equilibrium far from the start, by gradient flow (dynamic relaxation)."""
 
 from __future__ import annotations
 
@@ -17,158 +17,178 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Steps that keep Newton's iteration near the joints, in the natural sizes of coordinates; of what
-# went further than its size, in that way, for so many sizes.
-_APPROACH, _FURTHER = 0.2, 1e4
-# How far joints may be closed after a step, as a share of it; what is less than that is none.
-_LEFT, _NONE = 0.5, 1e-9
-# Pseudo-times squared of the way to equilibrium: how far the accelerations at the beginning carry
-# in the first, the last over the first, and from step to step.
-_FIRST, _LAST, _GROWTH = 0.01, 1e11, 4.0
-# How far rounding may carry in a step, from positions that are off by so much.
-_CARRIED, _OFF = 1e-9, 1e-14
-_STEADY, _MOST_STEPS = 1e-10, 400
+# Sizes of steps, in natural sizes of coordinates.
+_MAX_STEP = 0.2  # keeps Newton's method near the joints
+_MAX_TRAVEL_SIZES = 1e4  # coordinates far from the start are measured by their way, up to this
+_MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
+_NEGLIGIBLE_GAP = 1e-9
+_CONVERGED_STEP = 1e-10
+
+# Squared pseudo-time of the flow.
+_FIRST_STEP = 0.01  # displacement by the initial accelerations in the first step
+_LAST_SQUARE_RATIO = 1e11  # largest square relative to the first
+_SMALLEST_SQUARE_RATIO = 1e-26  # the search ends below
+_SQUARE_GROWTH = 4.0
+_MAX_STEPS = 400
+
+# Sensitivity to rounding: the change of a step when positions are perturbed by rounding.
+_PERTURBATION = 1e-14  # in natural sizes
+_RELIABLE_ROUNDING = 1e-9
+_MAX_ROUNDING_RATIO = 10.0  # above this multiple of the reliable one a step is unreliable
+_CONVERGED_ROUNDING_RATIO = 100.0  # steps below this multiple of their rounding have converged
 
 
 class StaticSystem(Protocol):
-    """Static equations of (q, lam), such as `StaticEquations`."""
+    """Static equations in (q, lam), such as `StaticEquations`."""
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations of motion, whose inertia they share."""
+        """Equations of motion, which provide the inertia."""
 
     @property
     def time(self) -> Array:
         """(t, branch)."""
 
     def residual(self, q: Array, lam: Array) -> Array:
-        """What has to vanish, (n + m,)."""
+        """Return the residual, (n + m,)."""
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Its derivative by (q, lam)."""
+        """Return the derivative of the residual with respect to (q, lam)."""
 
 
 class FlowStep(NamedTuple):
-    """A step of the gradient flow that is tried: `q` and `lam` where it ends.
+    """Trial step of the gradient flow.
 
     Attributes
     ----------
-    far
-        How far it goes, in natural sizes.
-    left
-        How far joints are closed after it, by one more iteration.
-    carried
-        How far rounding may have carried it: far where nothing resists.
+    q, lam
+        Positions and multipliers at its end.
+    size
+        Size of the step, in natural sizes.
+    gap
+        Size of the next correction that closes the joints.
+    rounding
+        Change of the step by rounding; large in directions without resistance.
     """
 
     q: Array
     lam: Array
-    far: float
-    left: float
-    carried: float
+    size: float
+    gap: float
+    rounding: float
 
     @property
     def is_near(self) -> bool:
-        """Whether the joints are to be trusted in it."""
-        return self.far <= _APPROACH and self.left <= max(_LEFT * self.far, _NONE)
+        """True if the step is small enough to stay on the same branch of the joints."""
+        return self.size <= _MAX_STEP and self.gap <= max(
+            _MAX_GAP_RATIO * self.size, _NEGLIGIBLE_GAP
+        )
 
     @property
     def is_steady(self) -> bool:
-        """Whether it goes nowhere but for rounding."""
-        return self.far <= max(_STEADY, 100.0 * self.carried) and self.carried <= 10.0 * _CARRIED
+        """True if the step vanishes up to rounding."""
+        return (
+            self.size <= max(_CONVERGED_STEP, _CONVERGED_ROUNDING_RATIO * self.rounding)
+            and self.rounding <= _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING
+        )
 
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Implicit steps down the gradient flow of a mechanism that began at positions `begun`."""
+    """Implicit steps down the gradient flow of a mechanism that starts at positions `begin`."""
 
     static: StaticSystem
-    begun: Array
-    starter: ConsistencySolver
-    travel: DisplacementMeasure
+    begin: Array
+    solver: ConsistencySolver
+    measure: DisplacementMeasure
 
     @cached_property
-    def _turns(self) -> Array:
+    def _is_angle(self) -> Array:
         return np.array([x.unit == "rad" for x in self.static.equations.coordinates], bool)
 
     @cached_property
-    def _off(self) -> Array:
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begun))
-        return _OFF * self.travel.scale * signs
+    def _perturbation(self) -> Array:
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begin))
+        return _PERTURBATION * self.measure.scale * signs
 
-    def step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """One of a pseudo-time T, T^2 = `square`; None where nothing is to be had."""
+    def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
+        """Try a step of pseudo-time T, T^2 = `square`; None if it is singular or too large."""
         static, n, m = self.static, len(q), len(lam)
-        mass = self.starter.linearize_forces(static.time, self.starter.rest_state(q))[2]
+        mass = self.solver.linearize_forces(static.time, self.solver.rest_state(q))[2]
         weight = sp.block_diag([mass / square, sp.csc_array((m, m))], format="csc")
         try:
             solve = splu(sp.csc_array(static.matrix(q, lam) + weight)).solve
         except RuntimeError:
             return None
-        way = np.minimum(self.travel.distances(q - self.begun), _FURTHER * self.travel.scale)
-        sizes = self.travel.scale + np.where(self._turns, 0.0, way)
+        way = np.minimum(
+            self.measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * self.measure.scale
+        )
+        sizes = self.measure.scale + np.where(self._is_angle, 0.0, way)
 
         def size(change: Array) -> float:
-            return float(np.max(self.travel.distances(change[:n]) / sizes))
+            return float(np.max(self.measure.distances(change[:n]) / sizes))
 
-        there = static.residual(q, lam)
-        change = -solve(there)
-        far = size(change)
-        if not far <= _APPROACH:
+        residual = static.residual(q, lam)
+        change = -solve(residual)
+        step_size = size(change)
+        if not step_size <= _MAX_STEP:
             return None
-        rounded = size(solve(static.residual(q + self._off, lam) - there))
+        perturbed = static.residual(q + self._perturbation, lam)
+        rounding = size(solve(perturbed - residual))
         q, lam = q + change[:n], lam + change[n:]
-        open_joints = static.residual(q, lam)
-        open_joints[:n] = 0.0
-        further = -solve(open_joints)
-        return FlowStep(q + further[:n], lam + further[n:], far, size(further), rounded)
+        gaps = static.residual(q, lam)
+        gaps[:n] = 0.0
+        correction = -solve(gaps)
+        q, lam = q + correction[:n], lam + correction[n:]
+        return FlowStep(q, lam, step_size, size(correction), rounding)
 
 
 def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
-    """Positions and multipliers at rest: implicit steps down the gradient flow from near `q`.
+    """Return positions and multipliers of a stable equilibrium near `q`.
 
-    The steps solve [[M / T^2 + K, G^T], [G, 0]] with K that of F + G^T lam, once more to close the
-    joints, and end as Newton's method: short pseudo-times T keep a step small and lead to
-    equilibria that are stable, long ones converge quadratically. Steps are measured such that they
-    are the same however the mechanism is turned, and in other units.
+    Implicit steps follow the gradient flow: they solve [[M / T^2 + K, G^T], [G, 0]] with K that of
+    F + G^T lam, and once more to close the joints. Short pseudo-times T keep steps small and lead
+    to stable equilibria; long ones converge quadratically, as Newton's method. The size of steps
+    depends neither on the orientation of the mechanism nor on the units.
 
     Raises
     ------
     BeamdaeError
-        If nothing comes to rest, naming the coordinate that moved most.
+        If no equilibrium is found, naming the coordinate that moved most.
     """
-    e, starter = static.equations, ConsistencySolver(static.equations)
-    begin = starter.state(static.time, q, np.zeros(e.n))
-    flow = GradientFlow(static, begin.q, starter, DisplacementMeasure.of(e))
+    e, solver = static.equations, ConsistencySolver(static.equations)
+    begin = solver.state(static.time, q, np.zeros(e.n))
+    flow = GradientFlow(static, begin.q, solver, DisplacementMeasure.of(e))
     q, lam = begin.q, begin.lam
-    fastest = flow.travel.farthest(begin.a)
-    if _is_unloaded(static, q) or fastest == 0.0:
+    acceleration = flow.measure.farthest(begin.a)
+    if _is_unloaded(static, q) or acceleration == 0.0:
         return q, np.zeros(e.m)
-    square = first = _FIRST / fastest
-    for _ in range(_MOST_STEPS):
-        step = flow.step(q, lam, square)
+    square = first = _FIRST_STEP / acceleration
+    for _ in range(_MAX_STEPS):
+        step = flow.try_step(q, lam, square)
         if step is None or not step.is_near:
-            square /= _GROWTH
-            if square < 1e-26 * first:
+            square /= _SQUARE_GROWTH
+            if square < _SMALLEST_SQUARE_RATIO * first:
                 break
             continue
         q, lam = step.q, step.lam
-        if step.is_steady and (square >= _LAST * first or step.carried > _CARRIED):
+        is_last = square >= _LAST_SQUARE_RATIO * first or step.rounding > _RELIABLE_ROUNDING
+        if step.is_steady and is_last:
             return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
-        if step.carried <= _CARRIED:
-            square = min(square * _GROWTH, _LAST * first)
-        elif step.carried > 10.0 * _CARRIED:
-            square /= _GROWTH
-    moved = np.abs(q - begin.q)
-    worst = int(np.argmax(moved / e.position_scales))
+        if step.rounding <= _RELIABLE_ROUNDING:
+            square = min(square * _SQUARE_GROWTH, _LAST_SQUARE_RATIO * first)
+        elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
+            square /= _SQUARE_GROWTH
+    displacement = np.abs(q - begin.q)
+    worst = int(np.argmax(displacement / e.position_scales))
     raise BeamdaeError(
         f"{e.q_names[worst]}: no equilibrium was found, this coordinate moves without end under "
-        f"the loads at t = {static.time[0]:g} s, it was {moved[worst]:.3g} away when the search "
-        "was given up; hold it by a joint or a spring."
+        f"the loads at t = {static.time[0]:g} s and was {displacement[worst]:.3g} away when the "
+        "search stopped; hold it by a joint or a spring."
     )
 
 
 def _is_unloaded(static: StaticSystem, q: Array) -> bool:
-    """Whether there are no forces at all: joints that rounding opens bear nothing."""
+    """Return True if no force acts at all; gaps opened by rounding then carry no reaction."""
     e = static.equations
     return not np.any(static.residual(q, np.zeros(e.m))[: e.n])

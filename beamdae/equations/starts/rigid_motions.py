@@ -1,4 +1,4 @@
-"""Motions of a mechanism in words: which body turns about which point, or travels where."""
+"""Rigid motions of the bodies of a mechanism, and motions described in words."""
 
 from __future__ import annotations
 
@@ -11,28 +11,35 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
-# Instantaneous centers farther away than so many lengths of the mechanism are those of a travel.
-_FAR = 100.0
-# What rounding leaves of zero in a motion of size one.
-_NONE = 1e-9
-# Of more names a sentence has the first ones.
-_MOST_NAMES = 9
-_FRAMES = (("x", "y", "angle"), ("x0", "y0", "theta"))
-# Coordinates of the nodes of what has no frame.
-_NODES = ("x", "y", "psi")
+_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; beyond, a rotation is a translation
+_ROUNDING = 1e-9  # rounding error in a motion of size one
+_EQUAL_SIZE_TOLERANCE = 1e-6  # the first of bodies that move equally far is named
+_MAX_NAMES = 9  # in a sentence
+_FRAME_COORDINATES = (("x", "y", "angle"), ("x0", "y0", "theta"))
+_NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Names in words, of many the first ones."""
-    if len(names) > _MOST_NAMES:
-        names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} others"]
+    """Join names to "a, b and c", at most nine."""
+    if len(names) > _MAX_NAMES:
+        names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 class Body(NamedTuple):
-    """Where a part has its rigid coordinates (x, y, perhaps an angle), and its elastic ones.
+    """Indices of the coordinates of a part.
 
-    What has no frame but nodes (n, 3) has the coordinates of the first as its own.
+    Attributes
+    ----------
+    name
+        Name of the part.
+    place, angle
+        Rigid coordinates (x, y) and the angle, if it has them; those of the first node of a body
+        without a frame.
+    others
+        Elastic and other coordinates.
+    nodes
+        Coordinates (x, y, angle) of the nodes of a body without a frame, (k, 3), or None.
     """
 
     name: str
@@ -43,48 +50,53 @@ class Body(NamedTuple):
 
 
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
-    """The parts that have coordinates."""
-    found = []
+    """Return the parts that have coordinates."""
+    collected = []
     for part in e.parts:
-        own = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
-        nodes = _node_coordinates(own)
+        index = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
+        nodes = _node_coordinates(index)
         if nodes is not None:
             x, y, angle = nodes[0].tolist()
             others = tuple(nodes[1:].ravel().tolist())
-            found.append(Body(part.name, (x, y), angle, others, nodes))
+            collected.append(Body(part.name, (x, y), angle, others, nodes))
             continue
-        x, y, angle = next((names for names in _FRAMES if names[0] in own), _FRAMES[0])
-        place = (own.pop(x), own.pop(y)) if x in own and y in own else None
-        turn = own.pop(angle) if place is not None and angle in own else None
-        found.append(Body(part.name, place, turn, tuple(own.values())))
-    return tuple(found)
+        x, y, angle = next(
+            (names for names in _FRAME_COORDINATES if names[0] in index), _FRAME_COORDINATES[0]
+        )
+        place = (index.pop(x), index.pop(y)) if x in index and y in index else None
+        rotation = index.pop(angle) if place is not None and angle in index else None
+        collected.append(Body(part.name, place, rotation, tuple(index.values())))
+    return tuple(collected)
 
 
-def _node_coordinates(own: dict[str, int]) -> Array | None:
-    """Positions and angles of nodes, (n, 3), if that is all there is."""
-    count = len(own) // len(_NODES)
-    names = [f"{name}{k}" for k in range(count) for name in _NODES]
-    if not count or set(names) != set(own):
+def _node_coordinates(index: dict[str, int]) -> Array | None:
+    """Return positions and angles of nodes, (k, 3), if a part has no other coordinates."""
+    count = len(index) // len(_NODE_COORDINATES)
+    names = [f"{name}{k}" for k in range(count) for name in _NODE_COORDINATES]
+    if not count or set(names) != set(index):
         return None
-    return np.array([own[name] for name in names]).reshape(count, len(_NODES))
+    return np.array([index[name] for name in names]).reshape(count, len(_NODE_COORDINATES))
 
 
 def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
-    """Motions at q without deformation in natural sizes, (n, k); of other parts each coordinate."""
+    """Return motions at q without deformation, in natural sizes, (n, k).
+
+    Parts without a frame and without nodes contribute a motion of each coordinate.
+    """
     columns: list[Array] = []
     for body in collect_bodies(e):
         if body.nodes is not None:
             columns += list(_rigid_motions_of_nodes(e, q, body.nodes).T)
             continue
-        own = (*(body.place or ()), *body.others)
+        indices = (*(body.place or ()), *body.others)
         if body.place is not None and body.angle is not None:
-            own = (*body.place, body.angle)
-        columns += list(np.eye(e.n)[np.sort(own)])
+            indices = (*body.place, body.angle)
+        columns += list(np.eye(e.n)[np.sort(indices)])
     return np.array(columns).reshape(-1, e.n).T
 
 
 def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
-    """Both travels of nodes and their turn about the first, in natural sizes, (n, 3)."""
+    """Return two translations of nodes and their rotation about the first, scaled, (n, 3)."""
     motions = np.zeros((e.n, 3))
     x, y, angle = nodes.T
     motions[x, 0] = motions[y, 1] = e.length
@@ -95,56 +107,57 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
-    """Travel, turn and deformation in lengths of the mechanism, or rad."""
+    """Return translation, rotation and deformation in lengths of the mechanism, or rad."""
     scaled = motion / e.position_scales
     if body.nodes is not None:
-        own, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
-        shares = np.linalg.lstsq(rigid[own], scaled[own])[0]
-        bent = float(np.max(np.abs(scaled[own] - rigid[own] @ shares)))
-        return float(np.hypot(*shares[:2])), abs(float(shares[2])), bent
-    travel = float(np.hypot(*scaled[list(body.place)])) if body.place else 0.0
-    turn = abs(float(scaled[body.angle])) if body.angle is not None else 0.0
-    return travel, turn, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
+        indices, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
+        shares = np.linalg.lstsq(rigid[indices], scaled[indices])[0]
+        deformation = float(np.max(np.abs(scaled[indices] - rigid[indices] @ shares)))
+        return float(np.hypot(*shares[:2])), abs(float(shares[2])), deformation
+    translation = float(np.hypot(*scaled[list(body.place)])) if body.place else 0.0
+    rotation = abs(float(scaled[body.angle])) if body.angle is not None else 0.0
+    return translation, rotation, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
 
 
 def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """What moves most in a motion, as a noun: "turn of the crank"."""
-    moving = [(max(_motion_sizes(e, q, body, motion)), body) for body in collect_bodies(e)]
-    most = max(size for size, _ in moving)
-    body = next(body for size, body in moving if size >= most * (1.0 - 1e-6))
-    travel, turn, bent = _motion_sizes(e, q, body, motion)
-    if bent > max(travel, turn):
+    """Describe the largest part of a motion as a noun: "rotation of the crank"."""
+    sizes = [(max(_motion_sizes(e, q, body, motion)), body) for body in collect_bodies(e)]
+    largest = max(size for size, _ in sizes)
+    body = next(body for size, body in sizes if size >= largest * (1.0 - _EQUAL_SIZE_TOLERANCE))
+    translation, rotation, deformation = _motion_sizes(e, q, body, motion)
+    if deformation > max(translation, rotation):
         worst = max(body.others, key=lambda k: abs(motion[k]) / e.position_scales[k])
         return f"deformation of the {body.name} ({e.q_names[worst]})"
-    if turn * _FAR > travel:
-        return f"turn of the {body.name}"
-    return f"travel of the {body.name} along {_describe_direction(body, motion)}"
+    if rotation * _MAX_CENTER_DISTANCE > translation:
+        return f"rotation of the {body.name}"
+    return f"translation of the {body.name} along {_describe_direction(body, motion)}"
 
 
 def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """A motion of all bodies that nothing holds, as a sentence: who turns about what."""
-    who: dict[str, list[str]] = {}
-    everything = collect_bodies(e)
-    for body in everything:
-        travel, turn, other = _motion_sizes(e, q, body, motion)
-        if max(travel, turn, other) <= _NONE:
+    """Describe an unconstrained motion of all bodies: "crank can rotate about (0, 0), ..."."""
+    names_by_motion: dict[str, list[str]] = {}
+    bodies = collect_bodies(e)
+    for body in bodies:
+        translation, rotation, deformation = _motion_sizes(e, q, body, motion)
+        if max(translation, rotation, deformation) <= _ROUNDING:
             continue
         if body.place is None:
-            how = "move"
-        elif body.angle is None or turn * _FAR <= travel:
-            how = f"travel along {_describe_direction(body, motion)}"
+            phrase = "move"
+        elif body.angle is None or rotation * _MAX_CENTER_DISTANCE <= translation:
+            phrase = f"translate along {_describe_direction(body, motion)}"
         else:
             (x, y), rate = q[list(body.place)], motion[body.angle]
             dx, dy = motion[list(body.place)]
-            size = _NONE * e.length
-            center = [c if abs(c) > size else 0.0 for c in (x - dy / rate, y + dx / rate)]
-            how = f"turn about ({center[0]:.4g}, {center[1]:.4g})"
-        who.setdefault(how, []).append(body.name)
-    if len(everything) > 1 and [len(names) for names in who.values()] == [len(everything)]:
-        return f"the whole mechanism can {next(iter(who))}"
-    told = [f"{join_names(names)} can {how}" for how, names in who.items()]
-    others = sum(len(names) for names in list(who.values())[_MOST_NAMES:])
-    return ", ".join([*told[:_MOST_NAMES], *([f"{others} others move along"] if others else [])])
+            rounding = _ROUNDING * e.length
+            center = [c if abs(c) > rounding else 0.0 for c in (x - dy / rate, y + dx / rate)]
+            phrase = f"rotate about ({center[0]:.4g}, {center[1]:.4g})"
+        names_by_motion.setdefault(phrase, []).append(body.name)
+    if len(bodies) > 1 and [len(x) for x in names_by_motion.values()] == [len(bodies)]:
+        return f"the whole mechanism can {next(iter(names_by_motion))}"
+    phrases = [f"{join_names(names)} can {phrase}" for phrase, names in names_by_motion.items()]
+    others = sum(len(names) for names in list(names_by_motion.values())[_MAX_NAMES:])
+    more = [f"{others} others move along"] if others else []
+    return ", ".join([*phrases[:_MAX_NAMES], *more])
 
 
 def _describe_direction(body: Body, motion: Array) -> str:
@@ -152,7 +165,7 @@ def _describe_direction(body: Body, motion: Array) -> str:
         return "its coordinate"
     along = motion[list(body.place)]
     along = along / np.linalg.norm(along)
-    x, y = (value if abs(value) > _NONE else 0.0 for value in along)
-    # Of a line both ways.
+    x, y = (value if abs(value) > _ROUNDING else 0.0 for value in along)
+    # A line has no sense of direction: x is positive, or x = 0 and y is.
     x, y = (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
     return f"({x:.3g}, {y:.3g})"
