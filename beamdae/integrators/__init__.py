@@ -1,7 +1,7 @@
-"""Integrators: frozen settings with `integrate(equations, times) -> Solution`, one file a method.
+"""Integrators: frozen settings with `integrate(equations, times) -> Solution`; a folder a method.
 
-May import: results, equations, symbolic; SUNDIALS in `ida` alone.
-Next: an `Integrator` whose `integrate` hands a `Method`, its step, to `drive`.
+May import: results, equations, linear, symbolic, native; SUNDIALS in `ida` alone.
+Next: an `Integrator` whose `integrate` passes its method, which takes the steps, to `drive`.
 """
 
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha

@@ -1,4 +1,4 @@
-"""How far a mechanism moves: what its errors are to be small against."""
+"""Amplitudes of the motion of a mechanism: the sizes its errors are measured against."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# What moves less than this share of what moves most is taken to move so much: a part, or a
-# coordinate of a constrained system, which may mean anything.
+# Smallest amplitude of a part, relative to the largest of all parts, ...
 _MIN_PART_SHARE = 1e-3
+# ... and of a single coordinate of a constrained system, which may have any meaning.
 _MIN_COORDINATE_SHARE = 1e-5
-# The largest amplitude of an angle [rad]: a quarter of a turn to each side carries points as far
-# apart as any turning does.
+# Largest amplitude of an angle [rad]: a quarter of a turn to each side moves points as far apart
+# as any rotation does.
 _MAX_ANGLE_AMPLITUDE = 0.5 * np.pi
-# The mean square of an angle about its mean [rad^2] over one turn.
+# Largest variance of an angle [rad^2]: that of one uniform turn.
 _MAX_ANGLE_VARIANCE = np.pi**2 / 3.0
-# What moves less than this share of its size does not move.
+# A mechanism is at rest if no part moves by more than this share of its size.
 _REST_AMPLITUDE = 1e-9
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """How far the parts of a mechanism move in a run.
+    """Amplitudes of the parts of a mechanism in a run.
 
     Attributes
     ----------
     by_part
-        Amplitude of each part over its size: the largest of those of its lengths over its extent
-        and of its angles [rad], for points of a body of size L move by L times its angle; however
-        often it turns, an angle counts for pi / 2 at most.
+        Amplitude of each part relative to its size: the largest of those of its lengths over its
+        extent and of its angles [rad], because points of a body of size L move by L times its
+        angle. An angle counts for pi / 2 at most, however often it turns.
     scales
-        Natural size of the motion of each coordinate [m or rad], (n,): the amplitude times the
-        size of its part, or for an angle the amplitude itself.
+        Scale of each coordinate [m or rad], (n,): the amplitude times the size of its part, or the
+        amplitude itself for an angle.
     rate
-        Fastest rate of the parts [1/s], the root mean square of velocities over that of positions
-        about their mean, that of an angle at most that of one turn.
+        Fastest rate of the parts [1/s]: root mean square of velocities over that of positions
+        about their mean. The spread of an angle is at most that of one turn.
     """
 
     by_part: dict[str, float]
@@ -47,11 +47,11 @@ class Amplitudes:
     rate: float
 
     @classmethod
-    def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
-        """Amplitudes of a run: half the ranges of the coordinates over its steps.
+    def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
+        """Return half the ranges of the coordinates over the steps of a run, by part.
 
-        A part that hardly moves beside others is given a thousandth of their motion, a coordinate
-        of a constrained system 1e-5 of it; where nothing moves, sizes are the scales.
+        A part that moves much less than others gets a thousandth of their amplitude, a coordinate
+        of a constrained system 1e-5 of it. If nothing moves, the sizes are the scales.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
         sizes = _coordinate_sizes(equations, angles)
@@ -59,53 +59,53 @@ class Amplitudes:
             np.concatenate([getattr(i.state, x) for i in trajectory.intervals]) / sizes
             for x in ("q", "v")
         )
-        swings = 0.5 * np.ptp(q, axis=0)
-        swings[angles] = np.minimum(swings[angles], _MAX_ANGLE_AMPLITUDE)
-        found = {part.name: float(np.max(swings[part.rows])) for part in equations.parts}
-        most = max(found.values())
-        rests = most <= _REST_AMPLITUDE
-        if rests:
-            found = dict.fromkeys(found, 1.0)
+        half_ranges = 0.5 * np.ptp(q, axis=0)
+        half_ranges[angles] = np.minimum(half_ranges[angles], _MAX_ANGLE_AMPLITUDE)
+        amplitudes = {part.name: float(np.max(half_ranges[part.rows])) for part in equations.parts}
+        largest = max(amplitudes.values())
+        is_at_rest = largest <= _REST_AMPLITUDE
+        if is_at_rest:
+            amplitudes = dict.fromkeys(amplitudes, 1.0)
         by_part = {
-            part.name: _round_to_two_digits(max(found[part.name], _min_share(part) * most))
+            part.name: _round_to_two_digits(max(amplitudes[part.name], _min_share(part) * largest))
             for part in equations.parts
         }
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
         weights = _step_weights(trajectory)
-        spread = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
-        spread[angles] = np.minimum(spread[angles], _MAX_ANGLE_VARIANCE)
-        speed = np.average(v**2, 0, weights)
+        variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
+        variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)
+        mean_square_rate = np.average(v**2, 0, weights)
         rates = [
-            float(np.sqrt(np.sum(speed[part.rows]) / np.sum(spread[part.rows])))
+            float(np.sqrt(np.sum(mean_square_rate[part.rows]) / np.sum(variance[part.rows])))
             for part in equations.parts
-            if not rests
-            and found[part.name] > _MIN_PART_SHARE * most
-            and np.any(spread[part.rows] > 0.0)
+            if not is_at_rest
+            and amplitudes[part.name] > _MIN_PART_SHARE * largest
+            and np.any(variance[part.rows] > 0.0)
         ]
         return cls(by_part, scales, _round_to_two_digits(max(rates, default=0.0)))
 
 
 def _min_share(part: PartCoordinates) -> float:
-    alone = part.rows.stop - part.rows.start == 1
-    return _MIN_COORDINATE_SHARE if alone else _MIN_PART_SHARE
+    is_single = part.rows.stop - part.rows.start == 1
+    return _MIN_COORDINATE_SHARE if is_single else _MIN_PART_SHARE
 
 
 def _round_to_two_digits(value: float) -> float:
-    """To two digits: what rounding does to a scout is not to be seen in the run after it."""
+    # Rounding errors of the pilot run must not change the run after it.
     return float(f"{value:.1e}")
 
 
 def _step_weights(trajectory: Trajectory) -> Array:
-    """How long each step stands for [s], or shares of nothing."""
+    """Duration that each step represents [s]; ones if all of them are zero."""
     times = [interval.t for interval in trajectory.intervals]
-    found = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
-    return found if found.any() else np.ones(len(found))
+    weights = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
+    return weights if weights.any() else np.ones(len(weights))
 
 
 def _coordinate_sizes(equations: EquationsOfMotion, angles: Array) -> Array:
-    """Size of the part of each length, 1 for an angle."""
+    """Size of the part of each coordinate [m], 1 for an angle."""
     size = np.ones(equations.n)
     for part in equations.parts:
         size[part.rows] = part.size

@@ -1,4 +1,4 @@
-"""The choice between integrators: by the modes of the mechanism, their damping, and rtol."""
+"""Automatic choice of the integrator by natural modes, their damping, and rtol."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida.ida import Ida, IdaStepper
+from beamdae.integrators.ida.ida import Ida
 from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
 from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
@@ -21,22 +21,28 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Auto(AdaptiveIntegrator):
-    """Ida or Radau, whichever takes less at this tolerance.
+    """Choose `Ida` or `Radau`, whichever is cheaper at this tolerance.
 
-    Ida, but where lightly damped modes keep BDF at order 2 and rtol is below 3e-6, for errors then
-    ask for several times as many steps with each digit; and where the fastest modes are 30 to 300
-    times as fast as the motion, for BDF resolves those. There Radau, of order 5 and as stable,
-    takes over. validation/tolerances prints what each of them takes.
+    The choice is `Ida`, except in two cases, where `Radau`, of order 5 and as stable, is cheaper:
+
+    - Lightly damped modes limit BDF to order 2 and rtol is below 3e-6: each further digit then
+      costs several times as many steps.
+    - The fastest modes are 30 to 300 times as fast as the motion: BDF resolves them.
+
+    validation/tolerances prints the cost of both.
 
     Parameters
     ----------
     rtol
-        Relative tolerance, of the motion of each part.
+        Relative tolerance of the motion of each part.
     max_step
-        Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
-    max_steps, time_limit
-        The run is given up after so many steps or seconds. None: no limit, but without max_steps it
-        is given up as well where no end is in sight, see `limits.Pace`.
+        Longest step [s]. Default: a twentieth of the run, at most a quarter of the time scale of
+        the laws.
+    max_steps
+        Maximum number of steps. Default: no limit, but a run stops if its steps become too short to
+        reach the end; see `limits.StallDetector`.
+    time_limit
+        Maximum wall time [s]. Default: no limit.
     """
 
     rtol: float = 1e-5
@@ -51,13 +57,13 @@ class Auto(AdaptiveIntegrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        return drive(self, equations, times, self._chosen, progress, self._scouting)
+        return drive(self, equations, times, self._choose_method, progress, self._pilot_method)
 
-    def _scouting(self, plan: RunPlan) -> Method:
-        return IdaStepper(Ida(PILOT_RTOL, max_step=self.max_step), plan)
-
-    def _chosen(self, plan: RunPlan) -> Method:
-        bdf = IdaStepper(Ida(self.rtol, max_step=self.max_step), plan)
-        if not bdf.prefers_radau:
-            return bdf
+    def _choose_method(self, plan: RunPlan) -> Method:
+        stepper = Ida(self.rtol, max_step=self.max_step).method_on(plan)
+        if not stepper.prefers_radau:
+            return stepper
         return Radau(self.rtol, max_step=self.max_step).method_on(plan)
+
+    def _pilot_method(self, plan: RunPlan) -> Method:
+        return Ida(PILOT_RTOL, max_step=self.max_step).method_on(plan)

@@ -1,4 +1,4 @@
-"""Runs of loops, compiled where they can be, and what Python does for them in between."""
+"""Compiled loops of integrators, with the matrices they factorize; interpreted if need be."""
 
 from __future__ import annotations
 
@@ -10,25 +10,32 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.linear.elimination import Linear, Plan
-from beamdae.linear.factorizations import SingularMatrixError, factorization
-from beamdae.linear.pivots import plans
-from beamdae.linear.return_codes import NEW_PIVOTS
-from beamdae.native.loops import prepared
+from beamdae.linear.elimination import EliminationPlan
+from beamdae.linear.factorizations import SingularMatrixError, create_factorization
+from beamdae.linear.pivots import propose_plans
+from beamdae.native.linear_solver import LinearSolver
+from beamdae.native.loops import prepare_loop
+from beamdae.native.return_codes import NEW_PIVOTS
 
 Array = np.ndarray
 W = TypeVar("W")
 
 
-class PlainLinear:
-    """What plain Python factorizes and solves with in the place of `Linear`."""
+class InterpretedSolver:
+    """Solver of an interpreted loop: same interface as the compiled `LinearSolver`.
+
+    Attributes
+    ----------
+    singular, factorizations, solves
+        Counters that compiled loops keep, too.
+    """
 
     def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:
-        self._factors = factorization(pattern, method, dtype)
+        self._factors = create_factorization(pattern, method, dtype)
         self.singular = self.factorizations = self.solves = 0
 
-    def factorized(self, nonzeros: Array) -> bool:
-        """Factorize a matrix; whether that is possible."""
+    def try_factorize(self, nonzeros: Array) -> bool:
+        """Factorize a matrix of the pattern; return False if it is singular."""
         self.factorizations += 1
         try:
             self._factors.factorize(nonzeros)
@@ -37,102 +44,121 @@ class PlainLinear:
         return True
 
     def solve(self, right: Array) -> Array:
-        """Solution of matrix @ x = right."""
+        """Return the solution of matrix @ x = right."""
         self.solves += 1
         return self._factors.solve(right)
 
 
 @dataclass
-class Matrix:
-    """A matrix that a loop factorizes.
+class FactorizedMatrix:
+    """A matrix that a loop fills and factorizes.
 
     Attributes
     ----------
-    pattern, nonzeros
-        Its CSC pattern, and where the loop puts its numbers.
-    like
-        One of the same pattern whose pivots are tried first: finding them takes longer than many
+    pattern
+        CSC pattern.
+    nonzeros
+        Its values, written by the loop.
+    pivot_source
+        A matrix of the same pattern whose pivots are tried first: pivoting takes longer than many
         factorizations.
     """
 
     pattern: sp.csc_array
     nonzeros: Array
-    like: Matrix | None = None
-    _plan: Plan | None = field(default=None, init=False)
-    _plans: Iterator[Plan] = field(default_factory=lambda: iter(()), init=False)
+    pivot_source: FactorizedMatrix | None = None
+    _plan: EliminationPlan | None = field(default=None, init=False)
+    _plans: Iterator[EliminationPlan] = field(default_factory=lambda: iter(()), init=False)
 
     @classmethod
-    def of(cls, pattern: sp.csc_array, dtype: type = float, like: Matrix | None = None) -> Matrix:
-        """A matrix of this pattern."""
-        return cls(pattern, np.zeros(pattern.nnz, dtype), like)
+    def from_pattern(
+        cls,
+        pattern: sp.csc_array,
+        dtype: type = float,
+        pivot_source: FactorizedMatrix | None = None,
+    ) -> FactorizedMatrix:
+        """Return a matrix of zeros with this pattern."""
+        return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source)
 
-    def linear(self, native: bool, method: str) -> Any:
-        """What is to factorize it; `method` is "auto", "dense" or "sparse" in plain Python."""
+    def make_solver(self, native: bool, method: str) -> Any:
+        """Return the solver for a compiled or an interpreted loop.
+
+        `method` is "auto", "dense" or "sparse"; it matters to interpreted loops only.
+        """
         dtype = self.nonzeros.dtype.type
-        return Linear.empty(dtype) if native else PlainLinear(self.pattern, method, dtype)
+        return (
+            LinearSolver.empty(dtype) if native else InterpretedSolver(self.pattern, method, dtype)
+        )
 
-    def renew(self, linear: Linear) -> None:
-        """Give `linear` pivots that may serve the numbers there are, or tell it there are none."""
-        linear.asks = 0
+    def renew_pivots(self, linear: LinearSolver) -> None:
+        """Set pivots in `linear` that may suit the current values, or mark it as singular."""
+        linear.needs_pivots = 0
         try:
-            if not linear.fresh:
-                self._plans = chain(self._given(), plans(self.pattern, self.nonzeros))
+            if not linear.is_untried:
+                candidates = propose_plans(self.pattern, self.nonzeros)
+                self._plans = chain(self._source_plans(), candidates)
             plan = next(self._plans, None)
         except SingularMatrixError:
             plan = None
         if plan is None:
-            linear.singular, linear.fresh = 1, 0
+            linear.singular, linear.is_untried = 1, 0
         else:
             self._plan = plan
-            linear.take(plan)
+            linear.set_plan(plan)
 
-    def _given(self) -> Iterator[Plan]:
-        """Pivots of the other matrix, unless they are those that served no longer."""
-        plan = self.like._plan if self.like else None
+    def _source_plans(self) -> Iterator[EliminationPlan]:
+        # The pivots that have just failed are not tried again.
+        plan = self.pivot_source._plan if self.pivot_source else None
         if plan is not None and plan is not self._plan:
             yield plan
 
 
-class Running(Generic[W]):
-    """A loop and what it works on.
+class StepLoop(Generic[W]):
+    """A loop over steps in machine code, or in plain Python where that is not available.
 
     Attributes
     ----------
     work
-        Numbers and arrays; what Python sets between calls has to be set in place.
+        The dataclass of numbers and arrays that the loop works on. Between calls numbers may be
+        assigned, but arrays must be changed in place.
+    is_native
+        True in machine code.
     """
 
     def __init__(
         self,
         function: Callable[[W], int],
         make: Callable[[bool], W],
-        matrices: Callable[[W], Sequence[tuple[Any, Matrix]]],
+        matrices: Callable[[W], Sequence[tuple[Any, FactorizedMatrix]]],
         native: bool,
     ) -> None:
-        """Prepare a loop.
+        """Compile a loop.
 
         Parameters
         ----------
+        function
+            The loop, restricted to what numba compiles and to the functions of
+            `native.loop_functions`. It returns a code of `native.return_codes` or one of its own.
         make
-            Makes what it works on, for machine code or for plain Python.
+            Makes the work of the loop, for machine code (True) or for plain Python (False).
         matrices
-            What of it factorizes which matrix.
+            Returns the linear solvers in the work, each with the matrix it factorizes.
         native
-            Whether machine code is possible.
+            False if the work cannot be evaluated in machine code.
         """
         self._function = function
-        self.work, self._loop = prepared(function, make, native)
+        self.work, self._loop = prepare_loop(function, make, native)
         self.is_native = self._loop is not None
         self._matrices = matrices(self.work)
 
     def __call__(self) -> int:
-        """Run the loop until it comes back with anything but a wish for other pivots."""
+        """Run the loop, with new pivots as often as it asks for them; return its code."""
         if self._loop is None:
             return self._function(self.work)
         while (code := self._loop()) == NEW_PIVOTS:
             for linear, matrix in self._matrices:
-                if linear.asks:
-                    matrix.renew(linear)
-            # The arrays of a plan are of its own size.
+                if linear.needs_pivots:
+                    matrix.renew_pivots(linear)
+            # The arrays of new pivots have sizes and addresses of their own.
             self._loop.bind()
         return code

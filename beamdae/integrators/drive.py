@@ -21,13 +21,13 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
-from beamdae.integrators.limits import Limits, StallDetector
+from beamdae.integrators.limits import RunLimits, StallDetector
 from beamdae.integrators.method import STEP_TOO_SMALL, LoopMethod, Method, StepError, StepMethod
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, branch_time, plan_run
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -116,14 +116,14 @@ def _drive(
     planning_time = clock.perf_counter() - planning_began
 
     run_began = clock.perf_counter()
-    limits = Limits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
+    limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
         limits.stall_detector = StallDetector(plan.intervals[-1][1])
     run: _Run | None = None
     status, compile_time = REACHED_END, 0.0
 
     def prepare_run(
-        plan: RunPlan, limits: Limits, method_on: Callable[[RunPlan], Method], label: str = ""
+        plan: RunPlan, limits: RunLimits, method_on: Callable[[RunPlan], Method], label: str = ""
     ) -> _Run:
         nonlocal compile_time
         began = clock.perf_counter()
@@ -176,7 +176,7 @@ class _Run:
         equations: EquationsOfMotion,
         plan: RunPlan,
         method_on: Callable[[RunPlan], Method],
-        limits: Limits,
+        limits: RunLimits,
         label: str = "",
     ) -> None:
         """Prepare a run.

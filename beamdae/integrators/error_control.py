@@ -31,7 +31,7 @@ POSITION_ROUNDING = 1e-14
 STIFF_RATIO_BDF = 300.0
 STIFF_RATIO_RADAU = 30.0
 # Damping ratio above which BDF of order 5 is stable: cos 52 degrees, its angle of stability.
-_STABLE_DAMPING_RATIO = 0.62
+STABLE_DAMPING_RATIO = 0.62
 # Steps of order 2 resolve modes up to this times rate / sqrt(rtol), with the rate of the motion:
 # lightly damped modes among them cost order 5 nothing extra (validation/tolerances, --damping).
 _RESOLVED_RATIO = 12.0
@@ -209,7 +209,7 @@ def resolve_error_control(
     stiff = stiff_ratio * rate
     light = max((_max_lightly_damped_frequency(mode) for mode in modes), default=0.0)
     overdamped = all(
-        mode.damping_ratio > _STABLE_DAMPING_RATIO for mode in modes if mode.frequency > stiff
+        mode.damping_ratio > STABLE_DAMPING_RATIO for mode in modes if mode.frequency > stiff
     )
     if fastest <= stiff:
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
@@ -241,6 +241,6 @@ def _max_lightly_damped_frequency(mode: Mode) -> float:
 
     Material damping grows with the frequency: modes above this one are stable.
     """
-    if mode.damping_ratio <= _STABLE_DAMPING_RATIO:
+    if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency
-    return mode.frequency * _STABLE_DAMPING_RATIO / mode.damping_ratio
+    return mode.frequency * STABLE_DAMPING_RATIO / mode.damping_ratio

@@ -1,4 +1,4 @@
-"""What everybody asks of an integrator."""
+"""The protocol of an integrator, and checks of its settings."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Bounds of rtol: below them rounding decides, above them nothing is resolved.
-_MIN_RTOL, _MAX_RTOL = 1e-14, 0.1
+# Below this, rounding errors exceed the tolerance.
+_MIN_RTOL = 1e-14
+# Above this, nothing is resolved.
+_MAX_RTOL = 0.1
 
-# Told the time reached; a text it answers is the reason to stop there.
+# Called with the time reached [s]; if it returns a string, the run stops with it as the reason.
 Progress = Callable[[float], str | None]
 
 
 class Accuracy(NamedTuple):
-    """The number an integrator is refined by: the name of its field, and its value."""
+    """The setting that refines an integrator: name of its field, "step" or "rtol", and value."""
 
     name: str
     value: float
 
 
 class Integrator(ABC):
-    """Settings of one method: a frozen dataclass that keeps nothing of a run.
+    """Settings of one method: a frozen dataclass without the state of any run.
 
-    `accuracy` names one of its fields, "step" or "rtol", and the error of a run falls with that
-    number to the power `order`. Studies, references and tables ask for nothing else.
+    `accuracy` names one of its fields, "step" or "rtol". The error of a run is proportional to that
+    number to the power `order`. Studies, references and tables use these two and `label` only.
     """
 
     @property
@@ -44,12 +46,12 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def accuracy(self) -> Accuracy:
-        """Step [s] or relative tolerance, whichever it goes by: ("step", h) or ("rtol", rtol)."""
+        """The step [s] or the relative tolerance: ("step", h) or ("rtol", rtol)."""
 
     @property
     @abstractmethod
     def order(self) -> int:
-        """Power of `accuracy` with which the error of a run falls: 1 where that is a tolerance."""
+        """Order of the error of a run in `accuracy`; 1 if that is a tolerance."""
 
     @property
     def label(self) -> str:
@@ -60,9 +62,22 @@ class Integrator(ABC):
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; `times` ascend and are the output times [s].
+        """Integrate the equations over the output times and return the solution.
 
-        A run that fails returns what it reached, with the reason as its status.
+        Parameters
+        ----------
+        equations
+            Equations of motion.
+        times
+            Ascending output times [s]; the run goes from the first to the last one.
+        progress
+            Called with the time reached [s]; if it returns a string, the run stops there with it
+            as the reason.
+
+        Returns
+        -------
+        Solution
+            A run that fails returns the part up to its failure, with the reason as its status.
 
         Raises
         ------
@@ -72,23 +87,23 @@ class Integrator(ABC):
 
 
 class AdaptiveIntegrator(Integrator):
-    """An integrator that is refined by its field `rtol`."""
+    """Integrator with adaptive steps, refined by its field `rtol`."""
 
     rtol: float
 
     @property
     def accuracy(self) -> Accuracy:
-        """The relative tolerance."""
+        """The relative tolerance: ("rtol", rtol)."""
         return Accuracy("rtol", self.rtol)
 
     @property
     def order(self) -> int:
-        """The error of a run falls with rtol."""
+        """1: the error of a run is proportional to rtol."""
         return 1
 
 
 def require_tolerance(settings: Any) -> None:
-    """Check rtol, max_step, max_steps and time_limit of an integrator with adaptive steps."""
+    """Check rtol, max_step, max_steps and time_limit of an adaptive integrator."""
     name = type(settings).__name__
     rtol = require_positive(name, "rtol", settings.rtol)
     if not _MIN_RTOL <= rtol <= _MAX_RTOL:
@@ -102,7 +117,7 @@ def require_tolerance(settings: Any) -> None:
 
 
 def require_limits(settings: Any) -> None:
-    """Check time_limit and max_steps, where an integrator has them."""
+    """Check time_limit and max_steps of an integrator that has them."""
     name = type(settings).__name__
     if getattr(settings, "time_limit", None) is not None:
         set_fields(settings, time_limit=require_positive(name, "time_limit", settings.time_limit))
@@ -111,7 +126,13 @@ def require_limits(settings: Any) -> None:
 
 
 def require_integrator(part: str, value: Any) -> Integrator:
-    """Return `value` if it is an integrator as `Integrator` describes it."""
+    """Return `value` if it follows the protocol of `Integrator`.
+
+    Raises
+    ------
+    BeamdaeError
+        Naming the call `part` and what `value` lacks.
+    """
     if not isinstance(value, Integrator):
         raise BeamdaeError(
             f"{part}: integrator must be Ida(...), Radau(...), GeneralizedAlpha(...) or another "
@@ -126,8 +147,8 @@ def require_integrator(part: str, value: Any) -> Integrator:
             f"got {short_repr(accuracy)}."
         )
     name = accuracy.name
-    own = [field.name for field in fields(value)]
-    if not isinstance(name, str) or name not in ("rtol", "step") or name not in own:
+    field_names = [field.name for field in fields(value)]
+    if not isinstance(name, str) or name not in ("rtol", "step") or name not in field_names:
         raise BeamdaeError(
             f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
             f"got {short_repr(name)}."

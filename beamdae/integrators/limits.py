@@ -1,4 +1,4 @@
-"""What ends a run before its end: limits somebody set, and steps that would never get there."""
+"""Limits that stop a run before its end: set by the user, or because it would never get there."""
 
 from __future__ import annotations
 
@@ -8,93 +8,110 @@ from dataclasses import dataclass, field
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.integrator import Progress
 
-# Steps no run is begun with, where it is known beforehand that it would take more.
-MOST_STEPS = 1e8
-# (looks at a run, looks it would still take at the pace it had between them) from which on it is
-# given up. With 64 steps between looks that is a hundred million steps still to go as seen over ten
-# thousand, or ten million over a hundred thousand: an impact or another short stiff phase is over
-# by then. Methods whose steps cost more are looked at more often.
-_PACES = ((160, 1.6e6), (1600, 1.6e5))
+# A run that is known to take more steps is refused.
+MAX_PLANNED_STEPS = 1e8
+# (checks since a reference time, remaining checks at the pace since then): a run stalls if more
+# remain. At 64 steps a check that is 1e8 remaining steps at the pace of 1e4 steps, or 1e7 at the
+# pace of 1e5 steps: an impact or another short stiff phase is over by then. Methods whose steps
+# cost more are checked more often.
+_STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
 
 
 @dataclass
-class Pace:
-    """How fast a run gets on, as seen over the last looks at it.
+class StallDetector:
+    """Detects runs whose steps have become too short to reach the end.
 
     Attributes
     ----------
     end
-        Where the run goes to [s].
+        End of the run [s].
     """
 
     end: float
-    _looks: int = field(default=0, init=False)
-    _since: dict[int, float] = field(default_factory=dict, init=False)
+    _checks: int = field(default=0, init=False)
+    _window_starts: dict[int, float] = field(default_factory=dict, init=False)
 
-    def stall(self, t: float, steps: int, between_looks: int) -> str | None:
-        """Why there is no point in going on from time `t` [s], after so many steps, or None."""
-        if steps % between_looks:
+    def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+        """Return why a run at time `t` [s] after `steps` steps stalls, or None."""
+        if steps % steps_per_check:
             return None
-        for looks, most in _PACES:
-            if self._looks % looks == 0:
-                since, self._since[looks] = self._since.get(looks), t
-                if since is not None and (self.end - t) * looks > most * (t - since):
-                    return self._sentence(t, (t - since) / (looks * between_looks))
-        self._looks += 1
+        for checks, max_checks in _STALL_WINDOWS:
+            if self._checks % checks == 0:
+                begin, self._window_starts[checks] = self._window_starts.get(checks), t
+                if begin is not None and (self.end - t) * checks > max_checks * (t - begin):
+                    return self._describe_stall(t, (t - begin) / (checks * steps_per_check))
+        self._checks += 1
         return None
 
-    def _sentence(self, t: float, step: float) -> str:
-        left = (self.end - t) / step if step > 0.0 else float("inf")
+    def _describe_stall(self, t: float, step: float) -> str:
+        remaining = (self.end - t) / step if step > 0.0 else float("inf")
         return (
-            f"no end in sight, steps of {step:.2g} s have become so short that {left:.2g} more "
-            "would have to follow, as under a load, a speed or a stiffness out of all proportion, "
-            "or a law that grows without bound; check these and their units, end the run sooner, "
-            "or set max_steps to go on all the same"
+            f"no end in sight, steps of {step:.2g} s have become so short that {remaining:.2g} "
+            "more are needed, as under a load, a speed or a stiffness out of all proportion, or a "
+            "law that grows without bound; check these and their units, end the run sooner, or set "
+            "max_steps to continue anyway"
         )
 
 
 @dataclass
-class Limits:
-    """What ends a run before its end; None: nothing of the kind."""
+class RunLimits:
+    """Limits of one run; None means no limit.
+
+    Attributes
+    ----------
+    progress
+        Called with the time reached [s]; a string it returns is the reason to stop.
+    time_limit
+        Wall time since `begin` [s].
+    max_steps
+        Number of accepted steps.
+    begin
+        Value of `time.perf_counter` at the start of the run [s].
+    stall_detector
+        Detects steps too short to reach the end.
+    """
 
     progress: Progress | None
     time_limit: float | None
     max_steps: int | None
     begin: float
-    pace: Pace | None = None
+    stall_detector: StallDetector | None = None
 
-    def steps_left(self, steps: int, between_looks: int) -> int:
-        """How many steps may be taken after so many until somebody has to look, at least one."""
-        left = between_looks - steps % between_looks
-        return left if self.max_steps is None else max(min(left, self.max_steps - steps), 1)
+    def steps_until_check(self, steps: int, steps_per_check: int) -> int:
+        """Return how many steps may follow before the next check, at least one."""
+        count = steps_per_check - steps % steps_per_check
+        return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
-    def reason(self, t: float, steps: int, between_looks: int) -> str | None:
-        """Why the run has to stop at time `t` [s] after so many steps, or None."""
+    def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+        """Return why the run has to stop at time `t` [s] after `steps` steps, or None."""
         if self.max_steps is not None and steps >= self.max_steps:
             return f"max_steps = {self.max_steps} taken"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"time limit of {self.time_limit:g} s"
-        if self.pace is not None and (stall := self.pace.stall(t, steps, between_looks)):
-            return stall
-        if self.progress is None or steps % between_looks:
+        if self.stall_detector is not None:
+            stall = self.stall_detector.stall_reason(t, steps, steps_per_check)
+            if stall:
+                return stall
+        if self.progress is None or steps % steps_per_check:
             return None
-        # Bars answer with whatever they please.
+        # Progress bars return objects of their own.
         answer = self.progress(t)
         return answer if isinstance(answer, str) else None
 
 
-def require_few(part: str, why: str, step: float, duration: float) -> None:
-    """Refuse steps [s] of which a run of this duration [s] would take too many.
+def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
+    """Refuse a step [s] so short that a run of this duration [s] would never end.
 
-    `why` says what they are, such as a setting.
+    `setting` says in the message which step it is.
 
     Raises
     ------
     BeamdaeError
-        If there would be more than MOST_STEPS.
+        If there would be more than MAX_PLANNED_STEPS steps.
     """
-    if duration > MOST_STEPS * step:
+    if duration > MAX_PLANNED_STEPS * step:
         raise BeamdaeError(
-            f"{part}: {why} of {step:.3g} s makes {duration / step:.2g} steps in {duration:g} s, "
-            f"at most {MOST_STEPS:.0e} are begun; take a longer one, or end the run sooner."
+            f"{part}: {setting} of {step:.3g} s makes {duration / step:.2g} steps in "
+            f"{duration:g} s, more than {MAX_PLANNED_STEPS:.0e}; take a longer step, or end the "
+            "run sooner."
         )

@@ -1,4 +1,4 @@
-"""What a drive asks of a method, and how methods give up and fit their steps."""
+"""The protocol of a method: how `drive` begins intervals and asks for steps."""
 
 from __future__ import annotations
 
@@ -13,46 +13,50 @@ from beamdae.results.outcome import Statistics
 Array = np.ndarray
 
 STEP_TOO_SMALL = "the step became too small to advance time; check laws, or loosen rtol"
-# What a step gives: its end, and the stages inside it where a method has them.
+
+# Time and state at the end of a step, and those of its inner stages if the method has any.
 StepResult = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
+
+# A step that covers the rest of an interval up to this share is stretched to its end.
+_LAST_STEP_MARGIN = 1.0 - 1e-9
 
 
 class Method(Protocol):
-    """What a drive asks of a method; one object a run.
-
-    It has `step`, or `advance` where it takes many at once.
-    """
+    """A method made for one run; it has `step`, or `advance` if it takes many steps at once."""
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """What "auto" and tolerances came to, by name."""
+        """Values chosen for settings that were "auto", and derived tolerances, by name."""
 
     @property
     def counts(self) -> Statistics:
-        """Calls and rejected steps so far."""
+        """Calls, factorizations and rejected steps so far."""
 
     @property
     def steps_per_check(self) -> int:
-        """After how many steps progress is told."""
+        """Number of steps between two checks of limits and calls of progress."""
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval at a consistent state."""
+        """Begin a smooth interval [s] at a consistent state.
+
+        Laws choose their piece by `branch`, a time inside the interval.
+        """
 
 
 class StepMethod(Method, Protocol):
-    """A method that is asked for one step after the other."""
+    """A method that takes one step at a time."""
 
     def step(self) -> StepResult:
-        """Time and state after one more step, at most at the end of the interval.
+        """Take one step, at most to the end of the interval, and return its time and state.
 
-        A method with stages may add (time, state) of those inside the step, in the order of time
-        and always as many: output between steps and the energy ledger then use them, see
+        A third value may list (time, state) of the inner stages of the step, in the order of time,
+        the same number in every step. Output between steps and the energy ledger use them; see
         `Interval`.
 
         Raises
         ------
         StepError
-            If there is none.
+            If no step is possible.
         """
 
 
@@ -62,25 +66,28 @@ class LoopMethod(Method, Protocol):
     Attributes
     ----------
     rows_per_step
-        1, and the number of stages inside a step.
+        1 plus the number of inner stages of a step that are returned.
     """
 
     rows_per_step: int
 
     def advance(self, most: int) -> Array:
-        """Rows (t, q, v, a, lam) of one to `most` more steps, up to the end of the interval.
+        """Return rows (t, q, v, a, lam) of one to `most` steps, up to the end of the interval.
 
         Raises
         ------
         StepError
-            If there is not one.
+            If no step is possible.
         """
 
 
 class StepError(ArithmeticError):
-    """A method cannot go on; the message says why, and what to do.
+    """Raised by a method that cannot continue; the message says why, and what to do.
 
-    `residual` is that of a first-order form where it was given up, if there is one.
+    Attributes
+    ----------
+    residual
+        Residual of a first-order form where the method gave up, if there is one.
     """
 
     def __init__(self, message: str, residual: Array | None = None) -> None:
@@ -88,10 +95,6 @@ class StepError(ArithmeticError):
         self.residual = residual
 
 
-# The last step of an interval ends on its end if it comes this near.
-_LAST_STEP_MARGIN = 1.0 - 1e-9
-
-
-def clip_step(step: float, left: float) -> float:
-    """The step to try where so much is left of an interval [s]: its last two are equal."""
-    return left if step >= _LAST_STEP_MARGIN * left else min(step, 0.5 * left)
+def clip_step(step: float, remaining: float) -> float:
+    """Return the next step [s] if `remaining` is left of an interval: its last two are equal."""
+    return remaining if step >= _LAST_STEP_MARGIN * remaining else min(step, 0.5 * remaining)

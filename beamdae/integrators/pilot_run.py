@@ -1,4 +1,4 @@
-"""Scouts: runs with a loose tolerance that go ahead, to see how far the parts move."""
+"""Pilot runs: runs with a loose tolerance that measure the amplitudes of the motion."""
 
 from __future__ import annotations
 
@@ -9,61 +9,64 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from beamdae.integrators.amplitudes import Amplitudes
-from beamdae.integrators.limits import Limits, StallDetector
+from beamdae.integrators.limits import RunLimits, StallDetector
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import PILOT_RUN_SUFFIX, REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
 
-# The tolerance of a scout, how often and how far it goes, in steps and in shares of the time there
-# is, and what is much less motion than it was tolerant of.
+# Tolerance of a pilot run.
 PILOT_RTOL = 1e-2
 PILOT_LABEL = f"{PILOT_RUN_SUFFIX} with rtol = {PILOT_RTOL:g}"
 _MAX_PILOT_RUNS = 4
 _MAX_PILOT_STEPS = 20_000
+# Share of the time limit of the run.
 _PILOT_TIME_SHARE = 0.25
-_MUCH_LESS_MOTION = 0.3
-# A scout that did not go this share of the way has seen too little.
-_MIN_PILOT_SHARE = 0.2
+# A pilot run is repeated if amplitudes fall below this share of the scales it was made with.
+_REPEAT_RATIO = 0.3
+# A pilot run that covers less than this share of the run is discarded.
+_MIN_COVERAGE = 0.2
 
 
 class PilotRun(Protocol):
-    """A run that goes ahead."""
+    """A run as `run_pilot` sees it."""
 
     def execute(self) -> tuple[Trajectory, Status]:
-        """Go through."""
+        """Integrate until the end or until it stops."""
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
-        """What was reached when the user would not wait."""
+        """Return the steps taken before Ctrl-C, and the status."""
 
 
 R = TypeVar("R", bound=PilotRun)
 
 
 def run_pilot(
-    plan: RunPlan, scout_on: Callable[[RunPlan, Limits], R], of_run: Limits
+    plan: RunPlan, prepare_run: Callable[[RunPlan, RunLimits], R], limits: RunLimits
 ) -> tuple[RunPlan, R, Trajectory, Status]:
-    """The route with the amplitudes that a scout sees, and its last run.
+    """Return the plan with the amplitudes of a pilot run, and the last pilot run.
 
-    It goes again as long as it sees much less motion than it was tolerant of. Progress hears of it,
-    so that it may end it, but of no time: the run itself has not begun.
+    It is repeated while it sees much less motion than its scales assumed. `limits` are those of
+    the run itself. Progress is called with the start time only, so that it can stop the run.
     """
-    share = None if of_run.time_limit is None else _PILOT_TIME_SHARE * of_run.time_limit
-    start, progress = plan.intervals[0][0], of_run.progress
-    told = None if progress is None else lambda _: progress(start)
+    time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
+    start, progress = plan.intervals[0][0], limits.progress
+    pilot_progress = None if progress is None else lambda _: progress(start)
     run: R | None = None
     try:
         for _ in range(_MAX_PILOT_RUNS):
-            pace = StallDetector(plan.intervals[-1][1])
-            limits = Limits(told, share, _MAX_PILOT_STEPS, of_run.begin, pace)
-            run = scout_on(plan, limits)
+            stall_detector = StallDetector(plan.intervals[-1][1])
+            pilot_limits = RunLimits(
+                pilot_progress, time_limit, _MAX_PILOT_STEPS, limits.begin, stall_detector
+            )
+            run = prepare_run(plan, pilot_limits)
             trajectory, status = run.execute()
-            stopped = status.success and status is not REACHED_END
-            if not stopped and trajectory.end - start < _MIN_PILOT_SHARE * plan.duration:
+            ended_by_event = status.success and status is not REACHED_END
+            if not ended_by_event and trajectory.end - start < _MIN_COVERAGE * plan.duration:
                 break
-            seen = replace(plan, amplitudes=Amplitudes.of(plan.equations, trajectory))
-            much_less = float(np.min(seen.scales / plan.scales)) < _MUCH_LESS_MOTION
-            plan = seen
-            if not (much_less and status.success):
+            amplitudes = Amplitudes.from_trajectory(plan.equations, trajectory)
+            ratio = float(np.min(amplitudes.scales / plan.scales))
+            plan = replace(plan, amplitudes=amplitudes)
+            if not (ratio < _REPEAT_RATIO and status.success):
                 break
     except KeyboardInterrupt:
         if run is None:

@@ -1,4 +1,4 @@
-"""Runs of mechanisms with redundant constraints: integrated without, and told with them."""
+"""Redundant constraints: removed before a run, their reactions restored in its solution."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ Array = np.ndarray
 
 
 def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
-    """The equations to integrate where redundant constraints are to be spared, if there are any."""
+    """Return the equations without redundant constraints from `start` [s] on.
+
+    None if the model does not ask for their removal, or if it has none.
+    """
     if not equations.redundant:
         return None
     after = next((b for b in equations.breakpoints if b > start), start + 1.0)
     return remove_redundant_constraints(equations, np.array([start, 0.5 * (start + after)]))
 
 
-def restore_reactions(solution: Solution, by: ReducedEquations) -> Solution:
-    """The solution with the reactions of all constraints, of minimum norm."""
-    intervals = tuple(_restore_interval(interval, by) for interval in solution.trajectory.intervals)
+def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
+    """Return the solution with the minimum-norm reactions of all constraints."""
+
+    def restore(interval: Interval) -> Interval:
+        rows = interval.rows
+        lam = reduced.reactions(interval.times, rows.q, rows.lam)
+        return replace(interval, rows=rows._replace(lam=lam))
+
     return replace(
         solution,
-        equations=by.whole,
-        trajectory=Trajectory(intervals),
-        integrator={**solution.integrator, "redundant": by.told},
+        equations=reduced.whole,
+        trajectory=Trajectory(tuple(map(restore, solution.trajectory.intervals))),
+        integrator={**solution.integrator, "redundant": reduced.told},
     )
-
-
-def _restore_interval(interval: Interval, by: ReducedEquations) -> Interval:
-    rows = interval.rows
-    lam = by.reactions(interval.times, rows.q, rows.lam)
-    return replace(interval, rows=rows._replace(lam=lam))

@@ -1,4 +1,4 @@
-"""The way of a run: its smooth intervals, its consistent start, and how far things move on it."""
+"""The plan of a run: smooth intervals, consistent start, amplitudes and longest step."""
 
 from __future__ import annotations
 
@@ -10,121 +10,132 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations import State
-from beamdae.equations.natural_frequencies import Mode, fastest_modes
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.natural_frequencies import Mode, estimate_fastest_modes
 from beamdae.equations.singular_laws import require_no_pole
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.amplitudes import Amplitudes
-from beamdae.integrators.compiled_run import Matrix
-from beamdae.integrators.limits import require_few
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.integrators.limits import require_feasible_step
+from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 
 Array = np.ndarray
 
-# Breakpoints that differ from each other or from an end by less, relative to the times of the run,
-# are the same time rounded twice.
-_ROUNDING = 1e-12
+# Relative difference of breakpoints that are the same time rounded twice.
+_SAME_TIME = 1e-12
+# Longest step by default: one over this many parts of the run, and `MIN_STEPS_PER_TIME_SCALE`.
+_MIN_STEPS_PER_RUN = 20.0
 
 
 @dataclass(frozen=True)
-class Route:
-    """The smooth intervals (start, end) [s] of a run, its consistent start, and its amplitudes.
+class RunPlan:
+    """Smooth intervals of a run, its consistent start, and the amplitudes of its motion.
 
     Attributes
     ----------
+    starter
+        Solver for consistent states of the equations to integrate.
+    intervals
+        (start, end) of the smooth intervals between breakpoints [s].
+    state
+        Consistent state at the start.
     fastest_modes
-        The fastest natural mode of each body at the start, found when first asked for.
+        Returns the fastest natural mode of each body at the start; computed on the first call.
     amplitudes
-        How far the parts move, where a scout has seen it.
+        Amplitudes of the parts, if a pilot run has measured them.
     matrices
-        Those that were factorized on the way, by method: pivots of a scout serve the run after it.
+        Matrices factorized so far, by method: a run starts with the pivots of its pilot run.
     """
 
-    starter: Starter
+    starter: ConsistencySolver
     intervals: tuple[tuple[float, float], ...]
     state: State
     fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
-    matrices: dict[str, Matrix] = field(default_factory=dict, compare=False)
+    matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
-    def matrix(self, method: str, pattern: sp.csc_array) -> Matrix:
-        """A matrix of a method, to be factorized as the one of its scout was."""
-        self.matrices[method] = found = Matrix.of(pattern, like=self.matrices.get(method))
-        return found
+    def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
+        """Return a new matrix of a method, which first tries the pivots of the one before."""
+        matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=self.matrices.get(method))
+        self.matrices[method] = matrix
+        return matrix
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """What is integrated."""
+        """The equations to integrate."""
         return self.starter.equations
 
     @property
     def time(self) -> Array:
         """(t, branch) of the start."""
-        return np.array([self.intervals[0][0], branch_of(*self.intervals[0])])
+        return np.array([self.intervals[0][0], branch_time(*self.intervals[0])])
 
     @property
     def scales(self) -> Array:
-        """Natural size of each coordinate [m or rad]: of its motion, or else of its mechanism."""
+        """Scale of each coordinate [m or rad], (n,): its amplitude, or else its part's size."""
         if self.amplitudes is not None:
             return self.amplitudes.scales
-        given = self.equations.scales
-        return self.equations.position_scales if given is None else given
+        scales = self.equations.scales
+        return self.equations.position_scales if scales is None else scales
 
     @property
     def duration(self) -> float:
-        """Length of the run [s]."""
+        """Duration of the run [s]."""
         return self.intervals[-1][1] - self.intervals[0][0]
 
     def longest_step(self, part: str, max_step: float | None) -> float:
-        """Longest step [s], `max_step` if that is set: no step passes over what the laws do.
+        """Return the longest step [s]: `max_step` or, by default, one that resolves the laws.
 
-        A twentieth of the run, and a quarter of the time scale of the laws.
+        The default is a twentieth of the run and at most a quarter of the time scale of the laws.
 
         Raises
         ------
         BeamdaeError
-            Naming the integrator `part`, if a run of such steps would not end.
+            Naming the integrator `part`, if a run of such steps would never end.
         """
         if max_step is not None:
-            require_few(part, "max_step", max_step, self.duration)
+            require_feasible_step(part, "max_step", max_step, self.duration)
             return max_step
-        scale, share = self.equations.time_scale, self.duration / 20.0
+        scale, longest = self.equations.time_scale, self.duration / _MIN_STEPS_PER_RUN
         if scale is None:
-            return share
-        why = "the longest step, a quarter of the time scale of the laws,"
-        require_few(part, why, scale / 4.0, self.duration)
-        return min(share, scale / 4.0)
+            return longest
+        resolving = scale / MIN_STEPS_PER_TIME_SCALE
+        setting = "the longest step, a quarter of the time scale of the laws,"
+        require_feasible_step(part, setting, resolving, self.duration)
+        return min(longest, resolving)
 
 
-def plan(equations: EquationsOfMotion, times: Array) -> Route:
-    """The intervals between the breakpoints inside the run, and its consistent start.
+def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
+    """Return the plan of a run between the first and the last of `times` [s].
 
     Raises
     ------
     BeamdaeError
-        If the model has no consistent start, or a law becomes infinite.
+        If the model has no consistent start, or if a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
-    intervals = tuple(pairwise((start, *ends_of(equations.breakpoints, start, end))))
+    intervals = tuple(pairwise((start, *interval_ends(equations.breakpoints, start, end))))
     require_no_pole(equations.laws, intervals)
-    starter = Starter(equations)
+    starter = ConsistencySolver(equations)
     starter.require_inertia()
-    first = np.array([start, branch_of(*intervals[0])])
+    first = np.array([start, branch_time(*intervals[0])])
     state = starter.state(first, equations.q0, equations.v0)
-    # A scout and the run after it ask for the same ones.
-    return Route(starter, intervals, state, cache(partial(fastest_modes, starter, first, state)))
+    # Cached because a pilot run and the run after it need the same modes.
+    modes = cache(partial(estimate_fastest_modes, starter, first, state))
+    return RunPlan(starter, intervals, state, modes)
 
 
-def ends_of(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
-    """Where the smooth intervals of a run end [s]."""
-    apart = _ROUNDING * max(abs(start), abs(end))
+def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
+    """Return the ends of the smooth intervals between `start` and `end` [s]."""
+    tolerance = _SAME_TIME * max(abs(start), abs(end))
     inner: list[float] = []
-    for b in breakpoints:
-        if b - (inner or [start])[-1] > apart and end - b > apart:
-            inner.append(b)
+    for breakpoint_time in breakpoints:
+        previous = inner[-1] if inner else start
+        if breakpoint_time - previous > tolerance and end - breakpoint_time > tolerance:
+            inner.append(breakpoint_time)
     return (*inner, end)
 
 
-def branch_of(start: float, end: float) -> float:
-    """A time [s] inside an interval, by which laws choose their piece."""
+def branch_time(start: float, end: float) -> float:
+    """Return a time inside an interval [s]; laws choose their piece by it."""
     return 0.5 * (start + end)

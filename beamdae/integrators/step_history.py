@@ -1,185 +1,234 @@
-"""Rows of a run under way."""
+"""The accepted steps of a run in progress: growing storage, and the segments between restarts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import Configuration, State
 from beamdae.memory import available_memory, format_gigabytes
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Rows of a block, or as many as make this many bytes where they are long.
-_MAX_BLOCK_ROWS, _MAX_BLOCK_BYTES = 8192, 1e7
-# Steps before those in question that the polynomials of these go through, with some to spare.
+_BYTES_PER_NUMBER = 8
+# A block has this many rows, fewer where they would take more than the bytes.
+_MAX_BLOCK_ROWS = 8192
+_MAX_BLOCK_BYTES = 1e7
+# Steps before the tail that its interpolating polynomials may need, with some to spare.
 _TAIL_STEPS = 8
-# Times nearer to each other than this share of themselves are one.
+# Relative difference of times that are taken as equal.
 _SAME_TIME = 1e-13
-# So many bytes are there; to ask takes as long as hundreds of steps.
+# Below this the available memory is not queried: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
-# What a result makes of its rows while it is put together, in rows.
+# Copies of the stored rows that exist while the result is put together.
 _RESULT_COPIES = 2.0
 
 
 class OutOfMemoryError(MemoryError):
-    """There is no memory for more rows; the message says how much they take."""
+    """There is no memory for more steps; the message says how much the stored ones take."""
 
 
 class StepHistory:
-    """Times and states of the accepted steps of an interval, in blocks that grow in number.
+    """Rows (t, q, v, a, lam) of the accepted steps of one segment, in a growing list of blocks.
 
-    Steps may have stages inside, every one as many.
+    A step may have rows for its inner stages, the same number in every step.
     """
 
     def __init__(self, t: float, state: State) -> None:
-        self._ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
-        self._at_once = int(np.clip(_MAX_BLOCK_BYTES / (8 * self._ends[-1]), 1, _MAX_BLOCK_ROWS))
+        self._column_ends = np.cumsum([1, *(len(x) for x in state)]).tolist()
+        row_bytes = _BYTES_PER_NUMBER * self._column_ends[-1]
+        self._block_rows = int(np.clip(_MAX_BLOCK_BYTES / row_bytes, 1, _MAX_BLOCK_ROWS))
         self._blocks: list[Array] = []
-        # Raised last: an interrupt leaves no row without its values.
+        # Increased after the rows are written: an interrupt leaves no row without its values.
         self._count = 0
-        self._per_step = 1
+        self._rows_per_step = 1
         self._is_finite = True
         self._tail_begin = 0
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
-        """Add a step with the stages inside it; whether they go with it and with those before.
+        """Append a step with its inner stages; return False if times or stages do not fit.
 
         Raises
         ------
-        NoRoomError
-            If there is no memory for more of them, and for the result they are made into.
+        OutOfMemoryError
+            If there is no memory for more rows and for the result made of them.
         """
-        rows = [np.concatenate(((time,), *of)) for time, of in [*stages, (t, state)]]
+        rows = [np.concatenate(((time,), *values)) for time, values in [*stages, (t, state)]]
         return self.extend(np.array(rows), len(rows))
 
-    def extend(self, rows: Array, per_step: int = 1) -> bool:
-        """Add rows (t, q, v, a, lam) of some steps; whether they go with each other and before.
+    def extend(self, rows: Array, rows_per_step: int = 1) -> bool:
+        """Append rows (t, q, v, a, lam) of several steps; return False if they do not fit.
+
+        Times must ascend, and every step must have as many rows as the first one.
 
         Raises
         ------
-        NoRoomError
-            As above.
+        OutOfMemoryError
+            If there is no memory for more rows and for the result made of them.
         """
         if not (rows[0, 0] > self.end and np.all(rows[1:, 0] > rows[:-1, 0])):
             return False
-        if self._count > 1 and per_step != self._per_step:
+        if self._count > 1 and rows_per_step != self._rows_per_step:
             return False
-        self._per_step = per_step
+        self._rows_per_step = rows_per_step
         self._write(rows)
         return True
 
     def _write(self, rows: Array) -> None:
-        # Now, while they are in the caches.
+        # Checked here while the rows are in the cache.
         self._is_finite &= bool(np.isfinite(rows).all())
         written = 0
         while written < len(rows):
-            block, row = divmod(self._count + written, self._at_once)
+            block, row = divmod(self._count + written, self._block_rows)
             if block == len(self._blocks):
-                self._require_room()
-                self._blocks.append(np.empty((self._at_once, self._ends[-1])))
-            some = min(len(rows) - written, self._at_once - row)
-            self._blocks[block][row : row + some] = rows[written : written + some]
-            written += some
+                self._require_memory()
+                self._blocks.append(np.empty((self._block_rows, self._column_ends[-1])))
+            size = min(len(rows) - written, self._block_rows - row)
+            self._blocks[block][row : row + size] = rows[written : written + size]
+            written += size
         self._count += written
 
-    def _require_room(self) -> None:
+    def _require_memory(self) -> None:
         stored = sum(block.nbytes for block in self._blocks)
         if stored > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored:
             raise OutOfMemoryError(
-                f"the {self._count} states stored take {format_gigabytes(stored)}, there is no memory to "
-                "store more and make a result of them; take longer steps or fewer elements, or end "
-                "the run sooner"
+                f"the {self._count} states stored take {format_gigabytes(stored)}, there is no "
+                "memory to store more and make a result of them; take longer steps or fewer "
+                "elements, or end the run sooner"
             )
 
     @property
-    def last(self) -> State:
-        """The state of the last row."""
-        block, row = divmod(self._count - 1, self._at_once)
-        return self._state(self._blocks[block][row])
+    def count(self) -> int:
+        """Number of rows, the start included."""
+        return self._count
+
+    @property
+    def last_state(self) -> State:
+        """State of the last row."""
+        block, row = divmod(self._count - 1, self._block_rows)
+        values = self._blocks[block][row, 1:]
+        return State(*np.split(values, [end - 1 for end in self._column_ends[1:-1]]))
 
     @property
     def end(self) -> float:
-        """The time of the last row [s]."""
-        block, row = divmod(self._count - 1, self._at_once)
+        """Time of the last row [s]."""
+        block, row = divmod(self._count - 1, self._block_rows)
         return float(self._blocks[block][row, 0])
 
     @property
-    def _used(self) -> list[Array]:
-        """The blocks, of the last one what is in use: of large systems that is a small part."""
-        starts = range(0, self._count, self._at_once)
+    def is_finite(self) -> bool:
+        """Return True if all values are finite."""
+        return self._is_finite
+
+    @property
+    def _filled_blocks(self) -> list[Array]:
+        """The blocks, the last one cut to its filled rows: a small part of it in large systems."""
+        starts = range(0, self._count, self._block_rows)
         return [
             block[: self._count - start] for block, start in zip(self._blocks, starts, strict=False)
         ]
 
-    @property
-    def is_finite(self) -> bool:
-        """Whether all of them are numbers."""
-        return self._is_finite
-
     def drop_nonfinite(self) -> bool:
-        """Drop steps from the first one on that is not finite; whether there was none."""
+        """Drop all steps from the first one that is not finite; return True if there is none."""
         if self._is_finite:
             return True
-        finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._used])
+        finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])
         bad = np.flatnonzero(~finite)
         if len(bad):
-            self._count = max(int(bad[0]) - 1, 0) // self._per_step * self._per_step + 1
+            self._count = self._complete_steps(int(bad[0]))
         return len(bad) == 0
 
-    @property
-    def count(self) -> int:
-        """How many they are."""
-        return self._count
+    def _complete_steps(self, count: int) -> int:
+        """Number of rows of the complete steps among the first `count` rows."""
+        return max(count - 1, 0) // self._rows_per_step * self._rows_per_step + 1
 
     def tail(self, first: int, branch: float) -> tuple[Interval, float] | None:
-        """Those from `first` on that are finite, and those their polynomials go through.
+        """Return the finite rows from `first` on, after those their interpolation needs.
 
-        With the time of the one before `first`; None if there are none.
+        Also returns the time of the row before `first` [s]. None if there are no such rows.
         """
-        begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._per_step, 0)
-        blocks = self._used[begin // self._at_once :]
-        rows = np.concatenate(blocks)[begin % self._at_once :]
+        begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
+        blocks = self._filled_blocks[begin // self._block_rows :]
+        rows = np.concatenate(blocks)[begin % self._block_rows :]
         bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        count = int(bad[0]) if len(bad) else len(rows)
-        count = (count - 1) // self._per_step * self._per_step + 1
+        count = self._complete_steps(int(bad[0]) if len(bad) else len(rows))
         if count <= first - begin:
             return None
-        return self._interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
+        return self._make_interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
 
-    def truncate(self, interval: Interval, t: float) -> None:
-        """Drop the steps that go beyond time `t`, and add one that ends there.
+    def truncate(self, tail: Interval, t: float) -> None:
+        """Drop the steps that end after time `t` [s], and append one that ends there.
 
-        Its rows lie on the polynomials of `interval`, the `tail` of these rows.
+        Its rows are interpolated in `tail`, the last value of the method `tail`.
         """
-        steps, per_step = interval.t, self._per_step
-        apart = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
-        whole = int(np.searchsorted(steps, t + apart, side="right")) - 1
-        self._count = self._tail_begin + whole * per_step + 1
+        steps, rows_per_step = tail.t, self._rows_per_step
+        tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
+        complete = int(np.searchsorted(steps, t + tolerance, side="right")) - 1
+        self._count = self._tail_begin + complete * rows_per_step + 1
         self._is_finite = True
-        if t - steps[whole] > apart:
-            nodes = interval.nodes[whole * per_step : (whole + 1) * per_step + 1]
+        if t - steps[complete] > tolerance:
+            nodes = tail.nodes[complete * rows_per_step : (complete + 1) * rows_per_step + 1]
             share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
-            at = nodes[0] + share * (t - nodes[0])
-            at[-1] = t
-            self._write(np.column_stack([at, *interval.at(at)]))
-
-    def _state(self, row: Array) -> State:
-        return State(*np.split(row[1:], [e - 1 for e in self._ends[1:-1]]))
+            times = nodes[0] + share * (t - nodes[0])
+            times[-1] = t
+            self._write(np.column_stack([times, *tail.at(times)]))
 
     def interval(self, branch: float) -> Interval:
-        """All of them, of one block as they lie there: to copy them takes as long as short runs."""
-        return self._interval(self._used, branch)
+        """Return all rows as an interval; rows of a single block are not copied."""
+        return self._make_interval(self._filled_blocks, branch)
 
-    def _interval(self, blocks: Sequence[Array], branch: float) -> Interval:
+    def _make_interval(self, blocks: Sequence[Array], branch: float) -> Interval:
         t, *state = (
-            np.concatenate(parts) if len(parts) > 1 else parts[0]
-            for first, last in pairwise([0, *self._ends])
-            for parts in [[rows[:, first:last] for rows in blocks]]
+            np.concatenate(columns) if len(columns) > 1 else columns[0]
+            for first, last in pairwise([0, *self._column_ends])
+            for columns in [[rows[:, first:last] for rows in blocks]]
         )
-        per_step = self._per_step if len(t) > 1 else 1
-        return Interval(t[:, 0].copy(), State(*state), branch, per_step)
+        rows_per_step = self._rows_per_step if len(t) > 1 else 1
+        return Interval(t[:, 0].copy(), State(*state), branch, rows_per_step)
+
+
+@dataclass(frozen=True)
+class RunSegment:
+    """Steps between two restarts, at breakpoints or switches, with the parts active there.
+
+    Attributes
+    ----------
+    history
+        The accepted steps, with the multipliers of the active parts.
+    branch
+        A time inside the smooth interval [s], by which laws choose their piece.
+    configuration
+        The active parts; None if nothing is switched in this model.
+    """
+
+    history: StepHistory
+    branch: float
+    configuration: Configuration | None
+
+    def interval(self, m: int) -> Interval:
+        """Return all steps as an interval with all `m` multipliers of the model."""
+        return self._expand(self.history.interval(self.branch), m)
+
+    def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
+        """Return the rows from `first` on with all `m` multipliers; see `StepHistory.tail`."""
+        tail = self.history.tail(first, self.branch)
+        return None if tail is None else (self._expand(tail[0], m), tail[1])
+
+    def _expand(self, interval: Interval, m: int) -> Interval:
+        if self.configuration is None:
+            return interval
+        rows = interval.rows
+        rows = rows._replace(lam=self.configuration.expand_multipliers(rows.lam, m))
+        return replace(interval, rows=rows, configuration=self.configuration)
+
+    def truncate(self, tail: Interval, t: float) -> None:
+        """End the segment at time `t` [s] inside its tail; see `StepHistory.truncate`."""
+        if self.configuration is not None:
+            lam = self.configuration.select_multipliers(tail.rows.lam)
+            tail = replace(tail, rows=tail.rows._replace(lam=lam))
+        self.history.truncate(tail, t)

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.integrators.radau import radau_method
+from beamdae.integrators.radau import stepper as radau_method
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
@@ -40,7 +40,7 @@ def test_rows_between_steps_are_as_good_as_the_steps(integrator):
 
 def test_radau_is_of_order_five_four_and_three_between_its_steps(monkeypatch):
     # As at the steps, see test_integrator_orders: steps as long as allowed, and no Newton error.
-    monkeypatch.setattr(radau_method, "_FRACTION", 1e-12)
+    monkeypatch.setattr(radau_method, "_MAX_ITERATION_FRACTION", 1e-12)
     found = []
     for count in (80, 160):
         solution = bd.simulate(SWING, bd.Radau(0.1, max_step=2.0 / count), 2.0)

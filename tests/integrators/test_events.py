@@ -125,7 +125,7 @@ def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrat
         assert_allclose(found["y [m]"], -1.0, atol=1e-4)
         assert set(found["direction"]) == ({"up", "down"} if direction == "both" else {direction})
     assert solution.status.sentence == "reached the end"
-    assert {one["event"] for one in solution.beside()["events"]} == set(times)
+    assert {one["event"] for one in solution.metadata()["events"]} == set(times)
 
 
 def test_events_of_generalized_alpha_are_of_order_two():

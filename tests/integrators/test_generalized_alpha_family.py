@@ -12,18 +12,18 @@ from numpy.testing import assert_allclose
 from tolerance_cases import every_case, every_case_in_its_time
 
 import beamdae as bd
-from beamdae.equations.formulations import State
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.step_equations import step_equations
-from beamdae.integrators.alpha import alpha_loop
-from beamdae.integrators.alpha.alpha_loop import FIRST_STEP, _accept, _reject
-from beamdae.integrators.alpha.alpha_method import AdaptiveSteps, FixedSteps
-from beamdae.integrators.alpha.alpha_workspace import Motion
-from beamdae.integrators.alpha.family import Start, parameters
-from beamdae.integrators.alpha.jerk import JerkEquations, normal_jerk
-from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.integrators.alpha import step_loop as alpha_loop
+from beamdae.integrators.alpha.family import AlphaStart, family_parameters
+from beamdae.integrators.alpha.jerk import JerkEquations, evaluate_normal_jerk
+from beamdae.integrators.alpha.step_loop import FIRST_STEP, _accept_step, _reject_step
+from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
+from beamdae.integrators.alpha.workspace import Motion
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 MEMBERS = [
     *(("generalized-alpha", rho) for rho in (0.0, 0.3, 0.8, 1.0)),
@@ -70,8 +70,10 @@ def pushed(law):
 def settings(equations, family, rho_inf, formulation="index3", form=None):
     """What steps are made of, for Newton's iteration to go down to rounding."""
     index3 = formulation == "index3"
-    form = form or step_equations(equations, not index3)
-    start = Start(parameters(family, rho_inf), Starter(equations), index3, cured=True)
+    form = form or formulate_step(equations, not index3)
+    start = AlphaStart(
+        family_parameters(family, rho_inf), ConsistencySolver(equations), index3, cured=True
+    )
     return form, start, equations.position_scales, 1e-10, "dense"
 
 
@@ -81,7 +83,7 @@ class March:
     def __init__(self, equations, *member, **more):
         # Steps are halved where an interval is nearly over.
         far = 1e3
-        self.steps = AdaptiveSteps(
+        self.steps = AdaptiveAlphaStepper(
             *settings(equations, *member, **more),
             first=1.0,
             largest=far,
@@ -89,14 +91,14 @@ class March:
             tolerance=1e300,
         )
         time = np.array([0.0, 0.5])
-        state = Starter(equations).state(time, equations.q0, equations.v0)
+        state = ConsistencySolver(equations).state(time, equations.q0, equations.v0)
         self.steps.begin(0.0, far, 0.5, state)
         self.rows = [np.concatenate([[0.0], *state])]
         self.n = equations.n
 
     def step(self, h):
         """Take one; its row."""
-        self.steps._run.next = h
+        self.steps._run.next_step = h
         self.rows.append(self.steps.advance(1)[0].copy())
         return self.rows[-1]
 
@@ -171,27 +173,29 @@ def test_what_is_told_of_a_run_names_family_and_tolerances():
 def test_members_that_are_one_method():
     # HHT with alpha = -1/3; all of them are the average-acceleration method at rho_inf = 1 but
     # for where generalized-alpha takes its averages.
-    assert_allclose(parameters("hht", 0.5), parameters("generalized-alpha", 0.5), atol=1e-15)
-    assert_allclose(parameters("hht", 1.0), parameters("newmark", 1.0), atol=1e-15)
-    assert_allclose(parameters("newmark", 1.0)[2:4], [0.5, 0.25], rtol=1e-15)
+    assert_allclose(
+        family_parameters("hht", 0.5), family_parameters("generalized-alpha", 0.5), atol=1e-15
+    )
+    assert_allclose(family_parameters("hht", 1.0), family_parameters("newmark", 1.0), atol=1e-15)
+    assert_allclose(family_parameters("newmark", 1.0)[2:4], [0.5, 0.25], rtol=1e-15)
 
 
 @cache
 def step_of_an_oscillator(omega):
     """Equations and their form in a step: the same for all members."""
     equations = oscillator(omega).equations
-    return equations, step_equations(equations, stabilized=False)
+    return equations, formulate_step(equations, stabilized=False)
 
 
 def amplification(family, rho_inf, h_omega):
     """Eigenvalues of the map of (q, h v, h^2 q'', h^2 a) by one step of the integrator."""
     equations, step = step_of_an_oscillator(h_omega)
-    steps = FixedSteps(*settings(equations, family, rho_inf, form=step), step=1.0)
+    steps = FixedAlphaStepper(*settings(equations, family, rho_inf, form=step), step=1.0)
     nothing = State(*np.zeros((3, 1)), np.zeros(0))
     columns = []
     for unit in np.eye(4):
         steps.begin(0.0, 1.0, 0.5, nothing)
-        now = steps._run.now
+        now = steps._run.current
         now.q[:], now.v[:], now.ddq[:], now.a[:] = unit
         steps.advance(1)
         columns.append(np.concatenate([now.q, now.v, now.ddq, now.a]))
@@ -337,8 +341,8 @@ def marched(case, steps, family, formulation):
 @every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
 def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
-    # Without the treatment in `alpha_loop._resume` q and v are between first and second order, lam
-    # of first. The multipliers are still on their way down to second order.
+    # Without the conversion in `step_loop._change_step` the orders of q and v lie between 1 and 2,
+    # and that of lam is 1. The multipliers converge to second order from above.
     coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
     orders = np.log2(coarse / fine)
     assert_allclose(orders[:2], 2.0, rtol=0.0, atol=0.1)
@@ -350,8 +354,8 @@ def test_a_change_of_the_step_costs_the_multipliers_nothing(monkeypatch):
     equations, answer, _ = SMOOTH["pendulum"]
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     largest = []
-    for resume in (alpha_loop._resume, untreated):
-        monkeypatch.setattr(alpha_loop, "_resume", resume)
+    for resume in (alpha_loop._change_step, untreated):
+        monkeypatch.setattr(alpha_loop, "_change_step", resume)
         march = March(equations, "generalized-alpha", 0.8)
         for k in range(150):
             march.step(2e-3 if k < 100 else 1e-3)
@@ -361,20 +365,20 @@ def test_a_change_of_the_step_costs_the_multipliers_nothing(monkeypatch):
 
 
 def untreated(run, h):
-    alpha_loop._keep(run.now, run.kept)
-    alpha_loop.take_step(run, h)
+    alpha_loop._copy_motion(run.current, run.accepted)
+    alpha_loop.set_step(run, h)
     return DONE
 
 
 def test_the_step_that_stays_is_left_alone(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    changed, resume = [], alpha_loop._resume
+    changed, resume = [], alpha_loop._change_step
 
     def counted(run, h):
         changed.append(h)
         return resume(run, h)
 
-    monkeypatch.setattr(alpha_loop, "_resume", counted)
+    monkeypatch.setattr(alpha_loop, "_change_step", counted)
     march = March(SWING, "generalized-alpha", 0.8)
     for h in (1e-3, 1e-3 * (1.0 + 1e-12), 1e-3):
         march.step(h)
@@ -390,26 +394,26 @@ def test_the_jerk_within_loops_is_that_of_the_start(equations):
     q = equations.q0 + 1e-2 * random.normal(size=equations.n)
     v, a = random.normal(size=(2, equations.n))
     state = State(q, v, a, np.zeros(equations.m))
-    expected = Starter(equations).normal_jerk(time, state, delta)
-    jerk = JerkEquations.of(equations).buffers(native=False)
+    expected = ConsistencySolver(equations).normal_jerk(time, state, delta)
+    jerk = JerkEquations.from_equations(equations).buffers(native=False)
     at = Motion(q, v, a, a, state.lam)
-    assert normal_jerk(jerk, *time, at, delta) == DONE
+    assert evaluate_normal_jerk(jerk, *time, at, delta) == DONE
     # Of a difference over 2 delta.
     assert_allclose(
-        jerk.found[: equations.n], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
+        jerk.unknowns[: equations.n], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
     )
 
 
-@pytest.mark.skipif(not is_on(), reason="without machine code")
+@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 def test_changes_of_the_step_stay_within_the_loop(monkeypatch):
-    calls, call = [], Loop.__call__
+    calls, call = [], CompiledLoop.__call__
 
     def counted(loop):
         code = call(loop)
         calls.append(code)
         return code
 
-    monkeypatch.setattr(Loop, "__call__", counted)
+    monkeypatch.setattr(CompiledLoop, "__call__", counted)
     equations = SLIDER_CRANK.equations
     # With scales given no scout goes before the run.
     equations = replace(equations, scales=equations.position_scales)
@@ -542,10 +546,10 @@ def test_no_step_is_longer_than_a_quarter_of_the_time_scale_of_a_law():
     ],
 )
 def test_a_step_grows_by_a_fifth_or_not_at_all(errors_seen, step):
-    size = SimpleNamespace(next=1.0, largest=5.0, seen=0, worst=0.0)
+    size = SimpleNamespace(next_step=1.0, max_step=5.0, steps_checked=0, max_error=0.0)
     for size.error in errors_seen:
-        _accept(size, size.next)
-    assert_allclose(size.next, step, rtol=1e-12)
+        _accept_step(size, size.next_step)
+    assert_allclose(size.next_step, step, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -553,9 +557,9 @@ def test_a_step_grows_by_a_fifth_or_not_at_all(errors_seen, step):
     [(1.001, 0.8), (8.0, 0.4), (1e9, 0.2), (1e200, 0.2), (np.inf, 0.5), (np.nan, 0.5)],
 )
 def test_a_step_shrinks_by_its_error(error, step):
-    size = SimpleNamespace(next=1.0, seen=0, worst=0.0, error=error)
-    _reject(size, 1.0)
-    assert_allclose(size.next, step, rtol=1e-3)
+    size = SimpleNamespace(next_step=1.0, steps_checked=0, max_error=0.0, error=error)
+    _reject_step(size, 1.0)
+    assert_allclose(size.next_step, step, rtol=1e-3)
 
 
 def test_factors_are_kept_while_the_step_stays():
@@ -652,22 +656,22 @@ def test_joints_that_become_dependent_are_a_status(monkeypatch):
         return SINGULAR
 
     def nameless(self, time, q, v, stiff_time=0.0):
-        raise bd.BeamdaeError("rail: it can move without inertia at t = 0.1.")
+        raise bd.BeamdaeError("rail: this coordinate has no inertia at t = 0.1.")
 
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    monkeypatch.setattr(alpha_loop, "normal_jerk", singular)
+    monkeypatch.setattr(alpha_loop, "evaluate_normal_jerk", singular)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
     assert not solution.status.success
     assert "joints have become dependent" in solution.status.sentence
     assert f"stopped at t = {solution.trajectory.end:.6g} s" in solution.status.sentence
-    acceleration = Starter.acceleration
+    acceleration = ConsistencySolver.acceleration
 
     def spoilt(self, time, *given, **more):
         return (nameless if time[0] > 0.0 else acceleration)(self, time, *given, **more)
 
-    monkeypatch.setattr(Starter, "acceleration", spoilt)
+    monkeypatch.setattr(ConsistencySolver, "acceleration", spoilt)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
-    assert "rail: it can move without inertia" in solution.status.sentence
+    assert "rail: this coordinate has no inertia" in solution.status.sentence
 
 
 def test_too_many_steps_are_a_status():

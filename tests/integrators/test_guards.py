@@ -16,8 +16,8 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import limits
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.drive import drive
-from beamdae.integrators.ida.ida import IdaStepper
 from beamdae.integrators.ida.python_solver import SksundaeCallbacks
+from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.limits import StallDetector
 from beamdae.integrators.radau.stepper import RadauStepper
@@ -345,7 +345,7 @@ def test_an_interrupt_before_the_first_step_is_one():
 def test_an_interrupt_while_a_run_is_compiled_keeps_what_its_scout_saw():
     solution = scouted(ball(), np.linspace(0.0, 1.0, 11), method=True)
     assert solution.status.kind == "interrupted"
-    assert "at t = 1 s of the scout, which goes before the run" in solution.status.sentence
+    assert "at t = 1 s of the pilot run" in solution.status.sentence
     assert len(solution.t) == 11
 
 

@@ -17,18 +17,16 @@ from sksundae.ida import IDA
 from support import by_class
 
 import beamdae as bd
-from beamdae.equations.formulations import first_order
+from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.integrators import compiled_run as looping
 from beamdae.integrators.ida import compiled_solver as ida_compiled
-from beamdae.integrators.ida import ida
-from beamdae.integrators.ida import python_solver as preconditioned
-from beamdae.integrators.ida.python_solver import PreconditionedResidual
-from beamdae.integrators.ida.suppress_stdout import silent
+from beamdae.integrators.ida import ida, python_solver, stepper
+from beamdae.integrators.ida.python_solver import SksundaeCallbacks, suppress_stdout
 from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.pivots import plans
-from beamdae.native.object_code import is_on
+from beamdae.linear.pivots import propose_plans
+from beamdae.native.object_code import is_native_enabled
 
-compiled = pytest.mark.skipif(not is_on(), reason="without machine code")
+compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 
 
 class Copying(IDA):
@@ -46,7 +44,7 @@ class Copying(IDA):
 def test_regression_a_wrapper_that_hands_out_copies_is_refused(monkeypatch):
     """Runs ended 600 rtol off, and said that they had reached the end."""
     by_class(monkeypatch)
-    monkeypatch.setattr(preconditioned, "IDA", Copying)
+    monkeypatch.setattr(python_solver, "IDA", Copying)
     with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* hands out copies of IDA's"):
         bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
 
@@ -56,13 +54,13 @@ def made(monkeypatch):
     """What IDA is driven by, of each run in turn."""
     made = []
 
-    class Watched(PreconditionedResidual):
+    class Watched(SksundaeCallbacks):
         def __init__(self, *arguments):
             super().__init__(*arguments)
             made.append(self)
 
     by_class(monkeypatch)
-    monkeypatch.setattr(preconditioned, "PreconditionedResidual", Watched)
+    monkeypatch.setattr(python_solver, "SksundaeCallbacks", Watched)
     return made
 
 
@@ -70,7 +68,7 @@ def made(monkeypatch):
 def test_the_vectors_of_the_wrapper_there_is_are_shared(formulation, made):
     settings = bd.Ida(rtol=1e-6, formulation=formulation, error_control="positions")
     assert bd.simulate(PENDULUM.equations, settings, 0.5).status.success
-    assert made[0]._shared
+    assert made[0]._vectors_are_shared
 
 
 def test_regression_what_is_kept_of_a_run_does_not_grow_with_it(made):
@@ -115,7 +113,7 @@ def test_silence_is_of_the_thread_that_asks_for_it(monkeypatch):
     entered, spoken = threading.Event(), threading.Event()
 
     def quiet():
-        with silent:
+        with suppress_stdout:
             entered.set()
             spoken.wait(5.0)
             sys.stdout.write("unheard")
@@ -151,7 +149,7 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
         return IDA(residual, **{**options, "jacfn": jacobian})
 
     by_class(monkeypatch)
-    monkeypatch.setattr(preconditioned, "IDA", watched)
+    monkeypatch.setattr(python_solver, "IDA", watched)
     for bodies in (2, 30):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
         before = mech.ground.at(0.0, 0.0)
@@ -207,7 +205,9 @@ def test_ida_tells_of_its_steps(formulation):
     assert {"1", "2"} <= set(told["orders"]) <= {"1", "2", "3"}
     assert 0 < told["error_test_failures"] <= counts.rejected_steps
     assert counts.factorizations == counts.jacobian_calls > 1
-    names = set(first_order(PENDULUM.equations, formulation).names[: 2 * PENDULUM.equations.n])
+    names = set(
+        formulate_first_order(PENDULUM.equations, formulation).names[: 2 * PENDULUM.equations.n]
+    )
     assert 1 <= len(told["limited_by"]) <= 3
     assert set(told["limited_by"]) <= names
     assert 1.0 / 3.0 < sum(told["limited_by"].values()) <= 1.0 + 1e-9
@@ -226,7 +226,7 @@ def test_what_limits_the_step_is_the_coordinate_that_moves():
 
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
 def test_every_unknown_has_a_name(formulation):
-    form = first_order(UNDAMPED, formulation)
+    form = formulate_first_order(UNDAMPED, formulation)
     assert len(set(form.names)) == form.size
 
 
@@ -252,7 +252,7 @@ class Counted:
 
     def __call__(self, pattern, nonzeros):
         self.calls += 1
-        for plan in plans(pattern, nonzeros):
+        for plan in propose_plans(pattern, nonzeros):
             if self._spoiled:
                 self._spoiled -= 1
                 yield plan._replace(scale=np.zeros_like(plan.scale))
@@ -262,7 +262,7 @@ class Counted:
 @compiled
 def test_pivots_are_found_once_for_a_run_and_its_scouts(monkeypatch):
     counted = Counted()
-    monkeypatch.setattr(looping, "plans", counted)
+    monkeypatch.setattr(looping, "propose_plans", counted)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
     assert solution.statistics.jacobian_calls > 2
     assert counted.calls == 1
@@ -272,7 +272,7 @@ def test_pivots_are_found_once_for_a_run_and_its_scouts(monkeypatch):
 def test_pivots_that_do_not_serve_change_no_step(monkeypatch):
     expected = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
     counted = Counted(spoiled=1)
-    monkeypatch.setattr(looping, "plans", counted)
+    monkeypatch.setattr(looping, "propose_plans", counted)
     found = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
     assert counted.calls == 1
     assert counted._spoiled == 0
@@ -285,7 +285,7 @@ def test_pivots_that_no_longer_serve_are_replaced_in_the_middle_of_a_run(monkeyp
     settings = bd.Ida(1e-4, formulation="ggl")
     expected = bd.simulate(DAMPED, settings, 0.2)
     counted, calls = Counted(), []
-    monkeypatch.setattr(looping, "plans", counted)
+    monkeypatch.setattr(looping, "propose_plans", counted)
     advance = ida_compiled.CompiledIda.advance
 
     def spoiling(self, most):
@@ -311,9 +311,9 @@ def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatc
         if not failed:
             failed.append(None)
             raise SingularMatrixError("the matrix is singular")
-        return plans(pattern, nonzeros)
+        return propose_plans(pattern, nonzeros)
 
-    monkeypatch.setattr(looping, "plans", singular_once)
+    monkeypatch.setattr(looping, "propose_plans", singular_once)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     assert failed
     assert solution.status.success
@@ -325,7 +325,7 @@ def test_a_jacobian_that_never_has_pivots_is_a_status(monkeypatch):
     def singular(pattern, nonzeros):
         raise SingularMatrixError("the matrix is singular")
 
-    monkeypatch.setattr(looping, "plans", singular)
+    monkeypatch.setattr(looping, "propose_plans", singular)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     assert solution.status.kind == "failed"
     assert solution.status.sentence.startswith("stopped at t = 0 s: ")
@@ -337,7 +337,7 @@ def test_what_is_raised_inside_the_jacobian_comes_out_of_the_run(problem, monkey
     def raising(pattern, nonzeros):
         raise problem
 
-    monkeypatch.setattr(looping, "plans", raising)
+    monkeypatch.setattr(looping, "propose_plans", raising)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     kinds = {KeyboardInterrupt: "interrupted", MemoryError: "limited"}
     assert solution.status.kind == kinds[problem]
@@ -347,9 +347,9 @@ def test_what_is_raised_inside_the_jacobian_comes_out_of_the_run(problem, monkey
 def test_an_interrupt_that_waited_for_python_is_met():
     """It is raised as soon as the interpreter is entered, in front of the first line."""
     problems = []
-    renewing = ida_compiled._renewing(None, None, None, problems)
+    renewing = ida_compiled._pivot_renewal(None, None, None, problems)
     next(renewing)
-    called = ida_compiled._RENEW(renewing.__next__)
+    called = ida_compiled._RENEW_CALLBACK(renewing.__next__)
     # Nothing is interpreted between the two calls.
     (_, done) = map(operator.call, [_thread.interrupt_main, called])
     assert done == 0
@@ -361,7 +361,7 @@ def test_an_interrupt_that_waited_for_python_is_met():
 def test_regression_a_method_goes_with_its_last_reference():
     """What SUNDIALS holds is freed at once, not when garbage is collected."""
     kept = []
-    made = ida._made
+    made = stepper._make_solver
 
     def watched(*arguments):
         found = made(*arguments)
@@ -371,7 +371,7 @@ def test_regression_a_method_goes_with_its_last_reference():
     gc.disable()
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(ida, "_made", watched)
+            patch.setattr(stepper, "_make_solver", watched)
             bd.simulate(UNDAMPED, bd.Ida(1e-3), 0.02)
         assert kept
         assert all(reference() is None for reference in kept)

@@ -6,7 +6,7 @@ from benchmarks.cases import AREVALO, CYCLOID, KNIFE_EDGE, ROTATING_ROD, pendulu
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.integrators.radau import radau_method
+from beamdae.integrators.radau import stepper as radau_method
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 
@@ -112,7 +112,7 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
 ):
     # Hairer, Lubich & Roche 1989 for index 2. At the loosest tolerance max_step is every step,
     # and Newton's iteration is taken to rounding: its error would cover that of the method.
-    monkeypatch.setattr(radau_method, "_FRACTION", 1e-12)
+    monkeypatch.setattr(radau_method, "_MAX_ITERATION_FRACTION", 1e-12)
     equations, answer, t_end = CASES[case]
     errors = []
     for count in (steps, 2 * steps):

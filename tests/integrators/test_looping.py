@@ -8,38 +8,38 @@ import scipy.sparse as sp
 
 import beamdae as bd
 from beamdae.errors import KernelWarning
-from beamdae.integrators.compiled_run import Matrix
-from beamdae.native.loops import Loop
-from beamdae.native.object_code import is_on
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
 
 
 def test_pivots_of_a_matrix_serve_another_of_its_pattern_and_its_own_follow():
     pattern = sp.csc_array(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]))
-    real = Matrix.of(pattern)
-    pair = Matrix.of(pattern, complex, like=real)
+    real = FactorizedMatrix.from_pattern(pattern)
+    pair = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
     real.nonzeros[:] = [4.0, 1.0, 1.0, 5.0, 1.0, 1.0, 6.0]
     pair.nonzeros[:] = real.nonzeros * (1.0 + 2.0j)
-    factors, pair_factors = (matrix.linear(True, "auto") for matrix in (real, pair))
-    real.renew(factors)
-    pair.renew(pair_factors)
+    factors, pair_factors = (matrix.make_solver(True, "auto") for matrix in (real, pair))
+    real.renew_pivots(factors)
+    pair.renew_pivots(pair_factors)
     assert pair_factors.plan is factors.plan
     assert pair_factors.factors.matrix.dtype == complex
     # Where they have served, but do no longer, they are not given once more.
-    pair_factors.fresh = 0
-    pair.renew(pair_factors)
+    pair_factors.is_untried = 0
+    pair.renew_pivots(pair_factors)
     assert pair_factors.plan is not factors.plan
     assert pair_factors.singular == 0
 
 
 def test_a_matrix_alone_is_given_its_own_pivots():
-    matrix = Matrix.of(sp.csc_array(np.eye(2)))
+    matrix = FactorizedMatrix.from_pattern(sp.csc_array(np.eye(2)))
     matrix.nonzeros[:] = [2.0, np.nan]
-    factors = matrix.linear(True, "auto")
-    matrix.renew(factors)
+    factors = matrix.make_solver(True, "auto")
+    matrix.renew_pivots(factors)
     assert factors.singular == 1
     matrix.nonzeros[:] = 2.0
     factors.singular = 0
-    matrix.renew(factors)
+    matrix.renew_pivots(factors)
     assert factors.singular == 0
     assert factors.plan.rows.size == 2
 
@@ -53,7 +53,7 @@ def beam():
     return mech
 
 
-@pytest.mark.skipif(not is_on(), reason="without machine code")
+@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 @pytest.mark.parametrize(
     "integrator",
     [
@@ -68,13 +68,13 @@ def beam():
 def test_runs_are_in_machine_code_where_there_is_any(integrator, monkeypatch):
     """Nothing else fails where a loop cannot be compiled: it runs as plain Python."""
     loops = []
-    prepared = Loop.__init__
+    prepared = CompiledLoop.__init__
 
     def seen(self, *arguments, **more):
         prepared(self, *arguments, **more)
         loops.append(self)
 
-    monkeypatch.setattr(Loop, "__init__", seen)
+    monkeypatch.setattr(CompiledLoop, "__init__", seen)
     with warnings.catch_warnings():
         warnings.simplefilter("error", KernelWarning)
         solution = bd.simulate(beam(), integrator, 0.01)

@@ -86,7 +86,7 @@ def test_memory_that_is_short_before_a_run_is_an_error_in_words(problem, monkeyp
     def short(*arguments):
         raise problem
 
-    monkeypatch.setattr("beamdae.integrators.drive.plan", short)
+    monkeypatch.setattr("beamdae.integrators.drive.plan_run", short)
     with pytest.raises(bd.BeamdaeError, match=r"^simulate: it needs more memory than there is"):
         bd.simulate(pendulum(), bd.Ida(), 1.0)
 
@@ -106,7 +106,7 @@ def test_other_errors_are_not_put_down_to_memory(monkeypatch):
     def wrong(*arguments):
         raise RuntimeError("something else")
 
-    monkeypatch.setattr("beamdae.integrators.drive.plan", wrong)
+    monkeypatch.setattr("beamdae.integrators.drive.plan_run", wrong)
     with pytest.raises(RuntimeError, match="something else"):
         bd.simulate(pendulum(), bd.Ida(), 1.0)
 

@@ -8,16 +8,17 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 
 import beamdae as bd
-from beamdae.integrators.error_control import Scales
-from beamdae.integrators.radau import radau_loop
+from beamdae.integrators.error_control import MotionScales
 from beamdae.integrators.radau import stages as radau_stages
-from beamdae.integrators.radau.coefficients import GAMMA, PAIR, A, C, T
-from beamdae.integrators.radau.radau_method import Tolerance
+from beamdae.integrators.radau import step_loop as radau_loop
+from beamdae.integrators.radau.coefficients import COMPLEX_EIGENVALUE, REAL_EIGENVALUE, A, C, T
 from beamdae.integrators.radau.stages import estimate_error, solve_stages
-from beamdae.integrators.run_plan import plan
-from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native import loops, vectors
-from beamdae.native.llvm import MachineError
+from beamdae.integrators.radau.stepper import StepTolerance
+from beamdae.integrators.run_plan import plan_run
+from beamdae.native import loop_functions as vectors
+from beamdae.native import loops
+from beamdae.native.llvm import MachineCodeError
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 
 def oscillator(omega, damping=0.0):
@@ -41,16 +42,16 @@ def plain(monkeypatch):
     """Loops as the Python they are stated in."""
 
     def none(*_):
-        raise MachineError("it is not wanted")
+        raise MachineCodeError("it is not wanted")
 
-    monkeypatch.setattr(loops, "Loop", none)
+    monkeypatch.setattr(loops, "CompiledLoop", none)
 
 
 def one_step(equations, h):
     """A step of the stages from the start, as exact as can be: the run after it."""
-    route = plan(equations, np.array([0.0, h]))
-    method = bd.Radau(linear_solver="dense").method_on(route)
-    method.begin(0.0, h, 0.5 * h, route.state)
+    plan = plan_run(equations, np.array([0.0, h]))
+    method = bd.Radau(linear_solver="dense").method_on(plan)
+    method.begin(0.0, h, 0.5 * h, plan.state)
     run = method._run
     known = run.yp[: 2 * equations.n]
     run.bounds[:] = 1e13 / np.maximum(np.abs(known) * h, 1.0)
@@ -73,14 +74,17 @@ def test_the_coefficients_are_those_of_radau_iia():
     u = (6.0 + 81.0 ** (1 / 3) - 9.0 ** (1 / 3)) / 30.0
     alpha = (12.0 - 81.0 ** (1 / 3) + 9.0 ** (1 / 3)) / 60.0
     beta = (81.0 ** (1 / 3) + 9.0 ** (1 / 3)) * np.sqrt(3.0) / 60.0
-    assert_allclose(GAMMA, 1.0 / u, rtol=1e-13)
-    assert_allclose(PAIR, 1.0 / complex(alpha, -beta), rtol=1e-13)
+    assert_allclose(REAL_EIGENVALUE, 1.0 / u, rtol=1e-13)
+    assert_allclose(COMPLEX_EIGENVALUE, 1.0 / complex(alpha, -beta), rtol=1e-13)
 
 
 def test_the_transformation_decouples_the_stages():
     blocks = np.zeros((3, 3))
-    blocks[0, 0] = GAMMA
-    blocks[1:, 1:] = [[PAIR.real, -PAIR.imag], [PAIR.imag, PAIR.real]]
+    blocks[0, 0] = REAL_EIGENVALUE
+    blocks[1:, 1:] = [
+        [COMPLEX_EIGENVALUE.real, -COMPLEX_EIGENVALUE.imag],
+        [COMPLEX_EIGENVALUE.imag, COMPLEX_EIGENVALUE.real],
+    ]
     assert_allclose(np.linalg.solve(A, T), T @ blocks, rtol=0.0, atol=1e-13)
     assert_allclose(T[2], [1.0, 1.0, 0.0], rtol=0.0, atol=1e-14)
 
@@ -110,9 +114,9 @@ def test_the_error_estimate_is_that_of_radau5(z, damping, plain):
     ).reshape(3, 2)
     # Hairer & Wanner, IV (8.19) and before.
     root = np.sqrt(6.0)
-    e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * GAMMA)
-    matrix = GAMMA / h * np.eye(2) - jacobian
-    expected = np.linalg.solve(matrix, jacobian @ y + GAMMA / h * e @ stages)
+    e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * REAL_EIGENVALUE)
+    matrix = REAL_EIGENVALUE / h * np.eye(2) - jacobian
+    expected = np.linalg.solve(matrix, jacobian @ y + REAL_EIGENVALUE / h * e @ stages)
     estimate_error(run, h)
     assert_allclose(run.error, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
 
@@ -148,11 +152,11 @@ def test_factors_are_kept_while_the_step_would_change_little():
 @pytest.mark.parametrize("velocities", [True, False])
 def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
     """Over a short step an error that is nothing for a position is one of 100 m/s."""
-    scales = Scales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
-    tolerance = Tolerance(1e-4, scales, velocities)
+    scales = MotionScales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
+    tolerance = StepTolerance(1e-4, scales, velocities)
     assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
     assert_allclose(tolerance.tested, tolerance.weights[: 4 if velocities else 2], rtol=0.0)
-    bounds = np.concatenate(tolerance.of_iteration)
+    bounds = np.concatenate(tolerance.iteration_weights)
     assert_allclose(bounds, tolerance.weights / 0.03, rtol=1e-14)
 
 
@@ -165,10 +169,12 @@ def test_rounding_of_the_positions_bounds_the_iteration_over_the_shortest_steps(
 
 
 def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
-    tolerance = Tolerance(1e-9, Scales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False)
+    tolerance = StepTolerance(
+        1e-9, MotionScales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False
+    )
     assert_allclose(1.0 / tolerance.weights[:2], [1e-14, 1e-9], rtol=1e-14)
     assert_allclose(tolerance.rounding, 1e14, rtol=1e-14)
-    assert np.all(1.0 / tolerance.of_iteration[0] >= 1e-14 * (1.0 - 1e-12))
+    assert np.all(1.0 / tolerance.iteration_weights[0] >= 1e-14 * (1.0 - 1e-12))
 
 
 @pytest.mark.slow(reason="thousands of steps")
@@ -198,13 +204,13 @@ def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
 def eight_steps(of, rtol=1e-4):
     """Rows of eight steps, and the run after them."""
     equations = bd.equations_of_motion(of())
-    route = plan(equations, np.array([0.0, 1.0]))
-    method = bd.Radau(rtol).method_on(route)
-    method.begin(0.0, 1.0, 0.5, route.state)
+    plan = plan_run(equations, np.array([0.0, 1.0]))
+    method = bd.Radau(rtol).method_on(plan)
+    method.begin(0.0, 1.0, 0.5, plan.state)
     run = method._run
     run.most = 8
     entered = 1
-    while radau_loop.radau_steps(run) == NEW_PIVOTS:
+    while radau_loop.take_radau_steps(run) == NEW_PIVOTS:
         entered += 1
     return run.rows.copy(), run, entered
 

@@ -1,4 +1,4 @@
-"""The generalized-alpha integrator of the paper and its family: Arnold & Bruls on index 3 and 2."""
+"""`GeneralizedAlpha`: the paper's integrator and its family, on index 3 and stabilized index 2."""
 
 from __future__ import annotations
 
@@ -37,56 +37,60 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Local tolerance over rtol^(3/2). The largest error over a run stays below 100 rtol with it, and
+# Local tolerance over rtol^(3/2). With this factor the largest error of a run stays below 100 rtol,
 # below 50 rtol in the cases of validation/tolerances.
 _TOLERANCE_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
 class GeneralizedAlpha(Integrator):
-    """Second-order one-step integrator with controllable damping of high frequencies.
+    """One-step integrator of second order with adjustable damping of high frequencies.
 
     (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n with Newmark's
     formulas in the algorithmic acceleration a; the equations of motion hold at t_{n+1}.
     Arnold & Bruls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0.
 
+    Departures from the paper: starting values that keep the multipliers second order from the first
+    step (`start`), unknowns and equations scaled so that the condition of the matrix does not
+    depend on the step, a Newton iteration that keeps its factors, and adaptive steps (`rtol`).
+
     Parameters
     ----------
     step
-        Step [s]; shortened to end on breakpoints and on the end time. With `rtol`, the first step
+        Step [s], shortened to end on breakpoints and on the end time. With `rtol`, the first step
         after the start and after every breakpoint.
     rho_inf
-        Spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
+        Spectral radius at infinite frequency, from 0 (strongest damping) to 1 (none).
     formulation
         "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
-        (2015) 149), which holds the constraints on position and velocity level.
+        (2015) 149), which enforces the constraints on position and on velocity level.
     start
-        "cured": starting values that keep the multipliers second order from the first step,
-        a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
-        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0); "plain": without. For "newmark"
-        1/2 - gamma stands for alpha_m - alpha_f.
+        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
+        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
+        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain":
+        without these corrections.
     newton_tolerance
-        Bound on the error of Newton's iteration relative to the largest acceleration. What it
-        leaves stays below a hundredth of the error of the steps, in multipliers below a fiftieth
-        (the published systems, steps of 0.25 to 4 ms). Errors of the iteration add up in the
-        multipliers of the index-3 form when rho_inf is near 1: for convergence studies of lam take
-        1e-10.
+        Bound on the error of Newton's iteration relative to the largest acceleration. The remaining
+        error stays below a hundredth of the error of the steps, in multipliers below a fiftieth
+        (published systems, steps of 0.25 to 4 ms). Errors of the iteration accumulate in the
+        multipliers of the index-3 form if rho_inf is near 1: use 1e-10 for convergence studies of
+        lam.
     linear_solver
         "dense", "sparse", or "auto" by size.
     time_limit
-        The run is given up after so many seconds; None: no limit.
+        Maximum wall time [s]. Default: no limit.
     family
-        "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (of first order unless
-        rho_inf = 1): what damps how much, see `alpha_step.family_parameters`.
+        "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (first order unless
+        rho_inf = 1); see `family.family_parameters`.
     rtol
-        None: every step is `step`. Otherwise steps adapt to an estimate of the local error of
-        positions (`alpha_step.AlphaParameters.defect`) that keeps their error over a run within 100
-        rtol, up to a twentieth of the run and a quarter of the laws' time scale. Multipliers are
-        of second order too, but not tested. With rho_inf near 1 nothing damps modes that a step
-        passes over: what is left of them keeps steps short.
+        Default: every step is `step`. Otherwise steps adapt to an estimate of the local error of
+        positions (`family.AlphaParameters.defect`), which keeps their error over a run within 100
+        rtol. Steps are at most a twentieth of the run and a quarter of the time scale of the laws.
+        Multipliers are second order as well, but not tested. With rho_inf near 1, modes that are
+        not resolved are not damped, and their remains keep steps short.
     max_steps
-        With `rtol`: the run is given up after so many steps. None: no limit, but it is given up
-        where no end is in sight, see `limits.Pace`.
+        Maximum number of steps, with `rtol` only. Default: no limit, but a run stops if its steps
+        become too short to reach the end; see `limits.StallDetector`.
     """
 
     step: float = 1e-3
@@ -131,14 +135,14 @@ class GeneralizedAlpha(Integrator):
         if self.rtol is None:
             if self.max_steps is not None:
                 raise BeamdaeError(
-                    f"GeneralizedAlpha: max_steps needs rtol, with a fixed step the end time tells "
-                    f"how many steps there are, got {self.max_steps}."
+                    "GeneralizedAlpha: max_steps needs rtol, because the end time sets the number "
+                    f"of fixed steps, got {self.max_steps}."
                 )
             return
         require_tolerance(self)
         if self.family == "newmark" and self.rho_inf < 1.0:
             raise BeamdaeError(
-                "GeneralizedAlpha: rtol needs a method of second order, family 'newmark' is one "
+                "GeneralizedAlpha: rtol needs a method of second order, which family 'newmark' is "
                 f"with rho_inf = 1 only, got {self.rho_inf:g}."
             )
 
@@ -158,28 +162,28 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def gamma(self) -> float:
-        """Newmark parameter of the velocities."""
+        """Newmark's parameter of the velocities."""
         return self._member.gamma
 
     @property
     def beta(self) -> float:
-        """Newmark parameter (gamma + 1/2)^2 / 4 of the positions."""
+        """Newmark's parameter of the positions, (gamma + 1/2)^2 / 4."""
         return self._member.beta
 
     @property
     def accuracy(self) -> Accuracy:
-        """The step, or the relative tolerance if there is one."""
+        """The step [s], or the relative tolerance if there is one."""
         return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
 
     @property
     def order(self) -> int:
-        """2 in the step, 1 where the family is "newmark" with rho_inf < 1; 1 in rtol."""
+        """2 in the step (1 for "newmark" with rho_inf < 1), 1 in rtol."""
         damped = self.family == "newmark" and self.rho_inf < 1.0
         return 1 if self.rtol is not None or damped else 2
 
     @property
     def label(self) -> str:
-        """Short name for tables."""
+        """Short name for tables and legends."""
         family = "" if self.family == "generalized-alpha" else f"family={self.family}, "
         name, value = self.accuracy
         return f"GeneralizedAlpha({family}{name}={value:g})"
@@ -192,10 +196,11 @@ class GeneralizedAlpha(Integrator):
             require_feasible_step(
                 "GeneralizedAlpha", "step", self.step, float(times[-1] - times[0])
             )
-        scout = None if self.rtol is None else replace(self, rtol=PILOT_RTOL)._method
-        return drive(self, equations, times, self._method, progress, scout)
+        pilot = None if self.rtol is None else replace(self, rtol=PILOT_RTOL).method_on
+        return drive(self, equations, times, self.method_on, progress, pilot)
 
-    def _method(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
+    def method_on(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
+        """Return the method that takes the steps of a run."""
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
@@ -212,9 +217,9 @@ class GeneralizedAlpha(Integrator):
 
 
 def local_tolerance(rtol: float) -> float:
-    """Tolerance of the error of one step that keeps the error of a whole run near `rtol`.
+    """Return the tolerance of the error of one step that keeps the error of a run near `rtol`.
 
-    A step makes an error of h^3 and a run one of h^2: the latter is proportional to `rtol` if the
-    former is to rtol^(3/2), as in `ErrorControl.tolerance`.
+    The error of a step is of order h^3, that of a run of order h^2: the latter is proportional to
+    `rtol` if the former is proportional to rtol^(3/2), as in `ErrorControl.tolerance`.
     """
     return _TOLERANCE_FACTOR * rtol**1.5

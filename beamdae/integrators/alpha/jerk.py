@@ -1,6 +1,7 @@
-"""What joints prescribe of the jerk of a motion, within loops of the generalized-alpha family.
+"""The jerk that constraints prescribe, for corrections of the velocity inside step loops.
 
-Plain Python over arrays, as `alpha_loop`; `Starter.normal_jerk` is the same for the start of a run.
+Plain Python over arrays that `native.loops` compiles. `ConsistencySolver.evaluate_normal_jerk` is
+the same for the start of a run.
 """
 
 from __future__ import annotations
@@ -11,75 +12,93 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.start_sums import start_sums
-from beamdae.equations.structure import Structure, once
-from beamdae.equations.sums import Places, acceleration_sum
-from beamdae.integrators.alpha.alpha_workspace import AlphaRun, Motion
-from beamdae.integrators.compiled_run import Matrix
-from beamdae.linear.return_codes import DONE
-from beamdae.native.vectors import combine, factorize, fill, solve
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate
+from beamdae.equations.formulations.sums import InputLayout, assemble_accelerations
+from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.native.loop_functions import combine, factorize, fill, solve
+from beamdae.native.return_codes import DONE
+from beamdae.symbolic.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
 
 Array = np.ndarray
 
 
-@once
-def _accelerations_plan(structure: Structure) -> SumPlan:
+@cache_on_owner
+def _plan_accelerations(structure: Structure) -> SumPlan:
     n = structure.n
-    return acceleration_sum(structure, Places(q=0, v=n, a=2 * n, lam=3 * n)).vector()
+    return assemble_accelerations(structure, InputLayout(q=0, v=n, a=2 * n, lam=3 * n)).vector()
 
 
 @dataclass(frozen=True)
 class JerkEquations:
-    """What the jerk follows from; the saddle matrix is to be factorized for it."""
+    """Equations of the normal jerk.
+
+    Attributes
+    ----------
+    equations
+        Equations of motion.
+    accelerations
+        Plan of g_ddot.
+    saddle, matrix
+        Plan of [[M, G^T], [G, 0]], and the matrix to factorize.
+    """
 
     equations: EquationsOfMotion
     accelerations: SumPlan
     saddle: SumPlan
-    matrix: Matrix
+    matrix: FactorizedMatrix
 
     @classmethod
-    def of(cls, equations: EquationsOfMotion) -> JerkEquations:
-        """Those of a mechanism, for one run."""
+    def from_equations(cls, equations: EquationsOfMotion) -> JerkEquations:
+        """Return the jerk equations of a mechanism, for one run."""
         structure = equations.structure
-        sums = start_sums(structure)
-        plan, matrix = _accelerations_plan(structure), Matrix.of(sums.saddle_pattern)
-        return cls(equations, plan, sums.saddle, matrix)
+        sums = plan_state_sums(structure)
+        matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
+        return cls(equations, _plan_accelerations(structure), sums.saddle, matrix)
 
     @property
     def is_native(self) -> bool:
-        """Whether they can be evaluated in machine code."""
+        """Return True if they can be evaluated in machine code."""
         return self.accelerations.is_native and self.saddle.is_native
 
-    def buffers(self, native: bool) -> NormalJerk:
-        """What a loop finds the jerk with."""
+    def buffers(self, native: bool) -> JerkBuffers:
+        """Return the memory in which a loop evaluates the jerk."""
         n, m, p = self.equations.n, self.equations.m, self.equations.p
-        return NormalJerk(
-            self.accelerations.sum(native, p),
-            self.saddle.sum(native, p),
-            self.matrix.linear(native, "auto"),
-            np.zeros(3 * n + m),
-            np.zeros(m),
-            np.zeros(m),
-            self.matrix.nonzeros,
-            np.zeros(n + m),
+        return JerkBuffers(
+            accelerations=self.accelerations.sum(native, p),
+            saddle=self.saddle.sum(native, p),
+            linear=self.matrix.make_solver(native, "auto"),
+            motion=np.zeros(3 * n + m),
+            ahead=np.zeros(m),
+            behind=np.zeros(m),
+            nonzeros=self.matrix.nonzeros,
+            unknowns=np.zeros(n + m),
         )
 
 
 @dataclass(slots=True)
-class NormalJerk:
-    """What it is found with.
+class JerkBuffers:
+    """Memory in which a loop evaluates the jerk.
 
     Attributes
     ----------
     accelerations
         g_ddot of (q, v, a, lam).
-    saddle, linear
-        [[M, G^T], [G, 0]] of the same, and its factors.
-    motion, ahead, behind, nonzeros
-        (q, v, a, lam), g_ddot a little later and a little earlier, and the matrix.
-    found
-        The jerk, and the multipliers that bring it about.
+    saddle, linear, nonzeros
+        [[M, G^T], [G, 0]] of (q, v, a, lam), the solver with its factors, and its non-zeros.
+    motion
+        (q, v, a, lam).
+    ahead, behind
+        g_ddot a little later and a little earlier.
+    unknowns
+        The jerk, and the multipliers that cause it.
     """
 
     accelerations: Sum
@@ -89,56 +108,60 @@ class NormalJerk:
     ahead: Array
     behind: Array
     nonzeros: Array
-    found: Array
+    unknowns: Array
 
 
 @dataclass(slots=True, kw_only=True)
-class AdaptiveRun(AlphaRun):
-    """A run whose steps adapt.
+class AdaptiveAlphaWorkspace(AlphaWorkspace):
+    """Memory of a run with adaptive steps.
 
     Attributes
     ----------
     jerk
-        By which velocities are corrected when the step changes.
-    corrects
-        Whether they are.
+        Memory for the jerk that corrects velocities when the step changes.
+    corrects_velocities
+        1 if velocities are corrected.
     """
 
-    jerk: NormalJerk
-    corrects: int
+    jerk: JerkBuffers
+    corrects_velocities: int
 
 
-def normal_jerk(jerk: NormalJerk, t: float, branch: float, at: Motion, delta: float) -> int:
-    """P j of a motion, of positions, see `Starter.normal_jerk`, into `jerk.found`."""
+def evaluate_normal_jerk(
+    jerk: JerkBuffers, t: float, branch: float, at: Motion, interval: float
+) -> int:
+    """Evaluate P q''' of position constraints into `jerk.unknowns`; return the code.
+
+    d(g_ddot)/dt at constant acceleration is the difference of g_ddot over twice the `interval` [s].
+    See `ConsistencySolver.evaluate_normal_jerk`.
+    """
     n = at.q.size
-    _accelerations(jerk, t, branch, at, delta, jerk.ahead)
-    _accelerations(jerk, t, branch, at, -delta, jerk.behind)
-    motion, shared = jerk.motion, jerk.saddle.shared
+    _evaluate_constraint_accelerations(jerk, t, branch, at, interval, jerk.ahead)
+    _evaluate_constraint_accelerations(jerk, t, branch, at, -interval, jerk.behind)
+    motion = jerk.motion
     combine(motion[:n], (1.0,), (at.q,))
     combine(motion[n : 2 * n], (1.0,), (at.v,))
     fill(motion[2 * n :], 0.0)
-    # c_q, c_v, c_a, c_l, c_h, c_r as in MATRIX_SHARED.
-    shared[0], shared[1] = t, branch
-    shared[2], shared[3], shared[4] = 0.0, 0.0, 1.0
-    shared[5], shared[6], shared[7] = 1.0, 1.0, 1.0
-    evaluate(jerk.saddle, motion, jerk.nonzeros)
+    set_time(jerk.saddle, t, branch)
+    set_matrix_factors(jerk.saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+    evaluate_sum(jerk.saddle, motion, jerk.nonzeros)
     code = factorize(jerk.linear, jerk.nonzeros)
     if code == DONE:
-        fill(jerk.found[:n], 0.0)
-        rate = 0.5 / delta
-        combine(jerk.found[n:], (-rate, rate), (jerk.ahead, jerk.behind))
-        solve(jerk.linear, jerk.found)
+        fill(jerk.unknowns[:n], 0.0)
+        factor = 0.5 / interval
+        combine(jerk.unknowns[n:], (-factor, factor), (jerk.ahead, jerk.behind))
+        solve(jerk.linear, jerk.unknowns)
     return code
 
 
-def _accelerations(
-    jerk: NormalJerk, t: float, branch: float, at: Motion, delta: float, result: Array
+def _evaluate_constraint_accelerations(
+    jerk: JerkBuffers, t: float, branch: float, at: Motion, delta: float, result: Array
 ) -> None:
-    """g_ddot along the motion at constant acceleration."""
+    """Evaluate g_ddot at t + `delta` [s] of a motion with constant acceleration."""
     n, motion, total = at.q.size, jerk.motion, jerk.accelerations
     combine(motion[:n], (1.0, delta, 0.5 * delta * delta), (at.q, at.v, at.ddq))
     combine(motion[n : 2 * n], (1.0, delta), (at.v, at.ddq))
     combine(motion[2 * n : 3 * n], (1.0,), (at.ddq,))
     fill(motion[3 * n :], 0.0)
-    total.shared[0], total.shared[1] = t + delta, branch
-    evaluate(total, motion, result)
+    set_time(total, t + delta, branch)
+    evaluate_sum(total, motion, result)

@@ -1,7 +1,8 @@
-"""Runs of the generalized-alpha family: what a drive asks of its loops."""
+"""The methods of `GeneralizedAlpha`: fixed and adaptive steps around the compiled loops."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from beamdae.integrators.alpha.step_loop import (
     FIRST_STEP,
     NOT_CONVERGED,
     NOT_FINITE,
-    NOT_RESUMED,
+    STEP_NOT_CHANGED,
     set_step,
     take_adaptive_steps,
     take_fixed_steps,
@@ -29,24 +30,25 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-# What rounding leaves of an increment, relative to the scale of its coordinate or to the size of
-# the mechanism. Ten times as much would show in the sixth digit of long runs.
-_POSITION_ROUNDING = 1e-15
-# Smallest step over the length of the run.
+# Rounding error of an increment, relative to the scale of its coordinate or to the size of the
+# mechanism. Ten times as much would change the sixth digit of long runs.
+_INCREMENT_ROUNDING = 1e-15
+# Shortest adaptive step, relative to the duration of the run.
 _MIN_STEP_SHARE = 1e-9
+# An interval is divided into one step less if that makes them longer by less than this share.
+_STEP_COUNT_ROUNDING = 1e-6
 _STEPS_PER_CHECK = 64
-_REASONS = {
+_FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge",
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
-    NOT_RESUMED: "the joints have become dependent on each other",
+    STEP_NOT_CHANGED: "the joints have become dependent on each other",
 }
-_ADVICE = {NOT_FINITE: "check laws and start values"}
 
 
 class AlphaStepper:
-    """What fixed and adaptive steps have in common."""
+    """Base of the methods with fixed and with adaptive steps."""
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
@@ -60,77 +62,73 @@ class AlphaStepper:
         newton_tolerance: float,
         linear_solver: str,
         *,
-        bounds: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        tolerance: float = 1.0,
+        max_step: float = 1.0,
+        min_step: float = 1.0,
     ) -> None:
-        """`bounds` are the tolerance of a step, the largest and the smallest one."""
-        self._starting = start
-        tolerance, largest, smallest = bounds
-        n, m = form.equations.n, form.equations.m
-        matrix, weights = FactorizedMatrix.of(form.pattern), 1.0 / scales
+        """Compile the loop; the last three matter to adaptive steps only."""
+        self._alpha_start = start
+        matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
+        n, m, member = form.equations.n, form.equations.m, start.member
 
-        def motion() -> Motion:
+        def make_motion() -> Motion:
             q, v, ddq, a = np.zeros((4, n))
             return Motion(q, v, ddq, a, np.zeros(m))
 
-        def make(native: bool) -> AlphaWorkspace:
-            def vector() -> Array:
-                return np.zeros(n)
-
-            member = start.member
-            return self._made(
+        def make_workspace(native: bool) -> AlphaWorkspace:
+            return self._make_workspace(
                 native,
                 form=form.buffers(native),
-                linear=matrix.linear(native, linear_solver),
+                linear=matrix.make_solver(native, linear_solver),
                 alpha_m=member.alpha_m,
                 alpha_f=member.alpha_f,
                 gamma=member.gamma,
                 beta=member.beta,
                 defect=member.defect,
-                now=motion(),
-                kept=motion(),
-                at=StepPrediction(vector(), vector(), vector(), vector(), np.zeros(3)),
-                a_p=vector(),
-                ddq_n=vector(),
-                a_n=vector(),
+                current=make_motion(),
+                accepted=make_motion(),
+                prediction=StepPrediction(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
+                a_predicted=np.zeros(n),
+                ddq_n=np.zeros(n),
+                a_n=np.zeros(n),
                 lam_n=np.zeros(m),
                 x=np.zeros(form.size),
-                start=np.zeros(form.size),
+                first_iterate=np.zeros(form.size),
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
                 rows=np.zeros((_STEPS_PER_CHECK, 1 + 3 * n + m)),
                 newton_tolerance=newton_tolerance,
-                least=_POSITION_ROUNDING * max(1.0, size),
+                min_bound=_INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
-                largest=largest,
-                smallest=smallest,
+                max_step=max_step,
+                min_step=min_step,
             )
 
         def matrices(run: AlphaWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.linear, matrix), *self._more_matrices(run)]
+            return [(run.linear, matrix), *self._further_matrices(run)]
 
         is_native = form.is_native and self._is_native
-        self._running = StepLoop(type(self)._loop, make, matrices, is_native)
-        self._run = self._running.work
+        self._step_loop = StepLoop(type(self)._loop, make_workspace, matrices, is_native)
+        self._run = self._step_loop.work
         self._code = 0
 
     @property
     def _is_native(self) -> bool:
-        """Whether all that the loop takes besides its equations can be had in machine code."""
+        """False if the loop needs equations that cannot be evaluated in machine code."""
         return True
 
-    def _made(self, native: bool, **parts: Any) -> AlphaWorkspace:
-        """What the loop works on; `native` tells for which kind of it."""
-        return AlphaWorkspace(**parts)
+    def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
+        return AlphaWorkspace(**fields)
 
-    def _more_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        """Further ones it factorizes."""
+    def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
+        """Return further linear solvers of the loop with their matrices."""
         return []
 
     @property
     def counts(self) -> Statistics:
-        """What it cost."""
+        """Calls, factorizations and failures so far."""
         run = self._run
         return Statistics(
             rejected_steps=run.rejected,
@@ -142,72 +140,74 @@ class AlphaStepper:
         )
 
     def advance(self, most: int) -> Array:
-        """Rows of one to `most` more steps.
+        """Return rows (t, q, v, a, lam) of one to `most` more steps.
 
         Raises
         ------
         StepError
-            If there is none.
+            If no step is possible.
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
         if self._code >= 0:
-            while (code := self._running()) == FIRST_STEP:
-                self._begin_with(run.next)
-            # What went before a failure is not lost.
+            while (code := self._step_loop()) == FIRST_STEP:
+                self._set_initial_motion(run.next_step)
+            # The steps before a failure are returned first: it is reported on the next call.
             self._code = code
         if run.filled == 0:
-            raise StepError(self._reason(self._code))
+            raise StepError(self._describe_failure(self._code))
         return run.rows[: run.filled]
 
     def _begin(self, start: float, end: float, branch: float, state: State) -> None:
         run = self._run
         run.t = run.start_time = start
         run.end, run.branch = end, branch
-        self._code, self._start = 0, state
+        self._code, self._start_state = 0, state
 
-    def _begin_with(self, h: float) -> None:
-        """Begin the interval with steps h."""
-        run = self._run
+    def _set_initial_motion(self, h: float) -> None:
+        """Start the interval with steps `h` [s]."""
+        run, time = self._run, np.array([self._run.t, self._run.branch])
         try:
-            found = self._starting.initial_motion(np.array([run.t, run.branch]), self._start, h)
+            motion = self._alpha_start.initial_motion(time, self._start_state, h)
         except BeamdaeError as problem:
             raise StepError(str(problem)) from problem
         for name in ("q", "v", "ddq", "a", "lam"):
-            getattr(run.now, name)[:] = getattr(found, name)
+            getattr(run.current, name)[:] = getattr(motion, name)
         set_step(run, h)
 
-    def _reason(self, code: int) -> str:
-        return f"{_REASONS[code]}; {_ADVICE.get(code, 'take a smaller step')}"
+    def _describe_failure(self, code: int) -> str:
+        advice = "check laws and start values" if code == NOT_FINITE else "take a smaller step"
+        return f"{_FAILURES[code]}; {advice}"
 
 
 class FixedAlphaStepper(AlphaStepper):
-    """Steps of equal length in each interval, as near to the one wanted as its end allows."""
+    """Equal steps in each interval, as close to the requested one as its end allows."""
 
-    _loop = staticmethod(take_fixed_steps)
+    _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
     resolved_options: ClassVar[dict[str, Any]] = {}
 
-    def __init__(self, *form: Any, step: float) -> None:
-        super().__init__(*form)
+    def __init__(self, *settings: Any, step: float) -> None:
+        super().__init__(*settings)
         self._step = step
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval."""
+        """Begin a smooth interval [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
-        run.taken, run.total = 0, max(int(np.ceil((end - start) / self._step - 1e-6)), 1)
-        run.kept.h = 0.0
-        self._begin_with((end - start) / run.total)
+        count = int(np.ceil((end - start) / self._step - _STEP_COUNT_ROUNDING))
+        run.step_count, run.total_steps = 0, max(count, 1)
+        run.accepted.h = 0.0
+        self._set_initial_motion((end - start) / run.total_steps)
 
 
 class AdaptiveAlphaStepper(AlphaStepper):
-    """Steps that keep the estimated error of each below a tolerance.
+    """Steps whose estimated errors stay below a tolerance.
 
-    They begin with `first` in every interval and stay between a billionth of the run and the
-    largest one.
+    They start with `first` in every interval and stay between 1e-9 of the duration of the run and
+    `largest`.
     """
 
-    _loop = staticmethod(take_adaptive_steps)
+    _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
 
     def __init__(
         self,
@@ -220,46 +220,53 @@ class AdaptiveAlphaStepper(AlphaStepper):
         tolerance: float,
     ) -> None:
         equations = form.equations
-        self._corrects = start.index3 and equations.m > 0
-        self._jerks = JerkEquations.of(equations)
-        bounds = (tolerance, largest, _MIN_STEP_SHARE * duration)
-        super().__init__(form, start, *settings, bounds=bounds)
-        self._first = first
+        self._corrects_velocities = start.index3 and equations.m > 0
+        self._jerk = JerkEquations.from_equations(equations)
+        super().__init__(
+            form,
+            start,
+            *settings,
+            tolerance=tolerance,
+            max_step=largest,
+            min_step=_MIN_STEP_SHARE * duration,
+        )
+        self._first_step = first
 
     @property
     def _is_native(self) -> bool:
-        return self._jerks.is_native
+        return self._jerk.is_native
 
-    def _made(self, native: bool, **parts: Any) -> AlphaWorkspace:
-        jerk = self._jerks.buffers(native)
-        return AdaptiveAlphaWorkspace(**parts, jerk=jerk, corrects=int(self._corrects))
+    def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
+        corrects = int(self._corrects_velocities)
+        jerk = self._jerk.buffers(native)
+        return AdaptiveAlphaWorkspace(**fields, jerk=jerk, corrects_velocities=corrects)
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """The tolerance of a step."""
+        """The tolerance of the error of a step."""
         return {"local_tolerance": self._run.tolerance}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval."""
+        """Begin a smooth interval [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
-        run.next = min(self._first, run.largest)
-        run.seen, run.worst = 0, 0.0
-        run.kept.h = run.now.h = 0.0
+        run.next_step = min(self._first_step, run.max_step)
+        run.steps_checked, run.max_error = 0, 0.0
+        run.accepted.h = run.current.h = 0.0
 
-    def _more_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        return [(run.jerk.linear, self._jerks.matrix)]
+    def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
+        return [(run.jerk.linear, self._jerk.matrix)]
 
-    def _reason(self, code: int) -> str:
+    def _describe_failure(self, code: int) -> str:
         run = self._run
-        if code == NOT_RESUMED:
-            # What moves without inertia there has a name.
+        if code == STEP_NOT_CHANGED:
+            # The error of a singular start names the coordinate without inertia or the joints.
             time = np.array([run.t, run.branch])
             try:
-                self._starting.starter.acceleration(time, run.kept.q, run.kept.v)
+                self._alpha_start.solver.acceleration(time, run.accepted.q, run.accepted.v)
             except BeamdaeError as problem:
                 return str(problem)
         return (
-            f"{_REASONS[code]} even with a step of {run.next:.2g} s; "
+            f"{_FAILURES[code]} even with a step of {run.next_step:.2g} s; "
             "check laws and start values, or loosen rtol"
         )

@@ -1,4 +1,4 @@
-"""Parts that events switch on and off: other equations from there on, on the same coordinates."""
+"""Actions of events: impacts and switched parts, which change the equations but not q."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from beamdae.equations.assembly.configurations import Configuration
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, State
+from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, EventTerm, State
 from beamdae.equations.natural_frequencies import estimate_fastest_modes
 from beamdae.equations.singular_laws import require_no_pole
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -23,29 +22,33 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-# A joint that is switched on may be open by this share of the mechanism: an event is located to
-# the accuracy of the run.
+# Largest gap of a joint that is switched on, relative to the length of the mechanism but at most
+# to 1 m: an event is located to the accuracy of the run.
 _MAX_GAP = 1e-3
-# So many switches within this share of the run are no progress.
-_MAX_SWITCHES, _SWITCH_WINDOW = 200, 1e-4
-# Impacts nearer to each other than this share of the run have no end.
+# A run stalls after this many switches ...
+_MAX_SWITCHES = 200
+# ... within this share of its duration.
+_SWITCH_WINDOW = 1e-4
+# Impacts of one event accumulate if they are closer than this share of the duration.
 _MIN_FLIGHT = 1e-9
 
 
 @dataclass(frozen=True)
 class SwitchResult:
-    """What a switch did.
+    """Equations and state after the actions of an event.
 
     Attributes
     ----------
-    configuration, route, state
-        From there on.
-    ends, branch
-        Where the smooth intervals end that are left [s], and a time inside the first one.
+    configuration, plan, state
+        Active parts, plan of the run and consistent state after the event.
+    ends
+        Ends of the remaining smooth intervals [s].
+    branch
+        A time inside the first of them [s].
     impulses
-        Of the multipliers that changed the velocities.
+        Impulses of the velocity jump by multiplier [N s or N m s].
     energy_lost
-        What that took of the kinetic energy [J].
+        Kinetic energy lost in the velocity jump [J].
     """
 
     configuration: Configuration
@@ -58,140 +61,158 @@ class SwitchResult:
 
 
 def initial_configuration(equations: EquationsOfMotion) -> Configuration | None:
-    """What is active at the start of a run; None where nothing is switched."""
-    known = equations.configurations
-    return None if known is None else known.initial_configuration(equations)
+    """Return the configuration at the start of a run; None if nothing is ever switched."""
+    configurations = equations.configurations
+    return None if configurations is None else configurations.initial_configuration(equations)
 
 
 def apply_event(
-    whole: EquationsOfMotion,
-    now: Configuration,
+    equations: EquationsOfMotion,
+    configuration: Configuration,
     plan: RunPlan,
     event: EventTerm,
     time: Array,
     ends: tuple[float, ...],
-    before: State,
+    state: State,
 ) -> SwitchResult:
-    """Throw back and switch what an event asks for, at time = (t, branch).
+    """Apply the impacts of an event, then its switches, at time = (t, branch).
+
+    `equations` have all parts, `configuration` the ones active before; `ends` are the ends of the
+    remaining intervals [s].
 
     Raises
     ------
     BeamdaeError
-        If a joint that is switched on is open, the joints contradict each other, or a law that
-        begins there becomes infinite.
+        If a joint that is switched on is open, if the joints contradict each other, or if a law
+        that begins there becomes infinite.
     """
-    known = whole.configurations
-    assert known is not None
-    v, impulses = before.v, dict[str, float]()
+    configurations = equations.configurations
+    assert configurations is not None
+    v, impulses = state.v, dict[str, float]()
     if impacts := select_impacts(event.do):
-        struck = known.impact_equations(whole, now, event.name, impacts)
-        v, own = apply_impact(struck, time, before)
-        impulses |= own
-    then = known.configuration_after(whole, now, event, time, before.q)
+        impact = configurations.impact_equations(equations, configuration, event.name, impacts)
+        v, impact_impulses = apply_impact(impact, time, state)
+        impulses |= impact_impulses
+    after = configurations.configuration_after(equations, configuration, event, time, state.q)
     if any(switch.laws for switch in select_switches(event.do)):
-        ends, time = _restrict_intervals(then.equations, time, ends)
-    starter = ConsistencySolver(then.equations)
-    _require_closed(starter, time, before.q)
-    state = starter.state(time, before.q, v)
-    mass = starter.linearize_forces(time, state)[2]
-    gradient = starter.constraint_matrix(time, state.q)
-    _, more = solve_impulses(then.equations.lam_names, mass, gradient, gradient @ (state.v - v))
-    lost = 0.5 * float(before.v @ (mass @ before.v) - state.v @ (mass @ state.v))
-    onward = replace(
+        ends, time = _update_intervals(after.equations, time, ends)
+    solver = ConsistencySolver(after.equations)
+    _require_closed(solver, time, state.q)
+    restart = solver.state(time, state.q, v)
+    mass = solver.linearize_forces(time, restart)[2]
+    gradient = solver.constraint_matrix(time, restart.q)
+    _, switch_impulses = solve_impulses(
+        after.equations.lam_names, mass, gradient, gradient @ (restart.v - v)
+    )
+    energy_lost = 0.5 * float(state.v @ (mass @ state.v) - restart.v @ (mass @ restart.v))
+    plan_after = replace(
         plan,
-        starter=starter,
-        state=state,
-        fastest_modes=cache(partial(estimate_fastest_modes, starter, time, state)),
+        starter=solver,
+        state=restart,
+        fastest_modes=cache(partial(estimate_fastest_modes, solver, time, restart)),
         matrices={},
     )
-    told = {name: impulses.get(name, 0.0) + more.get(name, 0.0) for name in {**more, **impulses}}
-    return SwitchResult(then, onward, state, ends, float(time[1]), told, lost)
+    sums = {
+        name: impulses.get(name, 0.0) + switch_impulses.get(name, 0.0)
+        for name in {**switch_impulses, **impulses}
+    }
+    return SwitchResult(after, plan_after, restart, ends, float(time[1]), sums, energy_lost)
 
 
-def _restrict_intervals(
+def _update_intervals(
     equations: EquationsOfMotion, time: Array, ends: tuple[float, ...]
 ) -> tuple[tuple[float, ...], Array]:
-    """The `ends` of intervals that are left and time = (t, branch), with laws that begin here."""
+    """Return the ends of the remaining intervals and (t, branch), with laws that begin at t."""
     t = float(time[0])
-    left = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
-    require_no_pole(equations.laws, tuple(pairwise((t, *left))))
+    later_ends = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
+    require_no_pole(equations.laws, tuple(pairwise((t, *later_ends))))
     if t == ends[0]:
-        return (t, *left), time
-    return left, np.array([t, branch_time(t, left[0])])
+        return (t, *later_ends), time
+    return later_ends, np.array([t, branch_time(t, later_ends[0])])
 
 
-def _require_closed(starter: ConsistencySolver, time: Array, q: Array) -> None:
-    e = starter.equations
-    gaps = np.abs(starter.position_gaps(time, q))
-    if e.m and not np.max(gaps) <= _MAX_GAP * min(1.0, e.length):
+def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:
+    equations = solver.equations
+    gaps = np.abs(solver.position_gaps(time, q))
+    if equations.m and not np.max(gaps) <= _MAX_GAP * min(1.0, equations.length):
         worst = int(np.argmax(gaps))
         raise BeamdaeError(
-            f"{e.lam_names[worst]}: it is open by {gaps[worst]:.3g}, a joint must be closed where "
-            "it is switched on; activate(..., as_is=True) has it hold what it finds."
+            f"{equations.lam_names[worst]}: it is open by {gaps[worst]:.3g}, a joint must be "
+            "closed where it is switched on; activate(..., as_is=True) keeps the gap."
         )
 
 
 @dataclass
 class MethodCache:
-    """The methods of a run, one a configuration, made when they are first needed."""
+    """The methods of a run, one for each configuration, made when first needed.
+
+    Attributes
+    ----------
+    make
+        Makes the method for a plan.
+    first, configuration
+        The method at the start, and the configuration it was made for.
+    """
 
     make: Callable[[RunPlan], Method]
     first: Method
     configuration: Configuration | None
-    _made: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
-    # The one of joints that hold what they found, which does not come back, and those before it.
-    _latest: tuple[EquationsOfMotion | None, Method | None] = field(
+    _by_inactive_parts: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
+    # Joints that keep a gap make a configuration that never returns: only its method is kept, ...
+    _frozen: tuple[EquationsOfMotion | None, Method | None] = field(
         default=(None, None), init=False
     )
-    _past: list[Statistics] = field(default_factory=list, init=False)
-    _switches: list[float] = field(default_factory=list, init=False)
-    _impacts: dict[str, float] = field(default_factory=dict, init=False)
+    # ... and the counts of those before it.
+    _past_counts: list[Statistics] = field(default_factory=list, init=False)
+    _switch_times: list[float] = field(default_factory=list, init=False)
+    _impact_times: dict[str, float] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        now = self.configuration
-        if now is not None and now.frozen_gaps:
-            self._latest = (now.equations, self.first)
+        configuration = self.configuration
+        if configuration is not None and configuration.frozen_gaps:
+            self._frozen = (configuration.equations, self.first)
         else:
-            self._made[frozenset() if now is None else now.inactive] = self.first
+            inactive = frozenset() if configuration is None else configuration.inactive
+            self._by_inactive_parts[inactive] = self.first
 
-    def on(self, plan: RunPlan, now: Configuration) -> Method:
-        """The method of a configuration."""
-        if not now.frozen_gaps:
-            if now.inactive not in self._made:
-                self._made[now.inactive] = self.make(plan)
-            return self._made[now.inactive]
-        equations, method = self._latest
-        if method is None or equations is not now.equations:
+    def get(self, plan: RunPlan, configuration: Configuration) -> Method:
+        """Return the method of a configuration, made for this plan if it is new."""
+        if not configuration.frozen_gaps:
+            if configuration.inactive not in self._by_inactive_parts:
+                self._by_inactive_parts[configuration.inactive] = self.make(plan)
+            return self._by_inactive_parts[configuration.inactive]
+        equations, method = self._frozen
+        if method is None or equations is not configuration.equations:
             if method is not None:
-                self._past.append(method.counts)
+                self._past_counts.append(method.counts)
             method = self.make(plan)
-            self._latest = (now.equations, method)
+            self._frozen = (configuration.equations, method)
         return method
 
     @property
     def counts(self) -> Statistics:
-        """What all of them cost."""
-        latest = self._latest[1]
-        own = [*self._made.values(), *([] if latest is None else [latest])]
-        counts = [vars(one) for one in (*(method.counts for method in own), *self._past)]
-        return Statistics(**{name: sum(one[name] for one in counts) for name in counts[0]})
+        """Statistics summed over all methods of the run."""
+        frozen = self._frozen[1]
+        methods = [*self._by_inactive_parts.values(), *([] if frozen is None else [frozen])]
+        counts = [*(vars(method.counts) for method in methods), *map(vars, self._past_counts)]
+        return Statistics(**{name: sum(count[name] for count in counts) for name in counts[0]})
 
     def stall_reason(self, event: EventTerm, t: float, duration: float) -> str | None:
-        """Why there is no point in going on after another event at time `t` [s], or None."""
+        """Return why the run stalls with another event at time `t` [s], or None."""
         if select_impacts(event.do):
-            flight = t - self._impacts.get(event.name, -np.inf)
-            self._impacts[event.name] = t
+            flight = t - self._impact_times.get(event.name, -np.inf)
+            self._impact_times[event.name] = t
             if flight < _MIN_FLIGHT * duration:
                 return (
                     f"impacts of event {event.name} accumulate, the last two are {flight:.2g} s "
-                    "apart; have it rest from here on by a joint that is switched on, or take a "
+                    "apart; keep the bodies together with a joint that is switched on, or use a "
                     "Contact"
                 )
-        self._switches.append(t)
-        within = t - self._switches[-_MAX_SWITCHES:][0]
-        if len(self._switches) < _MAX_SWITCHES or within > _SWITCH_WINDOW * duration:
+        self._switch_times.append(t)
+        window = t - self._switch_times[-_MAX_SWITCHES:][0]
+        if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
             return None
         return (
             f"no end in sight, event {event.name} and others have switched parts {_MAX_SWITCHES} "
-            f"times within {within:.2g} s; let them cross values that are apart from each other"
+            f"times within {window:.2g} s; separate the values at which they switch"
         )

@@ -1,9 +1,10 @@
-"""What IDA calls and who calls IDA, to be compiled: residual, Jacobian, and its steps.
+"""Residual and Jacobian callbacks of IDA, and the loop over its steps.
 
-Plain Python over arrays, as `alpha_loop`. IDA is given the residual multiplied by the inverse of
-the Jacobian of its last setup, and the identity as Jacobian: its own (diagonal) solver then does
-nothing but its scaling by 2 / (1 + c / c_setup). That leaves factorization and solution to us,
-without the cost of a Krylov iteration around them.
+Plain Python over arrays that `native.loops` compiles.
+
+IDA's linear solver is replaced by ours without a Krylov iteration around it: IDA gets the residual
+premultiplied by the inverse of the Jacobian of its last setup, and the identity as Jacobian. Its
+own (diagonal) solver then only scales by 2 / (1 + c / c_setup).
 """
 
 from __future__ import annotations
@@ -13,70 +14,84 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations import (
-    FirstOrderSums,
-    first_order_jacobian,
-    first_order_residual,
+from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
+    evaluate_jacobian,
+    evaluate_residual,
 )
-from beamdae.integrators.ida.kinematic_rows import KinematicRows, weigh_jacobian, weigh_residual
-from beamdae.linear.return_codes import DONE, FULL, NEW_PIVOTS
-from beamdae.native.vectors import (
+from beamdae.integrators.ida.kinematic_scaling import (
+    KinematicRowScaling,
+    scale_jacobian,
+    scale_residual,
+)
+from beamdae.native.loop_functions import (
     array_at,
     call_for_int,
     call_for_pointer,
     combine,
     factorize,
     fill,
+    locate_largest,
     solve,
-    where_largest,
 )
+from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS
 from beamdae.sundials.solver import ONE_STEP
 
 Array = np.ndarray
 
-# How else the loop comes back; negative codes are IDA's.
+# Code of `take_ida_steps` for a step that does not advance time; negative codes are IDA's.
 NO_ADVANCE = 10
+# What a callback returns to have IDA try a shorter step, or give up.
+RECOVERABLE_FAILURE = 1
+UNRECOVERABLE_FAILURE = -1
 
-# A step that is longer by less than this share is as long.
-_AS_LONG = 1e-6
-
-# What a callback tells IDA: to try a shorter step, or to give up.
-_SHORTER, _NEVER = 1, -1
+# Steps whose lengths differ by less than this share are equal.
+_STEP_ROUNDING = 1e-6
 
 
 @dataclass(slots=True)
-class Newton:
-    """The linear algebra of IDA's Newton iteration.
+class NewtonState:
+    """Linear algebra of IDA's Newton iteration.
 
     Attributes
     ----------
-    form, linear
-        Equations, and the factors of their Jacobian.
-    raw, nonzeros
-        The residual evaluated last, and the Jacobian.
-    kinematic, share
-        Weights of its rows, and the share of each correction that is made, see `ida`.
-    ready
-        Whether there are factors.
-    renew
-        Address of a C function that has other pivots found, and tells whether they were looked for.
+    form
+        Equations to solve.
+    linear
+        Solver with the factors of their Jacobian.
+    raw_residual
+        The last residual, before it is multiplied.
+    nonzeros
+        Non-zeros of the Jacobian.
+    kinematic
+        Scaling of the kinematic rows.
+    share
+        Share of each Newton correction that is made; see `stepper`.
+    branch
+        A time inside the smooth interval [s].
+    has_factors
+        1 if the Jacobian has been factorized.
+    renew_address
+        Address of a C function that finds other pivots and returns 1 if the search was possible.
+    residuals, jacobians
+        Numbers of evaluations.
     """
 
-    form: FirstOrderSums
+    form: FirstOrderBuffers
     linear: Any
-    raw: Array
+    raw_residual: Array
     nonzeros: Array
-    kinematic: KinematicRows
+    kinematic: KinematicRowScaling
     share: float = 1.0
     branch: float = 0.0
-    ready: int = 0
-    renew: int = 0
+    has_factors: int = 0
+    renew_address: int = 0
     residuals: int = 0
     jacobians: int = 0
 
 
 @dataclass(slots=True)
-class Functions:
+class SundialsFunctions:
     """Addresses of functions of SUNDIALS."""
 
     IDASolve: int
@@ -88,165 +103,179 @@ class Functions:
 
 
 @dataclass(slots=True)
-class IdaRun:
-    """A run under way.
+class IdaWorkspace:
+    """Memory of a run of IDA.
 
     Attributes
     ----------
-    impulses
-        Whether multipliers are derivatives of unknowns, see `formulations`.
-    rows, filled, most
-        (t, q, v, a, lam) of the steps taken, how many of the rows are, and are to be at most.
-    orders, limiting
-        How many steps were of which order, and had their largest error in which unknown.
+    newton, sundials
+        The linear algebra, and the functions to call.
+    has_impulses
+        1 if the multipliers are derivatives of unknowns; see `Formulation.impulses`.
+    rows
+        (t, q, v, a, lam) of the steps taken.
+    orders
+        Number of steps by order.
+    limiting_counts
+        Number of steps by the unknown whose error was the largest.
     weights
-        What errors are multiplied by.
+        Weights of the errors for that count.
     t, y, yp, order, errors
-        What IDA returns its results in; those whose names end with `_at` are the places of
-        numbers, or the vectors of arrays.
+        Arrays in which IDA returns its results.
+    t_address, order_address
+        Addresses of these numbers.
+    y_vector, yp_vector, errors_vector
+        Addresses of SUNDIALS' vectors of these arrays.
     memory
-        IDA's own.
-    pending
-        The vector that the last residual was asked for in.
+        Address of IDA's memory.
+    residual_vector
+        The vector for which the last residual was requested.
+    end
+        End of the smooth interval [s].
+    filled, most
+        Number of rows filled, and how many are requested.
     """
 
-    newton: Newton
-    ida: Functions
-    impulses: int
+    newton: NewtonState
+    sundials: SundialsFunctions
+    has_impulses: int
     rows: Array
     orders: Array
-    limiting: Array
+    limiting_counts: Array
     weights: Array
     t: Array
     y: Array
     yp: Array
     order: Array
     errors: Array
-    t_at: int
-    y_at: int = 0
-    yp_at: int = 0
-    order_at: int = 0
-    errors_at: int = 0
+    t_address: int
+    order_address: int
+    y_vector: int = 0
+    yp_vector: int = 0
+    errors_vector: int = 0
     memory: int = 0
-    pending: int = 0
+    residual_vector: int = 0
     end: float = 0.0
     filled: int = 0
     most: int = 0
 
 
-def preconditioned(newton: Newton, t: float, y: Array, yp: Array, out: Array) -> None:
-    """The residual, multiplied by the inverse of the last Jacobian."""
-    first_order_residual(newton.form, t, newton.branch, y, yp, newton.raw)
-    weigh_residual(newton.kinematic, y, yp, newton.raw)
+def evaluate_preconditioned(newton: NewtonState, t: float, y: Array, yp: Array, out: Array) -> None:
+    """Evaluate the residual, multiplied by the inverse of the last Jacobian."""
+    evaluate_residual(newton.form, t, newton.branch, y, yp, newton.raw_residual)
+    scale_residual(newton.kinematic, y, yp, newton.raw_residual)
     newton.residuals += 1
-    combine(out, (newton.share,), (newton.raw,))
-    if newton.ready == 1:
+    combine(out, (newton.share,), (newton.raw_residual,))
+    if newton.has_factors == 1:
         solve(newton.linear, out)
 
 
-def setup(newton: Newton, t: float, c: float, y: Array, yp: Array, out: Array) -> int:
-    """Factorize dR/dy + c dR/dy'; what IDA is to be told.
+def factorize_jacobian(
+    newton: NewtonState, t: float, c: float, y: Array, yp: Array, out: Array
+) -> int:
+    """Factorize dR/dy + c dR/dy' and return the code for IDA.
 
-    IDA has just evaluated the residual at the same point, in `out`: that one is multiplied again,
-    with the new factors.
+    IDA has just evaluated the residual at the same point in `out`; it is multiplied again with the
+    new factors.
     """
-    first_order_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
-    weigh_jacobian(newton.kinematic, c, newton.nonzeros)
+    evaluate_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
+    scale_jacobian(newton.kinematic, c, newton.nonzeros)
     newton.jacobians += 1
-    newton.ready = 0
+    newton.has_factors = 0
     code = factorize(newton.linear, newton.nonzeros)
     while code == NEW_PIVOTS:
-        # Python finds them, and IDA need not know: steps do not depend on it.
-        if call_for_int(newton.renew, ()) == 0:
-            return _NEVER
+        # Python finds them without returning to IDA: steps do not depend on the pivots.
+        if call_for_int(newton.renew_address, ()) == 0:
+            return UNRECOVERABLE_FAILURE
         code = factorize(newton.linear, newton.nonzeros)
     newton.linear.singular = 0
     if code != DONE:
-        return _SHORTER
-    newton.ready = 1
-    combine(out, (newton.share,), (newton.raw,))
+        return RECOVERABLE_FAILURE
+    newton.has_factors = 1
+    combine(out, (newton.share,), (newton.raw_residual,))
     solve(newton.linear, out)
     return DONE
 
 
-def residual(run: IdaRun, t: float, y: int, yp: int, out: int) -> int:
-    """What IDA calls for its residual, with its vectors."""
-    run.pending = out
-    preconditioned(run.newton, t, _numbers(run, y), _numbers(run, yp), _numbers(run, out))
+def residual_callback(run: IdaWorkspace, t: float, y: int, yp: int, out: int) -> int:
+    """Evaluate the residual for IDA, which passes addresses of its vectors."""
+    run.residual_vector = out
+    y_array, yp_array = _vector_array(run, y), _vector_array(run, yp)
+    evaluate_preconditioned(run.newton, t, y_array, yp_array, _vector_array(run, out))
     return DONE
 
 
-def jacobian(
-    run: IdaRun,
+def jacobian_callback(
+    run: IdaWorkspace,
     t: float,
     c: float,
     y: int,
     yp: int,
-    copy: int,
+    residual_copy: int,
     matrix: int,
     work_1: int,
     work_2: int,
     work_3: int,
 ) -> int:
-    """What IDA calls for its Jacobian, with a copy of the residual and vectors to work in."""
-    out = _numbers(run, run.pending)
-    code = setup(run.newton, t, c, _numbers(run, y), _numbers(run, yp), out)
+    """Factorize the Jacobian for IDA and return the identity to it in `matrix`."""
+    out = _vector_array(run, run.residual_vector)
+    code = factorize_jacobian(run.newton, t, c, _vector_array(run, y), _vector_array(run, yp), out)
     if code == DONE:
-        diagonal = call_for_pointer(run.ida.SUNBandMatrix_Data, (matrix,))
+        diagonal = call_for_pointer(run.sundials.SUNBandMatrix_Data, (matrix,))
         fill(array_at(diagonal, run.y.size), 1.0)
     return code
 
 
-def _numbers(run: IdaRun, vector: int) -> Array:
-    return array_at(call_for_pointer(run.ida.N_VGetArrayPointer, (vector,)), run.y.size)
+def _vector_array(run: IdaWorkspace, vector: int) -> Array:
+    return array_at(call_for_pointer(run.sundials.N_VGetArrayPointer, (vector,)), run.y.size)
 
 
-def steps(run: IdaRun) -> int:
-    """Steps of IDA, as many as are asked for and there are."""
+def take_ida_steps(run: IdaWorkspace) -> int:
+    """Take steps until the interval ends, the rows are full, or IDA fails; return the code."""
     while run.t[0] < run.end:
         if run.filled == run.most:
             return FULL
         before = run.t[0]
-        given = (run.memory, run.end, run.t_at, run.y_at, run.yp_at, ONE_STEP)
-        code = call_for_int(run.ida.IDASolve, given)
+        arguments = (run.memory, run.end, run.t_address, run.y_vector, run.yp_vector, ONE_STEP)
+        code = call_for_int(run.sundials.IDASolve, arguments)
         if code < 0:
             return code
         if not run.t[0] > before:
             return NO_ADVANCE
-        stop = stop_after(before, run.t[0], run.end)
-        call_for_int(run.ida.IDASetStopTime, (run.memory, stop))
-        _look(run)
-        _store(run)
+        stop = next_stop_time(before, run.t[0], run.end)
+        call_for_int(run.sundials.IDASetStopTime, (run.memory, stop))
+        _record_order_and_error(run)
+        _store_row(run)
     return DONE
 
 
-def stop_after(before: float, t: float, end: float) -> float:
-    """Where the step that follows one from `before` to `t` ends at the latest.
+def next_stop_time(before: float, t: float, end: float) -> float:
+    """Return the time [s] at which the step after one from `before` to `t` ends at the latest.
 
-    Another one as long would leave a shorter one: two of half of what is left do not. Multipliers
-    of index 2 and 3 are errors of velocities and positions over the step, and the last one was off
-    by a fifth of its size after a sliver.
+    If another step of the same length left a shorter one, the rest is split into two equal steps.
+    Multipliers of index 2 and 3 have the errors of velocities and positions divided by the step:
+    after a very short last step they were off by a fifth of their size.
     """
-    step, left = t - before, end - t
-    if (1.0 + _AS_LONG) * step < left < 2.0 * step:
-        return t + 0.5 * left
+    step, remaining = t - before, end - t
+    if (1.0 + _STEP_ROUNDING) * step < remaining < 2.0 * step:
+        return t + 0.5 * remaining
     return end
 
 
-def _look(run: IdaRun) -> None:
-    """Count of which order the step was, and where its error was largest."""
-    call_for_int(run.ida.IDAGetLastOrder, (run.memory, run.order_at))
+def _record_order_and_error(run: IdaWorkspace) -> None:
+    """Count the order of the last step, and the unknown with its largest error."""
+    call_for_int(run.sundials.IDAGetLastOrder, (run.memory, run.order_address))
     run.orders[run.order[0]] += 1
-    call_for_int(run.ida.IDAGetEstLocalErrors, (run.memory, run.errors_at))
-    run.limiting[where_largest(run.errors, run.weights)] += 1
+    call_for_int(run.sundials.IDAGetEstLocalErrors, (run.memory, run.errors_vector))
+    run.limiting_counts[locate_largest(run.errors, run.weights)] += 1
 
 
-def _store(run: IdaRun) -> None:
+def _store_row(run: IdaWorkspace) -> None:
     row, n, y, yp = run.rows[run.filled], run.newton.form.n, run.y, run.yp
     m = row.size - 1 - 3 * n
     row[0] = run.t[0]
     combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
     combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (yp[n : 2 * n],))
-    held = yp if run.impulses == 1 else y
-    combine(row[1 + 3 * n :], (1.0,), (held[2 * n : 2 * n + m],))
+    multipliers = yp if run.has_impulses == 1 else y
+    combine(row[1 + 3 * n :], (1.0,), (multipliers[2 * n : 2 * n + m],))
     run.filled += 1

@@ -1,4 +1,4 @@
-"""IDA in SUNDIALS' shared libraries, with all that it calls in machine code."""
+"""IDA by its C interface, with its callbacks and its step loop in machine code."""
 
 from __future__ import annotations
 
@@ -28,15 +28,17 @@ from beamdae.sundials.solver import IdaSolver
 
 Array = np.ndarray
 
+# Steps returned at once.
 _BUFFER_STEPS = 64
 _MAX_ORDER = 5
-# How many of the unknowns that limit the step are told.
+# Number of unknowns listed in the report "limited_by".
 _LISTED_UNKNOWNS = 3
-# What IDA calls, and its arguments.
-_RESIDUAL, _JACOBIAN = (residual_callback, "dppp@"), (jacobian_callback, "ddpppp@ppp")
+# Callbacks with the types of their arguments; see `CompiledLoop`.
+_RESIDUAL = (residual_callback, "dppp@")
+_JACOBIAN = (jacobian_callback, "ddpppp@ppp")
 _RENEW_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int)
-# What IDA counts of failures, and begins to count anew whenever it starts.
-_FAILURES = ("error_test_failures", "failed_solves", "newton_failures")
+# Failures that IDA counts from zero after every start.
+_FAILURE_COUNTS = ("error_test_failures", "failed_solves", "newton_failures")
 
 
 class CompiledIda:
@@ -44,8 +46,11 @@ class CompiledIda:
 
     Attributes
     ----------
+    name
+        Value of "ida" in `Solution.integrator`.
     code
-        How the last steps ended; negative codes are IDA's. There are more after DONE and FULL.
+        Code of the last steps: DONE, FULL, NO_ADVANCE, or a negative one of IDA. Only after the
+        first two are there more steps.
     """
 
     name = "shared libraries"
@@ -57,18 +62,27 @@ class CompiledIda:
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
-        """Compile, and make IDA with these options; `matrix` and `iteration` are of `NewtonState`.
+        """Compile the callbacks, and create IDA.
+
+        Parameters
+        ----------
+        form, matrix
+            Equations, and the matrix that is factorized for them.
+        options
+            Keywords of `IdaSolver`.
+        iteration
+            Keywords of `NewtonState`: the scaling of kinematic rows and the share of corrections.
 
         Raises
         ------
-        MachineError, UnavailableError
-            Where there is no machine code, or no library.
+        MachineCodeError, UnavailableError
+            If there is no machine code, or no library.
         """
         functions = load_library().addresses
         self._form = form
         self._newton = newton = NewtonState(
             form.buffers(True),
-            matrix.linear(True, "sparse"),
+            matrix.make_solver(True, "sparse"),
             np.zeros(form.size),
             matrix.nonzeros,
             **iteration,
@@ -76,22 +90,23 @@ class CompiledIda:
         weights = 1.0 / options["atol"]
         if options["untested"] is not None:
             weights[options["untested"]] = 0.0
-        n, m, none = form.equations.n, form.equations.m, np.zeros(0)
+        n, m, empty = form.equations.n, form.equations.m, np.zeros(0)
         t, order = np.zeros(1), np.zeros(1, np.int32)
         self._run = run = IdaWorkspace(
             newton,
             SundialsFunctions(*(getattr(functions, name) for name in SundialsFunctions.__slots__)),
-            int(form.formulation.impulses),
-            np.zeros((_BUFFER_STEPS, 1 + 3 * n + m)),
-            np.zeros(_MAX_ORDER + 1, np.int64),
-            np.zeros(form.size, np.int64),
-            weights,
-            t,
-            none,
-            none,
-            order,
-            none,
-            t.ctypes.data,
+            has_impulses=int(form.formulation.impulses),
+            rows=np.zeros((_BUFFER_STEPS, 1 + 3 * n + m)),
+            orders=np.zeros(_MAX_ORDER + 1, np.int64),
+            limiting_counts=np.zeros(form.size, np.int64),
+            weights=weights,
+            t=t,
+            y=empty,
+            yp=empty,
+            order=order,
+            errors=empty,
+            t_address=t.ctypes.data,
+            order_address=order.ctypes.data,
         )
         self._loop = loop = CompiledLoop(
             take_ida_steps, run, residual=_RESIDUAL, jacobian=_JACOBIAN
@@ -99,33 +114,32 @@ class CompiledIda:
         addresses = loop.addresses["residual"], loop.addresses["jacobian"]
         self._solver = solver = IdaSolver(*addresses, user_data=loop.table.ctypes.data, **options)
         run.y, run.yp, run.errors = solver.y, solver.yp, solver.errors
-        run.memory, run.y_at, run.yp_at, run.errors_at = solver.pointers
-        run.order_at = order.ctypes.data
+        run.memory, run.y_vector, run.yp_vector, run.errors_vector = solver.pointers
         self._problems: list[BaseException] = []
-        renewing = _pivot_renewal(loop, newton.linear, matrix, self._problems)
-        next(renewing)
-        self._renew = _RENEW_CALLBACK(renewing.__next__)
-        newton.renew_pivots = ctypes.cast(self._renew, ctypes.c_void_p).value or 0
+        renewal = _pivot_renewal(loop, newton.linear, matrix, self._problems)
+        next(renewal)
+        self._renew = _RENEW_CALLBACK(renewal.__next__)
+        newton.renew_address = ctypes.cast(self._renew, ctypes.c_void_p).value or 0
         loop.bind()
-        self._failures: Counter[str] = Counter()
+        self._earlier_failures: Counter[str] = Counter()
         self.code = DONE
 
     def start(
-        self, span: tuple[float, float], branch: float, y: Array, yp: Array, first: float
+        self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Begin anew, for steps from the start to the end of a span, the first one of a length."""
-        self._failures = self._failed
-        self._newton.branch, self._newton.ready = branch, 0
+        """Restart IDA for a span (start, end) [s] with a first step of this length [s]."""
+        self._earlier_failures = self._count_failures()
+        self._newton.branch, self._newton.has_factors = branch, 0
         self._run.t[0], self._run.end = span
-        self._solver.start(span[0], y, yp, first)
+        self._solver.start(span[0], y, yp, first_step)
         self._solver.stop_at(span[1])
         self.code = DONE
 
     def advance(self, most: int) -> Array:
-        """Rows of up to `most` more steps."""
+        """Return rows (t, q, v, a, lam) of up to `most` more steps, none after a failure."""
         run = self._run
         run.most, run.filled = min(most, _BUFFER_STEPS), 0
-        # What went before a failure is not lost.
+        # The steps before a failure are returned first: the failure is reported on the next call.
         if self.code in (DONE, FULL):
             self.code = self._loop()
             if self._problems:
@@ -133,38 +147,39 @@ class CompiledIda:
         return run.rows[: run.filled]
 
     @property
-    def last(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) where it stopped."""
-        return self._run.y, self._run.yp, self._newton.raw
+    def last_point(self) -> tuple[Array, Array, Array]:
+        """(y, y', R) of the last evaluation."""
+        return self._run.y, self._run.yp, self._newton.raw_residual
 
-    @property
-    def _failed(self) -> Counter[str]:
-        now = self._solver.statistics
-        return self._failures + Counter({name: getattr(now, name) for name in _FAILURES})
+    def _count_failures(self) -> Counter[str]:
+        statistics = self._solver.statistics
+        recent = Counter({name: getattr(statistics, name) for name in _FAILURE_COUNTS})
+        return self._earlier_failures + recent
 
     @property
     def counts(self) -> Statistics:
-        """What it cost."""
-        newton, failed = self._newton, self._failed
+        """Calls, factorizations and failures so far."""
+        newton, failures = self._newton, self._count_failures()
         return Statistics(
-            rejected_steps=failed["error_test_failures"] + failed["failed_solves"],
+            rejected_steps=failures["error_test_failures"] + failures["failed_solves"],
             residual_calls=newton.residuals,
             jacobian_calls=newton.jacobians,
             factorizations=newton.linear.factorizations,
             solves=newton.linear.solves,
-            newton_failures=failed["newton_failures"],
+            newton_failures=failures["newton_failures"],
         )
 
     @property
     def step_report(self) -> dict[str, Any]:
-        """What IDA tells of its steps."""
-        orders, limiting = self._run.orders, self._run.limiting
+        """Failures of the error test, orders of the steps, and the unknowns that limit them."""
+        orders, limiting = self._run.orders, self._run.limiting_counts
         names, total = self._form.names, max(int(limiting.sum()), 1)
-        most = [k for k in np.argsort(-limiting, kind="stable")[:_LISTED_UNKNOWNS] if limiting[k]]
+        descending = np.argsort(-limiting, kind="stable")
+        listed = [k for k in descending[:_LISTED_UNKNOWNS] if limiting[k]]
         return {
-            "error_test_failures": self._failed["error_test_failures"],
+            "error_test_failures": self._count_failures()["error_test_failures"],
             "orders": {str(k): int(count) for k, count in enumerate(orders) if count},
-            "limited_by": {names[k]: round(float(limiting[k]) / total, 3) for k in most},
+            "limited_by": {names[k]: round(float(limiting[k]) / total, 3) for k in listed},
         }
 
 
@@ -174,23 +189,23 @@ def _pivot_renewal(
     matrix: FactorizedMatrix,
     problems: list[BaseException],
 ) -> Generator[int, None, None]:
-    """Find other pivots whenever it is asked to: 1, or 0 after a problem.
+    """Find other pivots on each request; yield 1, or 0 after a problem, which is stored.
 
-    IDA's Jacobian asks, from inside the loop, and nothing can be raised there. A generator waits
-    inside its `try`: an interrupt is raised as soon as Python is entered, which is before the first
-    line of a function.
+    The request comes from IDA's Jacobian inside the loop, where nothing can be raised. A generator
+    waits inside its `try`: Python raises an interrupt as soon as it is entered, which is before the
+    first line of a function.
     """
-    done = 1
+    success = 1
     while True:
         try:
-            yield done
-            # The loop is under way: what it knows is in the table.
+            yield success
+            # The loop is running: its current numbers are in the table.
             loop.unload()
             matrix.renew_pivots(linear)
             loop.bind()
-            done = 1
+            success = 1
         except GeneratorExit:
             return
         except BaseException as problem:
             problems.append(problem)
-            done = 0
+            success = 0

@@ -1,11 +1,14 @@
-"""IDA by scikit-sundae's class, where its libraries or machine code cannot be had."""
+"""IDA by scikit-sundae's class: the fallback without machine code or shared libraries."""
 
 from __future__ import annotations
 
 import contextlib
+import sys
+import threading
 import warnings
 from importlib.metadata import version
-from typing import Any
+from types import TracebackType
+from typing import Any, TextIO
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,7 +24,6 @@ from beamdae.integrators.ida.callbacks import (
     factorize_jacobian,
     next_stop_time,
 )
-from beamdae.integrators.ida.suppress_stdout import suppress_stdout
 from beamdae.linear.factorizations import DENSE_LIMIT
 from beamdae.memory import require_memory
 from beamdae.native.return_codes import DONE
@@ -29,87 +31,98 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-# What rounding leaves of an iterate, relative to its size.
-_SHARED_TOLERANCE = 1e-9
-# What scikit-sundae takes for its band solver, for each entry of the full matrix [bytes].
+# Relative rounding error of an iterate.
+_ITERATE_ROUNDING = 1e-9
+# Memory of scikit-sundae's band solver for each entry of the full matrix [bytes].
 _BAND_BYTES_PER_ENTRY = 8.0
 
 
 class SksundaeCallbacks:
-    """What scikit-sundae's class calls: `ida_loop` has the mathematics."""
+    """Residual and Jacobian in the form that scikit-sundae's class calls; see `callbacks`.
+
+    Attributes
+    ----------
+    newton
+        Linear algebra of the Newton iteration.
+    accepted
+        Number of accepted steps.
+    """
 
     def __init__(self, form: FirstOrderForm, linear_solver: str, iteration: dict[str, Any]) -> None:
-        matrix = FactorizedMatrix.of(form.pattern)
-        linear = matrix.linear(False, linear_solver)
-        raw = np.zeros(form.size)
-        self.newton = NewtonState(form.buffers(), linear, raw, matrix.nonzeros, **iteration)
-        self._t = np.nan
-        self._pending = np.zeros(form.size)
-        # Whether IDA has been seen to read what is written into its vector, and until then what
-        # the next iterate (time, y) has to be if it does.
-        self._shared = False
-        self._expected: tuple[float, Array] | None = None
+        matrix = FactorizedMatrix.from_pattern(form.pattern)
+        linear = matrix.make_solver(False, linear_solver)
+        raw_residual = np.zeros(form.size)
+        self.newton = NewtonState(
+            form.buffers(), linear, raw_residual, matrix.nonzeros, **iteration
+        )
         self.accepted = 0
+        self._t = np.nan
+        self._residual_vector = np.zeros(form.size)
+        # True once IDA is known to read values written into its vectors; until then the time and
+        # the value that its next iterate has if it does.
+        self._vectors_are_shared = False
+        self._expected_iterate: tuple[float, Array] | None = None
         self._attempts = self._setups = self._attempts_with_setup = self._last_setup = 0
 
     def restart(self, branch: float) -> None:
-        """Begin anew, without factors."""
-        self.newton.branch, self.newton.ready = branch, 0
+        """Forget the factors, and use the laws of the interval around `branch` [s]."""
+        self.newton.branch, self.newton.has_factors = branch, 0
         self._t = np.nan
-        self._expected = None
+        self._expected_iterate = None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Residual for IDA, multiplied by the inverse of the last Jacobian."""
-        # Every attempt at a step has a time of its own.
+        """Evaluate the residual, multiplied by the inverse of the last Jacobian."""
+        # Every attempt at a step has another time.
         if t != self._t:
             self._attempts += 1
         self._t = t
-        if self._expected is not None:
-            self._check_shared(t, y)
-        self._pending = out
+        if self._expected_iterate is not None:
+            self._check_shared_vectors(t, y)
+        self._residual_vector = out
         evaluate_preconditioned(self.newton, t, y, yp, out)
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
-        """Factorize dR/dy + c dR/dy' and give IDA the identity."""
+        """Factorize dR/dy + c dR/dy', and return the identity in `out`."""
         self._setups += 1
         if self._last_setup != self._attempts:
             self._attempts_with_setup += 1
             self._last_setup = self._attempts
-        if factorize_jacobian(self.newton, t, c, y, yp, self._pending) != DONE:
-            # IDA retries with a smaller step, and reports where it had to give up.
-            self._pending[:] = np.nan
+        if factorize_jacobian(self.newton, t, c, y, yp, self._residual_vector) != DONE:
+            # IDA retries with a smaller step, and reports a failure where that does not help.
+            self._residual_vector[:] = np.nan
             return
-        if not self._shared and np.isfinite(self._pending).all():
-            self._expected = t, y - self._pending
-        # The diagonal of a full matrix, or all there is of a sparse one.
+        if not self._vectors_are_shared and np.isfinite(self._residual_vector).all():
+            self._expected_iterate = t, y - self._residual_vector
+        # The diagonal of a full matrix, or all non-zeros of a sparse one.
         if out.ndim == 2:
             np.fill_diagonal(out, 1.0)
         else:
             out[:] = 1.0
 
-    def _check_shared(self, t: float, y: Array) -> None:
-        """Refuse a scikit-sundae that hands out copies of IDA's vectors.
+    def _check_shared_vectors(self, t: float, y: Array) -> None:
+        """Refuse a scikit-sundae that passes copies of IDA's vectors.
 
-        The first iterate after a setup is y minus what was written into the vector IDA passed in:
-        with a copy it is y minus the residual as it was, and runs would end far off in silence.
+        The first iterate after a setup is y minus the values written into the vector that IDA
+        passed. With a copy it is y minus the earlier residual, and runs would be far off without
+        any warning.
         """
-        assert self._expected is not None
-        time, expected = self._expected
-        self._expected = None
-        # Where the iteration converged at once, IDA has gone on to the next step.
+        assert self._expected_iterate is not None
+        time, expected = self._expected_iterate
+        self._expected_iterate = None
+        # The iteration converged at once, and this is the next step.
         if t != time:
             return
-        size = float(np.max(np.abs(self._pending))) + float(np.max(np.abs(expected)))
-        if np.max(np.abs(y - expected)) > _SHARED_TOLERANCE * size:
+        size = float(np.max(np.abs(self._residual_vector))) + float(np.max(np.abs(expected)))
+        if np.max(np.abs(y - expected)) > _ITERATE_ROUNDING * size:
             raise BeamdaeError(
                 f"Ida: scikit-sundae {version('scikit-sundae')} hands out copies of IDA's vectors, "
-                "it must be one that shares them: pip install 'scikit-sundae>=1.2,<1.3'."
+                "it must be one that shares them; pip install 'scikit-sundae>=1.2,<1.3'."
             )
-        self._shared = True
+        self._vectors_are_shared = True
 
     @property
     def counts(self) -> Statistics:
-        """What it cost."""
+        """Calls, factorizations and failures so far."""
         newton = self.newton
         return Statistics(
             rejected_steps=max(self._attempts - self.accepted, 0),
@@ -122,10 +135,18 @@ class SksundaeCallbacks:
 
 
 class SksundaeIda:
-    """IDA by scikit-sundae's class, a step at a time; see `ida_compiled.CompiledIda`.
+    """IDA by scikit-sundae's class, one step at a time; see `compiled_solver.CompiledIda`.
 
-    It has no way to leave out of the error test what Newton's iteration is tested in: "untested"
-    unknowns are tested in both.
+    Its error test and its Newton iteration test the same unknowns: "untested" is ignored.
+
+    Attributes
+    ----------
+    name
+        Value of "ida" in `Solution.integrator`.
+    code
+        DONE, NO_ADVANCE, or a negative code of IDA.
+    step_report
+        Empty: the class does not report orders or errors of steps.
     """
 
     name = "scikit-sundae"
@@ -139,26 +160,27 @@ class SksundaeIda:
     ) -> None:
         self._form = form
         self._options = {name: x for name, x in options.items() if name != "untested"}
-        self._called = SksundaeCallbacks(form, linear_solver, iteration)
+        self._callbacks = SksundaeCallbacks(form, linear_solver, iteration)
         self.code = DONE
-        # It tells nothing of its steps.
         self.step_report: dict[str, Any] = {}
 
     def start(
-        self, span: tuple[float, float], branch: float, y: Array, yp: Array, first: float
+        self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Begin anew, for steps from the start to the end of a span, the first one of a length."""
-        self._called.restart(branch)
+        """Restart IDA for a span (start, end) [s] with a first step of this length [s]."""
+        self._callbacks.restart(branch)
         self._t, self._end = span
         self._stop = self._end
-        self._solver = _make_ida(self._called, self._form.size, first_step=first, **self._options)
+        self._solver = _make_ida(
+            self._callbacks, self._form.size, first_step=first_step, **self._options
+        )
         self._solver.init_step(self._t, y, yp)
         self.code = DONE
 
     def advance(self, most: int) -> Array:
-        """One row, or none."""
+        """Return the row (t, q, v, a, lam) of one step, none after a failure."""
+        # SUNDIALS prints its errors, which are in the status as well.
         with suppress_stdout:
-            # SUNDIALS prints its errors; the status says them.
             result = self._solver.step(self._end, "onestep", self._stop)
         self._y, self._yp = result.y, result.yp
         self.code = DONE if result.t > self._t else NO_ADVANCE
@@ -168,34 +190,89 @@ class SksundaeIda:
             return np.zeros((0, 0))
         self._stop = next_stop_time(self._t, result.t, self._end)
         self._t = result.t
-        self._called.accepted += 1
+        self._callbacks.accepted += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
 
     @property
-    def last(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) where it stopped."""
-        return self._y, self._yp, self._called.newton.raw
+    def last_point(self) -> tuple[Array, Array, Array]:
+        """(y, y', R) of the last evaluation."""
+        return self._y, self._yp, self._callbacks.newton.raw_residual
 
     @property
     def counts(self) -> Statistics:
-        """What it cost."""
-        return self._called.counts
+        """Calls, factorizations and failures so far."""
+        return self._callbacks.counts
 
 
-def _make_ida(called: SksundaeCallbacks, size: int, **options: Any) -> IDA:
-    """IDA with a solver for the identity, which is all that is left for it to solve.
+def _make_ida(callbacks: SksundaeCallbacks, size: int, **options: Any) -> IDA:
+    """Return IDA with the cheapest solver for the identity.
 
-    For its band solver scikit-sundae keeps a full matrix: beyond small systems that takes more time
-    and memory than all the rest, and SuperLU, where it is built in, takes over.
+    For its band solver scikit-sundae allocates a full matrix: beyond small systems that takes more
+    time and memory than everything else, and SuperLU_MT is used instead if it is built in.
     """
-    options["jacfn"] = called.jacobian
+    options["jacfn"] = callbacks.jacobian
     if size > DENSE_LIMIT:
         with warnings.catch_warnings(), contextlib.suppress(ValueError):
-            # It says that the pattern goes with the Jacobian given.
+            # It warns that the pattern must fit the Jacobian, which it does.
             warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
             pattern = sp.eye_array(size, format="csc")
-            return IDA(called.residual, linsolver="sparse", sparsity=pattern, **options)
+            return IDA(callbacks.residual, linsolver="sparse", sparsity=pattern, **options)
     what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
     remedy = "install one that has it, take fewer elements, or another integrator"
     require_memory("Ida", what, _BAND_BYTES_PER_ENTRY * size**2, remedy)
-    return IDA(called.residual, linsolver="band", lband=0, uband=0, **options)
+    return IDA(callbacks.residual, linsolver="band", lband=0, uband=0, **options)
+
+
+class _ThreadFilter:
+    """A stream that drops the output of silenced threads, and passes on all other output."""
+
+    def __init__(self, stream: TextIO, silenced: dict[int, int]) -> None:
+        self._stream, self._silenced = stream, silenced
+
+    def write(self, text: str) -> int:
+        if threading.get_ident() in self._silenced:
+            return len(text)
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+class _SuppressStdout(contextlib.AbstractContextManager[None]):
+    """Suppresses standard output of the thread that enters.
+
+    `contextlib.redirect_stdout` would replace sys.stdout for all threads, and two overlapping uses
+    would leave it replaced.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._silenced: dict[int, int] = {}
+        self._original: TextIO | None = None
+
+    def __enter__(self) -> None:
+        thread = threading.get_ident()
+        with self._lock:
+            if not self._silenced:
+                self._original = sys.stdout
+                sys.stdout = _ThreadFilter(sys.stdout, self._silenced)
+            self._silenced[thread] = self._silenced.get(thread, 0) + 1
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        thread = threading.get_ident()
+        with self._lock:
+            self._silenced[thread] -= 1
+            if not self._silenced[thread]:
+                del self._silenced[thread]
+            if not self._silenced and self._original is not None:
+                if isinstance(sys.stdout, _ThreadFilter):
+                    sys.stdout = self._original
+                self._original = None
+
+
+suppress_stdout = _SuppressStdout()

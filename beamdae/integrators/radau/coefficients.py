@@ -19,7 +19,7 @@ _POWERS = C[:, None] ** _EXPONENTS
 A = (_POWERS / _EXPONENTS) @ np.linalg.inv(_POWERS / C[:, None])
 
 
-def _decoupled() -> tuple[float, complex, Array]:
+def _decouple_stages() -> tuple[float, complex, Array]:
     """gamma, alpha + i beta and T; the columns of T end in 1, 1 and 0."""
     values, vectors = np.linalg.eig(np.linalg.inv(A))
     real, pair = np.argmin(np.abs(values.imag)), np.argmax(values.imag)
@@ -28,7 +28,7 @@ def _decoupled() -> tuple[float, complex, Array]:
     return float(values[real].real), complex(values[pair]), basis
 
 
-GAMMA, PAIR, T = _decoupled()
+REAL_EIGENVALUE, COMPLEX_EIGENVALUE, T = _decouple_stages()
 T_INVERSE = np.linalg.inv(T)
 # What the complex equations are of: w_1 + i w_2.
 TO_PAIR = T_INVERSE[1] + 1j * T_INVERSE[2]
@@ -39,4 +39,4 @@ UNIFORM = T_INVERSE @ C
 # Coefficients of the polynomial through the stages, without its constant, are POLYNOMIAL W.
 POLYNOMIAL = np.linalg.solve(_POWERS, T)
 # h sum_i (b^_i - b_i) Y'_i of the method of order 3 that gives y'_n the weight 1 / gamma.
-EMBEDDED = np.linalg.solve((_POWERS / C[:, None]).T, [-1.0 / GAMMA, 0.0, 0.0]) @ RATES
+EMBEDDED = np.linalg.solve((_POWERS / C[:, None]).T, [-1.0 / REAL_EIGENVALUE, 0.0, 0.0]) @ RATES

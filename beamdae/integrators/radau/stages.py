@@ -11,47 +11,55 @@ import math
 
 import numpy as np
 
-from beamdae.equations.formulations import first_order_parts, first_order_residual
+from beamdae.equations.formulations.first_order import evaluate_jacobian_parts, evaluate_residual
 from beamdae.integrators.radau.coefficients import (
+    COMPLEX_EIGENVALUE,
     EMBEDDED,
-    GAMMA,
-    PAIR,
     POLYNOMIAL,
     RATES,
+    REAL_EIGENVALUE,
     T_INVERSE,
     TO_PAIR,
     UNIFORM,
     C,
     T,
 )
-from beamdae.integrators.radau.workspace import NOT_CONVERGED, NOT_FINITE, RadauRun
-from beamdae.linear.return_codes import DONE, NEW_PIVOTS, SINGULAR
-from beamdae.native.vectors import combine, factorize, largest, minimum, parts, scatter, solve
+from beamdae.integrators.radau.workspace import NOT_CONVERGED, NOT_FINITE, RadauWorkspace
+from beamdae.native.loop_functions import (
+    combine,
+    factorize,
+    max_norm,
+    minimum,
+    scatter,
+    solve,
+    split_complex,
+)
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 Array = np.ndarray
 
 MAX_ITERATIONS = 10
 # Of the first change; the next one tells.
-UNKNOWN_RATE = 0.99
+FIRST_RATE = 0.99
 # The second change may be as large as the first: a linear step stretches a beam that rotates, and
 # the next one takes that back.
-_MOST_GROWTH = 2.0
+_MAX_SECOND_GROWTH = 2.0
 
 
-def solve_stages(run: RadauRun, h: float, renew: bool) -> int:
+def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     """Seek the stages of a step, with new factors or with those there are."""
-    _predict(run, h)
+    _predict_stages(run, h)
     set_stages(run, h)
     velocities = run.bounds[run.form.n :]
     minimum(velocities, run.velocity_bounds, h, run.velocity_rounding)
     if renew:
-        code = _factorize(run, h)
+        code = _factorize_matrices(run, h)
         if code != DONE:
             return code
-    return _iterate(run, h)
+    return _iterate_newton(run, h)
 
 
-def _predict(run: RadauRun, h: float) -> None:
+def _predict_stages(run: RadauWorkspace, h: float) -> None:
     """Extrapolate the collocation polynomial of the step before, or y'."""
     w, before, ahead = run.w, run.before, run.ahead
     if run.size.before == 0.0:
@@ -73,7 +81,7 @@ def _predict(run: RadauRun, h: float) -> None:
         combine(w[i], factors, (before[0], before[1], before[2]))
 
 
-def set_stages(run: RadauRun, h: float) -> None:
+def set_stages(run: RadauWorkspace, h: float) -> None:
     """Y and Y' of W."""
     w = run.w
     for i in range(3):
@@ -82,14 +90,14 @@ def set_stages(run: RadauRun, h: float) -> None:
         combine(run.rates[i], factors, (w[0], w[1], w[2]))
 
 
-def _factorize(run: RadauRun, h: float) -> int:
+def _factorize_matrices(run: RadauWorkspace, h: float) -> int:
     """Factorize at the second stage: no other is as near to all three."""
     form, t, y, yp = run.form, run.t + C[1] * h, run.stages[1], run.rates[1]
-    apart = (_stiffness(run), _inertia(run))
+    apart = (_state_jacobian(run), _rate_jacobian(run))
     run.factorized = 0.0
-    first_order_parts(form, t, run.branch, y, yp, run.jacobian)
-    combine(run.real_nonzeros, (1.0, GAMMA / h), apart)
-    combine(run.pair_nonzeros, (1.0, PAIR / h), apart)
+    evaluate_jacobian_parts(form, t, run.branch, y, yp, run.jacobian)
+    combine(run.real_nonzeros, (1.0, REAL_EIGENVALUE / h), apart)
+    combine(run.pair_nonzeros, (1.0, COMPLEX_EIGENVALUE / h), apart)
     real = factorize(run.real, run.real_nonzeros)
     pair = factorize(run.pair, run.pair_nonzeros)
     if real == NEW_PIVOTS or pair == NEW_PIVOTS:
@@ -103,44 +111,44 @@ def _factorize(run: RadauRun, h: float) -> int:
     return DONE
 
 
-def _stiffness(run: RadauRun) -> Array:
+def _state_jacobian(run: RadauWorkspace) -> Array:
     """The non-zeros of R_y at the factors."""
     return run.jacobian[: run.real_nonzeros.size]
 
 
-def _inertia(run: RadauRun) -> Array:
+def _rate_jacobian(run: RadauWorkspace) -> Array:
     """The non-zeros of R_y' at the factors."""
     return run.jacobian[run.real_nonzeros.size :]
 
 
-def _iterate(run: RadauRun, h: float) -> int:
+def _iterate_newton(run: RadauWorkspace, h: float) -> int:
     w, at, bounded = run.w, run.residuals_at, run.bounds.size
     change, pair = run.change, run.pair_change
-    previous, rate = math.inf, UNKNOWN_RATE
+    previous, rate = math.inf, FIRST_RATE
     for k in range(MAX_ITERATIONS):
         run.iterations = k + 1
         if k > 0:
             set_stages(run, h)
         for i in range(3):
             t = run.t + C[i] * h
-            first_order_residual(run.form, t, run.branch, run.stages[i], run.rates[i], at[i])
+            evaluate_residual(run.form, t, run.branch, run.stages[i], run.rates[i], at[i])
         run.residuals += 3
         factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
         combine(change, factors, (at[0], at[1], at[2]))
         combine(pair, (TO_PAIR[0], TO_PAIR[1], TO_PAIR[2]), (at[0], at[1], at[2]))
         solve(run.real, change)
         solve(run.pair, pair)
-        parts(run.pair_real, run.pair_imaginary, pair)
+        split_complex(run.pair_real, run.pair_imaginary, pair)
         combine(w[0], (1.0, -1.0), (w[0], change))
         combine(w[1], (1.0, -1.0), (w[1], run.pair_real))
         combine(w[2], (1.0, -1.0), (w[2], run.pair_imaginary))
-        own, others = largest(change[:bounded], run.bounds), largest(pair[:bounded], run.bounds)
+        own, others = max_norm(change[:bounded], run.bounds), max_norm(pair[:bounded], run.bounds)
         if not (math.isfinite(own) and math.isfinite(others)):
             return NOT_FINITE
         moved = max(own, others)
         if k > 0:
             rate = moved / previous if previous > 0.0 else 0.0
-            if rate > (_MOST_GROWTH if k == 1 else 1.0):
+            if rate > (_MAX_SECOND_GROWTH if k == 1 else 1.0):
                 break
         if rate < 1.0 and moved * rate <= 1.0 - rate:
             run.rate = rate if k > 0 else 0.0
@@ -149,7 +157,7 @@ def _iterate(run: RadauRun, h: float) -> int:
     return NOT_CONVERGED
 
 
-def estimate_error(run: RadauRun, h: float) -> None:
+def estimate_error(run: RadauWorkspace, h: float) -> None:
     """Error of an embedded method of order 3, without what is stiff in it.
 
     y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i), and of e = y^ - y_{n+1} the filter
@@ -160,10 +168,10 @@ def estimate_error(run: RadauRun, h: float) -> None:
     in the same columns of both matrices: their errors stay in their own components.
     """
     w, error, right, n = run.w, run.error, run.right, run.form.n
-    factors = (h / GAMMA, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2])
+    factors = (h / REAL_EIGENVALUE, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2])
     combine(right, factors, (run.yp, w[0], w[1], w[2]))
-    scatter(error, run.of_row, _inertia(run), right, run.of_column)
-    combine(error, (GAMMA / h,), (error,))
-    scatter(run.change, run.of_row, _stiffness(run), right, run.of_column)
+    scatter(error, run.of_row, _rate_jacobian(run), right, run.of_column)
+    combine(error, (REAL_EIGENVALUE / h,), (error,))
+    scatter(run.change, run.of_row, _state_jacobian(run), right, run.of_column)
     combine(error[2 * n :], (1.0,), (run.change[2 * n :],))
     solve(run.real, error)

@@ -140,10 +140,10 @@ class RadauStepper:
         self._tolerance = tolerance = StepTolerance.from_rtol(rtol, size, velocities)
         longest = plan.longest_step("Radau", max_step)
         real = plan.matrix("Radau", form.pattern)
-        pair = FactorizedMatrix.of(form.pattern, complex, like=real)
+        pair = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
 
         def make(native: bool) -> RadauWorkspace:
-            factors = real.linear(native, solver), pair.linear(native, solver)
+            factors = real.make_solver(native, solver), pair.make_solver(native, solver)
             numbers = real.nonzeros, pair.nonzeros
             return _make_workspace(form, form.buffers(native), factors, numbers, tolerance, longest)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations import FirstOrderSums
+from beamdae.equations.formulations.first_order import FirstOrderBuffers
 
 Array = np.ndarray
 
@@ -16,7 +16,7 @@ NOT_CONVERGED, NOT_FINITE, ERROR_TOO_LARGE, TOO_SMALL = -1, -2, -4, -5
 
 
 @dataclass(slots=True)
-class StepSize:
+class StepSizeState:
     """The next step: predicted from the last two errors, and within what Newton's iteration can do.
 
     h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)); Gustafsson, ACM
@@ -48,7 +48,7 @@ class StepSize:
 
 
 @dataclass(slots=True)
-class RadauRun:
+class RadauWorkspace:
     """A run under way.
 
     Attributes
@@ -91,10 +91,10 @@ class RadauRun:
         Why the step under way was refused.
     """
 
-    form: FirstOrderSums
+    form: FirstOrderBuffers
     real: Any
     pair: Any
-    size: StepSize
+    size: StepSizeState
     y: Array
     yp: Array
     before: Array

@@ -5,7 +5,7 @@ Plain Python over arrays: `native.loops` compiles it, and where that cannot be h
 
 from __future__ import annotations
 
-from beamdae.integrators.method import fitted
+from beamdae.integrators.method import clip_step
 from beamdae.integrators.radau.coefficients import C
 from beamdae.integrators.radau.stages import (
     MAX_ITERATIONS,
@@ -13,39 +13,39 @@ from beamdae.integrators.radau.stages import (
     set_stages,
     solve_stages,
 )
-from beamdae.integrators.radau.workspace import ERROR_TOO_LARGE, TOO_SMALL, RadauRun
-from beamdae.linear.return_codes import DONE, FULL, NEW_PIVOTS
-from beamdae.native.vectors import combine, largest
+from beamdae.integrators.radau.workspace import ERROR_TOO_LARGE, TOO_SMALL, RadauWorkspace
+from beamdae.native.loop_functions import combine, max_norm
+from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS
 
 # One over the order of what is estimated: the embedded method is of order 3.
-_POWER = 1.0 / 4.0
-_MARGIN = 0.9
-_SHRINK, _GROW = 0.2, 4.0
+_ERROR_EXPONENT = 1.0 / 4.0
+_SAFETY = 0.9
+_MIN_FACTOR, _MAX_FACTOR = 0.2, 4.0
 # An error below this says no more about the next step.
-_LEAST_ERROR = 1e-2
+_MIN_ERROR = 1e-2
 # A step that would grow by less keeps its size, and with it the factors, if they shrink the
 # changes of Newton's iteration to _KEEP_RATE.
-_HYSTERESIS = 1.2
+_KEPT_GROWTH = 1.2
 _KEEP_RATE = 0.05
 # Steps too long for Newton's iteration: how far to go back, and how to return from there while it
 # converges as fast as this.
-_RETREAT = 0.5
-_RETURN = 1.1
+_FAILURE_FACTOR = 0.5
+_RECOVERY_FACTOR = 1.1
 _SLOW_RATE = 0.2
 
 
-def radau_steps(run: RadauRun) -> int:
+def take_radau_steps(run: RadauWorkspace) -> int:
     """Steps that pass the error test, as many as are asked for and there are."""
     size = run.size
     while run.t < run.end:
         if run.filled == 3 * run.most:
             return FULL
         left = run.end - run.t
-        h = fitted(size.next, left)
+        h = clip_step(size.next, left)
         # Of states beyond all numbers the step is none either.
         if size.next != size.next or h < min(size.smallest, left):
             return run.reason
-        renew = not _serves(run, h)
+        renew = not _can_reuse_factors(run, h)
         code = solve_stages(run, h, renew)
         if code == NEW_PIVOTS:
             return code
@@ -55,53 +55,53 @@ def radau_steps(run: RadauRun) -> int:
             if renew:
                 run.rejected += 1
                 run.reason = code
-                size.next = size.manageable = _RETREAT * h
+                size.next = size.manageable = _FAILURE_FACTOR * h
                 size.repeated = 1
             continue
         estimate_error(run, h)
-        error = largest(run.error[: run.tested.size], run.tested)
+        error = max_norm(run.error[: run.tested.size], run.tested)
         if error < 1.0:
-            _accept(run, h, error)
-            _store(run, h, h == left)
+            _accept_step(run, h, error)
+            _store_step(run, h, h == left)
             continue
         run.rejected += 1
         run.reason = ERROR_TOO_LARGE
-        size.next = h * min(max(_factor(run, error), _SHRINK), _MARGIN)
+        size.next = h * min(max(_step_factor(run, error), _MIN_FACTOR), _SAFETY)
         if error != error:
             size.next = error
         size.repeated = 1
     return DONE
 
 
-def _serves(run: RadauRun, h: float) -> bool:
+def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
     """Whether there are factors for this step that shrank the last change by much."""
     return h == run.factorized and run.rate <= _KEEP_RATE
 
 
-def _factor(run: RadauRun, error: float) -> float:
+def _step_factor(run: RadauWorkspace, error: float) -> float:
     """By how much the error lets a step grow, less where the iteration was slow."""
     most = 2 * MAX_ITERATIONS
-    return _MARGIN * (most + 1) / (most + run.iterations) / error**_POWER
+    return _SAFETY * (most + 1) / (most + run.iterations) / error**_ERROR_EXPONENT
 
 
-def _accept(run: RadauRun, h: float, error: float) -> None:
+def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
     """Find the step after a step h."""
     size = run.size
-    error = max(error, _LEAST_ERROR)
-    factor = _factor(run, error)
+    error = max(error, _MIN_ERROR)
+    factor = _step_factor(run, error)
     if size.before > 0.0:
-        factor *= min(1.0, h / size.before * (size.error_before / error) ** _POWER)
-    factor = min(max(factor, _SHRINK), 1.0 if size.repeated == 1 else _GROW)
+        factor *= min(1.0, h / size.before * (size.error_before / error) ** _ERROR_EXPONENT)
+    factor = min(max(factor, _MIN_FACTOR), 1.0 if size.repeated == 1 else _MAX_FACTOR)
     if run.rate < _SLOW_RATE:
-        size.manageable = min(_RETURN * size.manageable, size.longest)
+        size.manageable = min(_RECOVERY_FACTOR * size.manageable, size.longest)
     wanted = min(factor * h, size.manageable)
-    keep = h <= wanted and wanted <= _HYSTERESIS * h and _serves(run, h)
+    keep = h <= wanted and wanted <= _KEPT_GROWTH * h and _can_reuse_factors(run, h)
     size.next = h if keep else wanted
     size.before, size.error_before, size.repeated = h, error, 0
     run.reason = TOO_SMALL
 
 
-def _store(run: RadauRun, h: float, last: bool) -> None:
+def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:
     """Take the step: the stages are rows, and the last one is where the next step starts."""
     set_stages(run, h)
     n = run.form.n

@@ -1,0 +1,313 @@
+"""Step loops of the generalized-alpha family, with fixed and with adaptive steps.
+
+Plain Python over arrays that `native.loops` compiles; without machine code it runs as it is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from beamdae.equations.formulations.step_equations import (
+    evaluate_step_matrix,
+    evaluate_step_position,
+    evaluate_step_residual,
+)
+from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, evaluate_normal_jerk
+from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
+from beamdae.integrators.method import clip_step
+from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
+from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
+
+Array = np.ndarray
+
+# Code of a loop that needs the starting values of an interval; see `family.AlphaStart`.
+FIRST_STEP = 10
+# Codes of loops that cannot continue.
+NOT_CONVERGED = -1
+NOT_FINITE = -2
+ERROR_TOO_LARGE = -4
+STEP_NOT_CHANGED = -6
+
+_MAX_ITERATIONS = 12
+# The factors are kept while every iteration reduces the correction by this factor.
+_KEEP_RATE = 0.05
+# If it converges more slowly than this, the matrix is renewed within the iteration.
+_SLOW_RATE = 0.2
+# An iteration diverges if its correction grows by more than this factor.
+_MAX_CORRECTION_GROWTH = 2.0
+# Least rate of convergence that is believed, after and before the second iteration.
+_MIN_RATE = 1e-4
+_MIN_FIRST_RATE = 1e-2
+
+# Relative difference of steps that are taken as equal.
+_SAME_STEP = 1e-9
+# Interval over which the jerk is a difference of accelerations, relative to the step.
+_JERK_INTERVAL = 1e-2
+
+# A step grows if this many steps allow it, by _MIN_GROWTH to _MAX_GROWTH: new factors cost more
+# than a few steps, and the jerk of a vibration passes zero.
+_STEPS_BEFORE_GROWTH = 8
+_MIN_GROWTH = 1.2
+_MAX_GROWTH = 2.0
+# Bounds on the factor by which a step with too large an error shrinks.
+_WEAKEST_SHRINKAGE = 0.9
+_STRONGEST_SHRINKAGE = 0.2
+# Factor after a failure of Newton's iteration, where the error is unknown.
+_FAILURE_FACTOR = 0.5
+_SAFETY = 0.8
+# Least error of a step, relative to its tolerance, for the prediction of the next step.
+_MIN_ERROR = 1e-9
+
+
+def take_fixed_steps(run: AlphaWorkspace) -> int:
+    """Take equal steps until the interval ends or the rows are full; return the code."""
+    while run.step_count < run.total_steps:
+        if run.filled == run.most:
+            return FULL
+        last = run.step_count + 1 == run.total_steps
+        t = run.end if last else (run.step_count + 1) * run.current.h + run.start_time
+        code = _advance_step(run, t)
+        if code != DONE:
+            return code
+        run.step_count += 1
+        _store_row(run)
+    return DONE
+
+
+def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
+    """Take steps that pass the error test until the interval ends or the rows are full."""
+    while run.t < run.end:
+        if run.filled == run.most:
+            return FULL
+        remaining = run.end - run.t
+        h = clip_step(run.next_step, remaining)
+        last = h == remaining
+        if abs(h - run.accepted.h) <= _SAME_STEP * h:
+            h = run.accepted.h
+        if h != run.current.h:
+            run.next_step = h
+            if run.accepted.h == 0.0:
+                return FIRST_STEP
+            code = _change_step(run, h)
+            if code != DONE:
+                return code
+        t = run.t
+        code = _advance_step(run, run.end if last else t + h)
+        if code == NEW_PIVOTS:
+            return code
+        run.error = math.inf
+        if code == DONE:
+            run.error = abs(run.defect) * h * h * _acceleration_change(run) / run.tolerance
+            code = ERROR_TOO_LARGE
+        if run.error <= 1.0:
+            _copy_motion(run.accepted, run.current)
+            _accept_step(run, h)
+            _store_row(run)
+            continue
+        run.t = t
+        run.rejected += 1
+        _reject_step(run, h)
+        _copy_motion(run.current, run.accepted)
+        # Written so that a step that is not a number stops the run, too.
+        if not run.next_step >= run.min_step:
+            return code
+        run.current.h = 0.0
+    return DONE
+
+
+def set_step(run: AlphaWorkspace, h: float) -> None:
+    """Set the length of the next steps [s]."""
+    c_f = h * h * run.beta
+    c = run.prediction.coefficients
+    c[0] = run.gamma / (h * run.beta)
+    c[1] = (1.0 - run.alpha_m) / ((1.0 - run.alpha_f) * c_f)
+    c[2] = c_f
+    run.step_ratio = h / run.accepted.h if run.accepted.h > 0.0 else 0.0
+    run.current.h, run.rate = h, math.inf
+
+
+def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
+    """Convert the motion to the step length `h` [s] such that second order is kept.
+
+    a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
+    q''_n + (h / h_n) (a_n - q''_n). On index 3 positions are on the constraints after every step,
+    although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q'''
+    (P as in `ConsistencySolver.normal_jerk`): that is made h^2 defect P q'''. Without the first
+    conversion, steps that change all the time are of first order; without the second, multipliers
+    are after every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J.
+    Comput. Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps
+    instead.
+    """
+    accepted, current, h_n = run.accepted, run.current, run.accepted.h
+    _copy_motion(current, accepted)
+    if run.corrects_velocities == 1 and h != h_n:
+        interval = _JERK_INTERVAL * h
+        code = evaluate_normal_jerk(run.jerk, run.t, run.branch, accepted, interval)
+        if code != DONE:
+            run.jerk.linear.singular = 0
+            current.h = 0.0
+            return NEW_PIVOTS if code == NEW_PIVOTS else STEP_NOT_CHANGED
+        jerk = run.jerk.unknowns[: current.q.size]
+        combine(current.v, (1.0, (h * h - h_n * h_n) * run.defect), (accepted.v, jerk))
+    ratio = h / h_n
+    combine(current.a, (1.0 - ratio, ratio), (accepted.ddq, accepted.a))
+    set_step(run, h)
+    return DONE
+
+
+def _acceleration_change(run: AlphaWorkspace) -> float:
+    """Largest change of the algorithmic acceleration, relative to the scales [1/s^2]."""
+    combine(run.a_predicted, (1.0, -1.0), (run.current.a, run.a_n))
+    return max_norm(run.a_predicted, run.weights)
+
+
+def _accept_step(run: AlphaWorkspace, h: float) -> None:
+    """Count an accepted step, and let the step grow if several allow it."""
+    run.steps_checked += 1
+    run.max_error = max(run.max_error, run.error)
+    if run.steps_checked < _STEPS_BEFORE_GROWTH:
+        return
+    growth = min(_step_factor(run.max_error), _MAX_GROWTH)
+    if growth >= _MIN_GROWTH:
+        run.next_step = min(h * growth, run.max_step)
+    run.steps_checked, run.max_error = 0, 0.0
+
+
+def _reject_step(run: AlphaWorkspace, h: float) -> None:
+    """Shrink the step after an error that is too large or unknown."""
+    shrinkage = _FAILURE_FACTOR
+    if math.isfinite(run.error):
+        shrinkage = max(min(_step_factor(run.error), _WEAKEST_SHRINKAGE), _STRONGEST_SHRINKAGE)
+    run.next_step = h * shrinkage
+    run.steps_checked, run.max_error = 0, 0.0
+
+
+def _step_factor(error: float) -> float:
+    """Factor by which a step may change, if its relative error grows with h^3."""
+    return _SAFETY * max(error, _MIN_ERROR) ** (-1.0 / 3.0)
+
+
+def _copy_motion(target: Motion, source: Motion) -> None:
+    combine(target.q, (1.0,), (source.q,))
+    combine(target.v, (1.0,), (source.v,))
+    combine(target.ddq, (1.0,), (source.ddq,))
+    combine(target.a, (1.0,), (source.a,))
+    combine(target.lam, (1.0,), (source.lam,))
+    target.h = source.h
+
+
+def _store_row(run: AlphaWorkspace) -> None:
+    current, row, n = run.current, run.rows[run.filled], run.current.q.size
+    row[0] = run.t
+    combine(row[1 : 1 + n], (1.0,), (current.q,))
+    combine(row[1 + n : 1 + 2 * n], (1.0,), (current.v,))
+    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (current.ddq,))
+    combine(row[1 + 3 * n :], (1.0,), (current.lam,))
+    run.filled += 1
+
+
+def _advance_step(run: AlphaWorkspace, t: float) -> int:
+    """Advance the current motion to time `t` [s]; a failure leaves it unchanged."""
+    current, at, x, c = run.current, run.prediction, run.x, run.prediction.coefficients
+    n, end, h, beta = current.q.size, current.q.size + current.lam.size, current.h, run.beta
+    # Predictor: q'' and the multipliers are extrapolated; increments are counted from there.
+    factor = 1.0 / (1.0 - run.alpha_m)
+    extrapolation = (1.0 + run.step_ratio, -run.step_ratio)
+    combine(at.a, extrapolation, (current.ddq, run.ddq_n))
+    averages = (factor * (1.0 - run.alpha_f), factor * run.alpha_f, -factor * run.alpha_m)
+    combine(run.a_predicted, averages, (at.a, current.ddq, current.a))
+    positions = (current.q, current.v, current.a, run.a_predicted)
+    combine(at.q, (1.0, h, h * h * (0.5 - beta), h * h * beta), positions)
+    velocities = (current.v, current.a, run.a_predicted)
+    combine(at.v, (1.0, h * (1.0 - run.gamma), h * run.gamma), velocities)
+    combine(run.ddq_n, (1.0,), (current.ddq,))
+    combine(at.before, (1.0,), (current.q,))
+    combine(run.a_n, (1.0,), (current.a,))
+    fill(x[:n], 0.0)
+    scaled = (c[2] * extrapolation[0], c[2] * extrapolation[1])
+    combine(x[n:end], scaled, (current.lam, run.lam_n))
+    combine(run.lam_n, (1.0,), (current.lam,))
+    fill(x[end:], 0.0)
+    bound = run.newton_tolerance * c[2] * max_norm(current.ddq, run.weights)
+    run.bound = max(bound, run.min_bound)
+    code = _solve_step(run, t)
+    if code != DONE:
+        return code
+    combine(current.q, (1.0,), (evaluate_step_position(run.form, at, x),))
+    combine(current.v, (1.0, c[0]), (at.v, x[:n]))
+    combine(current.ddq, (1.0, c[1]), (at.a, x[:n]))
+    combine(current.a, (1.0, 1.0 / c[2]), (run.a_predicted, x[:n]))
+    combine(current.lam, (1.0 / c[2],), (x[n:end],))
+    run.t = t
+    run.step_ratio = 1.0
+    return DONE
+
+
+def _solve_step(run: AlphaWorkspace, t: float) -> int:
+    """Solve the step equations for x by Newton's iteration.
+
+    Tried with the factors at hand, with new ones, and with new ones from uniform motion: under a
+    violent load the accelerations of light, stiff coordinates are huge for an instant, and uniform
+    motion is the better first iterate.
+    """
+    x, n, current = run.x, run.current.q.size, run.current
+    combine(run.first_iterate, (1.0,), (x,))
+    if run.rate <= _KEEP_RATE:
+        code = _iterate_newton(run, t, False)
+        if code in (DONE, NOT_FINITE):
+            return code
+        run.failures += 1
+    code = SINGULAR
+    for attempt in range(2):
+        combine(x, (1.0,), (run.first_iterate,))
+        if attempt == 1:
+            uniform = (current.q, current.v, run.prediction.q)
+            combine(x[:n], (1.0, current.h, -1.0), uniform)
+        code = _factorize_step_matrix(run, t)
+        if code == DONE:
+            code = _iterate_newton(run, t, True)
+        if code in (DONE, NOT_FINITE, NEW_PIVOTS):
+            return code
+        run.failures += 1
+    run.linear.singular = 0
+    return code
+
+
+def _factorize_step_matrix(run: AlphaWorkspace, t: float) -> int:
+    evaluate_step_matrix(run.form, t, run.branch, run.prediction, run.x, run.nonzeros)
+    code = factorize(run.linear, run.nonzeros)
+    # With other pivots the matrix is evaluated again.
+    if code != NEW_PIVOTS:
+        run.jacobians += 1
+    run.rate = 0.0 if code == DONE else math.inf
+    return code
+
+
+def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
+    x, change = run.x, run.change
+    x_change = change[: x.size]
+    q_change = change[: run.current.q.size]
+    previous = math.inf
+    for k in range(_MAX_ITERATIONS):
+        evaluate_step_residual(run.form, t, run.branch, run.prediction, x, change)
+        run.residuals += 1
+        solve(run.linear, change)
+        combine(x, (1.0, -1.0), (x, x_change))
+        size = euclidean_norm(q_change, run.weights)
+        if k == 0 and not math.isfinite(size):
+            return NOT_FINITE
+        if not size <= _MAX_CORRECTION_GROWTH * previous:
+            return NOT_CONVERGED
+        if k > 0:
+            run.rate = max(size / previous, _MIN_RATE) if previous > 0.0 else 0.0
+        rate = run.rate if k > 0 else max(run.rate, _MIN_FIRST_RATE)
+        if rate < 1.0 and size * rate <= run.bound * (1.0 - rate):
+            return DONE
+        if may_renew and rate > _SLOW_RATE:
+            code = _factorize_step_matrix(run, t)
+            if code != DONE:
+                return code
+        previous = size
+    return NOT_CONVERGED

@@ -1,0 +1,205 @@
+"""The method of `Ida`: error weights, restarts and failure reasons around IDA's own steps."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, ClassVar
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
+    evaluate_residual,
+    formulate_first_order,
+)
+from beamdae.integrators.error_control import (
+    STIFF_RATIO_BDF,
+    motion_scales,
+    resolve_error_control,
+)
+from beamdae.integrators.ida.callbacks import NO_ADVANCE
+from beamdae.integrators.ida.compiled_solver import CompiledIda
+from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
+from beamdae.integrators.method import STEP_TOO_SMALL, StepError
+from beamdae.integrators.run_plan import RunPlan
+from beamdae.native.llvm import MachineCodeError
+from beamdae.results.outcome import Statistics
+from beamdae.sundials.library import UnavailableError
+from beamdae.sundials.solver import describe_status
+
+Array = np.ndarray
+
+# IDA's codes of steps that fail at their smallest size.
+_ERROR_TEST_FAILED = -3
+_NEWTON_FAILED = -4
+# After a failure the residual is evaluated this far ahead, relative to the rest of the interval:
+# steps shrink to nothing before a time from which on the residual is not finite.
+_PROBE_SHARE = 1e-6
+# Share of each Newton correction that is made if forces depend on multipliers or if velocities
+# alone are constrained, because multipliers are then in the iteration's test. IDA accepts a first
+# correction by an earlier rate of convergence, and one of any size if that rate was zero, as in
+# linear equations: where friction reverses, such steps drove multipliers off, to 1e7 times their
+# size. With this share no rate is below 1/50, and no correction beyond 16 tolerances is accepted.
+_CORRECTION_SHARE = 0.98
+# IDA gives up after ten attempts at a step; the first step of an interval is then retried with
+# this share of its length, ...
+_RETRY_FACTOR = 1e-4
+# ... unless it becomes shorter than this [s].
+_MIN_FIRST_STEP = 1e-300
+# Errors are weighted by absolute tolerances; IDA needs a relative one that is not zero.
+_NEGLIGIBLE_RTOL = 1e-15
+_RADAU_ADVICE = (
+    "lightly damped modes limit BDF at this tolerance, Radau is usually 2 to 20 times faster; use "
+    "Radau(rtol) or Auto(rtol)"
+)
+
+
+class IdaStepper:
+    """Steps of IDA, up to 64 at a time."""
+
+    rows_per_step: ClassVar[int] = 1
+    steps_per_check: ClassVar[int] = 64
+
+    def __init__(
+        self,
+        rtol: float,
+        formulation: str,
+        error_control: str,
+        max_order: int | str,
+        max_step: float | None,
+        linear_solver: str,
+        plan: RunPlan,
+    ) -> None:
+        self._rtol = rtol
+        self._form = formulate_first_order(plan.equations, formulation)
+        self._scales = scales = motion_scales(plan)
+        multipliers_matter = _multipliers_matter(plan.equations)
+        iterated = multipliers_matter or len(plan.equations.nonholonomic_rows) > 0
+        self._control = resolve_error_control(
+            error_control,
+            max_order,
+            self._form.formulation,
+            rtol,
+            scales.rate,
+            STIFF_RATIO_BDF,
+            plan.fastest_modes,
+            multipliers_matter,
+        )
+        self._tolerance = self._control.tolerance(rtol, self._form.size)
+        self._longest = plan.longest_step("Ida", max_step)
+        atol = self._control.absolute_tolerances(self._tolerance, scales, self._form, iterated)
+        options = {
+            "rtol": _NEGLIGIBLE_RTOL,
+            "atol": atol,
+            "untested": self._control.untested(self._form) if iterated else None,
+            "max_order": self._control.max_order,
+            "max_step": self._longest,
+        }
+        iteration = {
+            "kinematic": KinematicRowScaling.from_form(self._form, scales.position),
+            "share": _CORRECTION_SHARE if iterated else 1.0,
+        }
+        self._ida = _make_solver(self._form, plan, linear_solver, options, iteration)
+
+    @property
+    def resolved_options(self) -> dict[str, Any]:
+        """Error control, order and tolerance of the run, and IDA's report of its steps."""
+        note = self._form.formulation.note or (_RADAU_ADVICE if self.prefers_radau else "")
+        return {
+            "error_control": self._control.policy,
+            "max_order": self._control.max_order,
+            "auto": self._control.reason,
+            "local_tolerance": float(self._tolerance),
+            "method": "Ida",
+            "ida": self._ida.name,
+            **self._ida.step_report,
+            **({"note": note} if note else {}),
+        }
+
+    @property
+    def prefers_radau(self) -> bool:
+        """Return True if Radau is cheaper at this tolerance."""
+        return self._rtol < self._control.radau_below
+
+    @property
+    def counts(self) -> Statistics:
+        """Calls, factorizations and failures so far."""
+        return self._ida.counts
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval [s] at a consistent state."""
+        self._t, self._end, self._branch = start, end, branch
+        # IDA's own estimate ignores accelerations, and fails where they are huge for an instant.
+        first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
+        self._start(first, state)
+
+    def _start(self, first_step: float, state: State) -> None:
+        self._first_step = first_step
+        self._start_state: State | None = state
+        self._ida.start((self._t, self._end), self._branch, *self._form.pack(state), first_step)
+
+    def advance(self, most: int) -> Array:
+        """Return rows (t, q, v, a, lam) of one to `most` more steps.
+
+        Raises
+        ------
+        StepError
+            If no step is possible.
+        """
+        while not len(rows := self._ida.advance(most)):
+            first_step = _RETRY_FACTOR * self._first_step
+            is_start = self._start_state is not None
+            if not is_start or self._t + first_step == self._t or first_step < _MIN_FIRST_STEP:
+                raise StepError(self._describe_failure(), self._ida.last_point[2])
+            self._start(first_step, self._start_state)
+        self._t = float(rows[-1, 0])
+        self._start_state = None
+        return rows
+
+    def _describe_failure(self) -> str:
+        ahead = self._t + _PROBE_SHARE * (self._end - self._t)
+        y, yp, last_residual = self._ida.last_point
+        residual_ahead = np.zeros(self._form.size)
+        evaluate_residual(self._form.buffers(), ahead, self._branch, y, yp, residual_ahead)
+        if not (np.isfinite(last_residual).all() and np.isfinite(residual_ahead).all()):
+            return "the residual is not finite; check laws and start values"
+        code = self._ida.code
+        if code == NO_ADVANCE:
+            return STEP_TOO_SMALL
+        if code == _ERROR_TEST_FAILED:
+            unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
+            cause = f", the error of {unknown} limits most steps" if unknown else ""
+            return (
+                "the error test failed at the smallest step; loosen rtol or test positions only"
+                f"{cause}"
+            )
+        if code == _NEWTON_FAILED:
+            return (
+                "Newton's iteration did not converge at the smallest step; check the model near "
+                "this time, or use another formulation"
+            )
+        return describe_status(code)
+
+
+def _multipliers_matter(equations: EquationsOfMotion) -> bool:
+    """Return True if forces depend on multipliers or if constraints leave no motion free."""
+    is_driven = equations.m == equations.n
+    return is_driven or any(force.rows is not None for force in equations.structure.forces)
+
+
+def _make_solver(
+    form: FirstOrderForm,
+    plan: RunPlan,
+    linear_solver: str,
+    options: dict[str, Any],
+    iteration: dict[str, Any],
+) -> Any:
+    """Return IDA in machine code, or scikit-sundae's class if that is not available."""
+    if form.is_native:
+        with contextlib.suppress(MachineCodeError, UnavailableError):
+            return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
+    # Imported here because it imports SciPy's optimizers, a third of the time of a short run.
+    from beamdae.integrators.ida.python_solver import SksundaeIda
+
+    return SksundaeIda(form, linear_solver, options, iteration)
