@@ -1,4 +1,4 @@
-"""Modes against eigenvalues of dense matrices of coordinates and velocities at once."""
+"""Modes against eigenvalues of dense first-order matrices."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ FORMULATIONS = ("floating frame", "exact")
 
 
 def arch(formulation):
-    """On two hinges, with a mass on a spring and a damper hung from it."""
+    """Return an arch on two hinges, with a mass suspended from it by a spring and a damper."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.6, length=0.8, start=(0.0, 0.0), angle=-0.66)
     beam = mech.add(bd.Beam("arch", arc, STRIP, elements=2, formulation=formulation))
@@ -30,7 +30,7 @@ def arch(formulation):
 
 
 def arm(formulation, driven=True, offset=0.1):
-    """On a hub, bent and damped."""
+    """Return a curved, damped beam on a hub."""
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", 1.0, 0.01))
     arc = bd.Arc(radius=0.5, length=0.6, start=(offset, 0.0), angle=0.3)
@@ -42,7 +42,7 @@ def arm(formulation, driven=True, offset=0.1):
     return mech
 
 
-def twice_held(formulation):
+def redundant_arm(formulation):
     mech = arm(formulation)
     mech.redundant = "minimum norm"
     mech.add(bd.Revolute("pin", mech.part("hub").at(0.1, 0.0), mech.part("beam").start))
@@ -50,7 +50,7 @@ def twice_held(formulation):
 
 
 def sled(formulation):
-    """A flexible tail behind a knife edge, held by a soft bushing."""
+    """Return a sled on a knife edge with a flexible tail and a soft bushing to the ground."""
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("sled", 0.2, 0.01))
     line = bd.Line((0.0, 0.0), (0.5, 0.1))
@@ -62,8 +62,8 @@ def sled(formulation):
     return mech
 
 
-def passing(formulation):
-    """The same arm some time after it was let go."""
+def falling_arm(formulation):
+    """Return the arm without a driver, which falls under its weight."""
     mech = arm(formulation, driven=False)
     mech.gravity = np.array([0.0, -9.81])
     return mech
@@ -71,93 +71,97 @@ def passing(formulation):
 
 CASES = {
     "at rest": (arch, "equilibrium"),
-    "turning": (arm, bd.rotation(15.0)),
-    "turning freely": (lambda x: arm(x, driven=False), bd.rotation(15.0)),
-    "redundant": (twice_held, "reference"),
+    "rotating": (arm, bd.rotation(15.0)),
+    "rotating freely": (lambda x: arm(x, driven=False), bd.rotation(15.0)),
+    "redundant": (redundant_arm, "reference"),
     "nonholonomic": (sled, "reference"),
-    "on the way": (passing, None),
+    "in motion": (falling_arm, None),
 }
 
 
-def marked(case):
+def with_marks(case):
     slow = case != "nonholonomic"
     return pytest.param(case, marks=[pytest.mark.slow(reason="one is enough")] if slow else [])
 
 
-def state(case, formulation):
+def model_and_state(case, formulation):
     make, about = CASES[case]
     mech = make(formulation)
     return mech, about or bd.simulate(mech, bd.Radau(1e-6), 0.1).at(0.07)
 
 
 def dense_eigenvalues(lin):
-    """Of q' = v, M v' + C v + K q + H lam = 0 for all (q, v) that satisfy the constraints."""
-    own, e = lin.tangent, lin.equations
-    stiffness, damping, mass = (x.toarray() for x in (own.stiffness, own.damping, own.mass))
-    held, rates, moving = own.held.toarray(), own.held_rates.toarray(), lin.nonholonomic
-    none = np.zeros_like(held)
-    rows = [np.hstack([held, rates]), np.hstack([none, held])[~moving]]
+    """Return those of q' = v, M v' + C v + K q + H lam = 0 on the constraint manifold."""
+    tangent, e = lin.tangent, lin.equations
+    stiffness, damping, mass = (
+        x.toarray() for x in (tangent.stiffness, tangent.damping, tangent.mass)
+    )
+    by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
+    zeros = np.zeros_like(by_q)
+    rows = [np.hstack([by_q, by_v]), np.hstack([zeros, by_q])[~lin.nonholonomic]]
     scales = np.concatenate([e.position_scales, 30.0 * e.position_scales])
     states = scales[:, None] * null_space(np.vstack(rows) * scales)
-    left = null_space(own.reactions.toarray().T).T
+    left = null_space(tangent.reactions.toarray().T).T
     one, zero = np.eye(e.n) / e.position_scales[:, None], np.zeros((e.n, e.n))
     by_rates = np.block([[one, zero], [left @ np.hstack([zero, mass])]])
     by_states = np.block([[zero, one], [-left @ np.hstack([stiffness, damping])]])
-    # Fast modes would leave their rounding in slow ones: those nearest to the shift are exact.
+    # Inverted about a shift, so that rounding of fast modes does not enter slow ones.
     shift = 30.0
     shifted = lstsq((by_states - shift * by_rates) @ states, by_rates @ states)[0]
     return shift + 1.0 / np.linalg.eigvals(shifted)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("case", [marked(case) for case in CASES])
-def test_modes_are_eigenvalues_of_dense_matrices(case, formulation):
-    mech, about = state(case, formulation)
+@pytest.mark.parametrize("case", [with_marks(case) for case in CASES])
+def test_modes_match_dense_eigenvalues(case, formulation):
+    mech, about = model_and_state(case, formulation)
     lin = linearize_about("modes", mech, about)
-    found = bd.modes(mech, about, n=6)
+    modes = bd.modes(mech, about, n=6)
     known = dense_eigenvalues(lin)
-    for value, kind in zip(found.eigenvalues, found.kinds, strict=True):
+    for value, kind in zip(modes.eigenvalues, modes.kinds, strict=True):
         if kind == "free motion":
-            # A double zero is off by the root of rounding.
+            # A double zero is off by the square root of rounding.
             assert np.min(np.abs(known)) < 1e-3
             continue
         assert_allclose(known[np.argmin(np.abs(known - value))], value, rtol=1e-8)
-    # None is left out.
+    # No eigenvalue is missing.
     lowest = np.sort(np.abs(known[(known.imag >= 0.0) & (np.abs(known) > 1e-3)]))
-    moving = np.abs(found.eigenvalues[[kind != "free motion" for kind in found.kinds]])
-    assert_allclose(lowest[: len(moving)], moving, rtol=1e-8)
+    nonzero = np.abs(modes.eigenvalues[[kind != "free motion" for kind in modes.kinds]])
+    assert_allclose(lowest[: len(nonzero)], nonzero, rtol=1e-8)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("case", [marked(case) for case in CASES])
+@pytest.mark.parametrize("case", [with_marks(case) for case in CASES])
 def test_shapes_satisfy_the_linearized_equations(case, formulation):
-    mech, about = state(case, formulation)
-    found = bd.modes(mech, about, n=6)
-    own = found._linearization.tangent
-    for value, shape in zip(found.eigenvalues, found.shapes, strict=True):
-        inertia = value**2 * (own.mass @ shape)
-        force = inertia + value * (own.damping @ shape) + own.stiffness @ shape
-        h = own.reactions.toarray()
-        left = force - h @ np.linalg.lstsq(h, force, rcond=None)[0]
-        assert np.max(np.abs(left)) <= 1e-6 * max(np.max(np.abs(own.stiffness @ shape)), 1.0)
-        gap = own.held @ shape + value * (own.held_rates @ shape)
+    mech, about = model_and_state(case, formulation)
+    modes = bd.modes(mech, about, n=6)
+    tangent = modes._linearization.tangent
+    for value, shape in zip(modes.eigenvalues, modes.shapes, strict=True):
+        inertia = value**2 * (tangent.mass @ shape)
+        force = inertia + value * (tangent.damping @ shape) + tangent.stiffness @ shape
+        h = tangent.reactions.toarray()
+        unbalanced = force - h @ np.linalg.lstsq(h, force, rcond=None)[0]
+        assert np.max(np.abs(unbalanced)) <= 1e-6 * max(
+            np.max(np.abs(tangent.stiffness @ shape)), 1.0
+        )
+        gap = tangent.position_jacobian @ shape + value * (tangent.velocity_jacobian @ shape)
         assert np.max(np.abs(gap)) <= 1e-7 * max(1.0, abs(value)) * np.max(np.abs(shape))
 
 
-@pytest.mark.slow(reason="all models, by several states")
+@pytest.mark.slow(reason="all models about several states")
 @pytest.mark.parametrize("path", sorted(Path("models").glob("*.py")), ids=lambda path: path.stem)
-def test_every_model_has_modes_or_one_sentence(path):
+def test_every_model_has_modes_or_a_clear_error(path):
     model = bd.load_model(path)
     run = bd.simulate(model, t_end=0.02, output_step=0.01)
     for about in ("equilibrium", bd.rotation(2.0), run.at(0.013)):
         try:
             bd.modes(model, about, n=4)
-        except bd.BeamdaeError as problem:
-            # Nothing in between: what turns or falls without end, and weight, which does not turn.
-            if not re.search("no equilibrium was found|do not turn with", str(problem)):
+        except bd.BeamdaeError as error:
+            # Mechanisms that rotate or fall forever, and weight, which does not rotate.
+            if not re.search("no equilibrium was modes|do not turn with", str(error)):
                 raise
-    found = bd.modes(model, n=4)
-    free = found._linearization.equations.n - found._linearization.equations.m
-    assert len(found) == min(4, free)
-    assert np.all(np.isfinite(found.eigenvalues))
-    assert free or "nothing vibrates" in found.warnings[0]
+    modes = bd.modes(model, n=4)
+    free = modes._linearization.equations.n - modes._linearization.equations.m
+    assert len(modes) == min(4, free)
+    assert np.all(np.isfinite(modes.eigenvalues))
+    assert free or "nothing vibrates" in modes.warnings[0]

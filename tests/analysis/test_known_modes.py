@@ -1,4 +1,4 @@
-"""Published natural frequencies, and those of what turns by a computation of its own."""
+"""Natural frequencies against published values and Rayleigh-Ritz solutions."""
 
 import numpy as np
 import pandas as pd
@@ -27,9 +27,9 @@ STORED = pd.read_csv(SUMMARY)
 
 
 def ritz(speed, terms=14):
-    """First frequencies of a thin rotating cantilever across its plane, by Rayleigh and Ritz.
+    """Return flapping frequencies of a thin rotating cantilever, by the Rayleigh-Ritz method.
 
-    Of 1/2 int y''^2 + W^2 (1 - x^2) / 2 y'^2 - w^2 y^2 dx with unit EI, rho A and length, in
+    From 1/2 int y''^2 + W^2 (1 - x^2) / 2 y'^2 - w^2 y^2 dx with unit EI, rho A and length, in
     y = x^2 T_k(2 x - 1).
     """
     shapes = [Polynomial([0.0, 0.0, 1.0])]
@@ -54,26 +54,26 @@ def known(case, formulation):
     ("case", "formulation"),
     [known(case, x) for case in KNOWN_MODES for x in FORMULATIONS if "arm" not in case.name],
 )
-def test_published_frequencies_are_met(case, formulation):
+def test_published_frequencies_are_reproduced(case, formulation):
     rows = list(case.rows_by(formulation))
     stored = STORED[(STORED["case"] == case.name) & (STORED["setting"] == rows[0]["setting"])]
     assert [float(row["published"]) for row in rows] == list(stored["published"].astype(float))
     for row, line in zip(rows, stored.to_dict("records"), strict=True):
         assert float(row["relative"]) <= case.within
-        # Rounding of slender structures.
+        # Tolerance for rounding of slender structures.
         assert_allclose(float(row["ours"]), float(line["ours"]), rtol=1e-7)
 
 
-def test_every_known_mode_is_in_the_table():
-    found = STORED[STORED["setting"].str.startswith("modes")]
-    assert set(found["case"]) == {case.name for case in KNOWN_MODES}
+def test_every_published_mode_is_in_the_table():
+    rows = STORED[STORED["setting"].str.startswith("modes")]
+    assert set(rows["case"]) == {case.name for case in KNOWN_MODES}
     for case in KNOWN_MODES:
-        own = found[found["case"] == case.name]
-        assert len(own) == len(FORMULATIONS) * len(case.known)
-        assert (own["relative"] <= case.within).all()
+        case_rows = rows[rows["case"] == case.name]
+        assert len(case_rows) == len(FORMULATIONS) * len(case.known)
+        assert (case_rows["relative"] <= case.within).all()
 
 
-def test_published_numbers_of_the_arch_are_those_of_its_equations():
+def test_published_arch_frequencies_solve_its_equations():
     section, length = arch_section(), 0.5 * np.pi
     unit = length**2 * np.sqrt(section.rhoA / section.EI)
     exact = unit * closed_forms.hinged_arch(section, 1.0, length, np.array(EISENBERGER) / unit)
@@ -81,7 +81,7 @@ def test_published_numbers_of_the_arch_are_those_of_its_equations():
 
 
 @pytest.mark.parametrize("speed", WRIGHT)
-def test_published_numbers_of_rotating_arms_are_those_of_ritz(speed):
+def test_published_frequencies_of_rotating_arms_match_ritz(speed):
     assert_allclose(ritz(speed), WRIGHT[speed], rtol=2e-5)
 
 
@@ -93,29 +93,29 @@ def test_published_numbers_of_rotating_arms_are_those_of_ritz(speed):
         (12.0, "exact"),
     ],
 )
-def test_a_thin_rotating_arm_is_that_of_ritz(speed, formulation):
-    """In the plane of rotation it is softer by the square of the speed."""
-    found = bd.modes(rotating_arm(1e3, 8, formulation), about=bd.rotation(speed), n=3).eigenvalues
-    # Shear, rotary inertia and stretch of a slenderness of 1000: 1e-6 (k pi)^2, and the mesh.
-    assert_allclose(np.sqrt(found.imag**2 + speed**2), ritz(speed), rtol=2.5e-4)
-    assert_allclose(found.real, 0.0, atol=1e-9)
+def test_thin_rotating_arm_matches_ritz(speed, formulation):
+    """In the plane of rotation, spin softening lowers w^2 by the square of the speed."""
+    values = bd.modes(rotating_arm(1e3, 8, formulation), about=bd.rotation(speed), n=3).eigenvalues
+    # Shear, rotary inertia and axial strain at slenderness 1000: 1e-6 (k pi)^2; and the mesh.
+    assert_allclose(np.sqrt(values.imag**2 + speed**2), ritz(speed), rtol=2.5e-4)
+    assert_allclose(values.real, 0.0, atol=1e-9)
 
 
 @pytest.mark.slow(reason="rings of two heights")
-def test_a_ring_is_thin_in_the_limit():
-    """What shear, rotary inertia and stretch take goes with the square of the height."""
+def test_ring_converges_to_the_thin_ring():
+    """The effects of shear, rotary inertia and axial strain grow with the height squared."""
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
-    off = []
+    deviations = []
     for height in (0.02, 0.01):
         section = bd.Section.rectangle(steel, width=0.02, height=height)
-        own = bd.modes(ring(section, 1.0, 16), n=5).eigenvalues[3].imag
-        off.append(1.0 - own / closed_forms.thin_ring(section, 1.0, 2))
-    # The mesh leaves 4e-6 of the frequency.
-    assert_allclose(off[0] / off[1], 4.0, rtol=0.2)
+        frequency = bd.modes(ring(section, 1.0, 16), n=5).eigenvalues[3].imag
+        deviations.append(1.0 - frequency / closed_forms.thin_ring(section, 1.0, 2))
+    # The mesh error is 4e-6 of the frequency.
+    assert_allclose(deviations[0] / deviations[1], 4.0, rtol=0.2)
 
 
 @pytest.mark.slow(reason="two runs of a rotating beam")
-def test_a_small_step_of_a_rotating_arm_is_that_of_the_nonlinear_run():
+def test_small_step_response_of_a_rotating_arm_matches_the_nonlinear_run():
     (step,) = STEP_RESPONSES
     stored = STORED[STORED["case"] == step.name].to_dict("records")
     for row, line in zip(step.rows(), stored, strict=True):
@@ -127,8 +127,8 @@ def test_a_small_step_of_a_rotating_arm_is_that_of_the_nonlinear_run():
 
 @pytest.mark.slow(reason="512 elements")
 @pytest.mark.parametrize("formulation", FORMULATIONS.values())
-def test_twenty_modes_of_many_elements_are_those_of_few(formulation):
-    """512 elements, by the sparse solver; rounding of their stiffness leaves ten digits."""
+def test_twenty_modes_of_a_fine_mesh_match_the_closed_form(formulation):
+    """512 elements with the sparse solver; rounding of their stiffness leaves ten digits."""
     many = bd.modes(supported_beam(512, formulation), n=20).eigenvalues.imag
     known = closed_forms.supported_beam(square_rubber(), 2.0, 20)
     assert_allclose(many, known, rtol=1e-8)

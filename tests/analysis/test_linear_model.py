@@ -1,4 +1,4 @@
-"""Linear models against the nonlinear equations they are of."""
+"""Linear state-space models against transfer functions and nonlinear runs."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-3)
 
 
 def mount(push=0.0):
-    """A mass on a sliding foot that a driver shakes, with a spring and a damper between."""
+    """Return a mass on a spring and a damper above a foot that a driver shakes."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     foot = mech.add(bd.RigidBody("foot", 0.5, 0.1, center=(0.0, 0.0)))
     mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), foot.at(0.0, 0.0), (0.0, 1.0)))
@@ -47,8 +47,8 @@ def strip(push=0.0):
     return mech
 
 
-def test_a_shaken_mass_has_the_transfer_function_of_its_equation():
-    """m y'' + c (y' - u') + k (y - u) = F; the driver bears M u'' + m y'' besides the weight."""
+def test_shaken_mass_has_the_transfer_function_of_its_equation():
+    """m y'' + c (y' - u') + k (y - u) = F; the driver force is M u'' + m y'' plus weight."""
     model = bd.linearize(mount(), about="equilibrium")
     assert [x.header for x in model.inputs] == [
         "shaker.travel_ddot [m/s^2]",
@@ -59,43 +59,43 @@ def test_a_shaken_mass_has_the_transfer_function_of_its_equation():
     f = np.array([0.3, 1.0, 5.0])
     s = 2j * np.pi * f
     m, c, k = 2.0, 3.0, 200.0
-    own = m * s**2 + c * s + k
-    found = model.frequency_response(f)
+    dynamic_stiffness = m * s**2 + c * s + k
+    response = model.frequency_response(f)
     outputs = [x.name for x in model.outputs]
     load, force = outputs.index("load.y"), outputs.index("shaker.F")
-    assert_allclose(found[:, load, 2], 1.0 / own, rtol=1e-9)
-    by_u = (c * s + k) / own
-    assert_allclose(found[:, load, 0], by_u / s**2, rtol=1e-9)
+    assert_allclose(response[:, load, 2], 1.0 / dynamic_stiffness, rtol=1e-9)
+    by_u = (c * s + k) / dynamic_stiffness
+    assert_allclose(response[:, load, 0], by_u / s**2, rtol=1e-9)
     # The sign is that of the force on the foot.
-    assert_allclose(np.abs(found[:, force, 0]), np.abs(0.5 + m * by_u), rtol=1e-9)
-    assert_allclose(found[:, force, 2], -(c * s + k) / own, rtol=1e-9)
+    assert_allclose(np.abs(response[:, force, 0]), np.abs(0.5 + m * by_u), rtol=1e-9)
+    assert_allclose(response[:, force, 2], -(c * s + k) / dynamic_stiffness, rtol=1e-9)
     assert_allclose(model.output_values[force], 2.5 * 9.81, rtol=1e-9)
 
 
-def test_eigenvalues_of_a_are_the_modes():
-    model, found = bd.linearize(strip()), bd.modes(strip(), n=3)
+def test_eigenvalues_of_the_state_matrix_are_the_modes():
+    model, modes = bd.linearize(strip()), bd.modes(strip(), n=3)
     values = np.linalg.eigvals(model.A)
     upper = sorted(values[values.imag > 0.0], key=abs)[:3]
-    # Rounding beside the fastest modes, which are 1e6 times as fast.
-    assert_allclose(upper, found.eigenvalues, rtol=2e-5)
+    # Rounding relative to the fastest modes, which are 1e6 times as fast.
+    assert_allclose(upper, modes.eigenvalues, rtol=2e-5)
 
 
 @pytest.mark.slow(reason="a run of a curved beam")
-def test_the_answer_to_a_small_step_is_that_of_the_nonlinear_run():
+def test_small_step_response_matches_the_nonlinear_run():
     model = bd.linearize(strip(), about="equilibrium")
     force = 1e-4
-    rested = bd.equations_of_motion(strip(), "equilibrium")
-    stepped = replace(bd.equations_of_motion(strip(force)), q0=rested.q0, v0=0.0 * rested.v0)
-    run = bd.simulate(stepped, bd.Radau(1e-10), 0.3, output_step=2e-3)
+    at_rest = bd.equations_of_motion(strip(), "equilibrium")
+    with_step = replace(bd.equations_of_motion(strip(force)), q0=at_rest.q0, v0=0.0 * at_rest.v0)
+    run = bd.simulate(with_step, bd.Radau(1e-10), 0.3, output_step=2e-3)
     assert run.status.success
     _, known, _ = lsim(model.state_space(), np.tile([0.0, force], (len(run.t), 1)), run.t)
     for k, named in enumerate(model.outputs):
-        moved = run.columns[named.header] - model.output_values[k]
+        deviation = run.columns[named.header] - model.output_values[k]
         size = np.max(np.abs(known[:, k]))
-        assert_allclose(moved, known[:, k], rtol=0.0, atol=1e-3 * size, err_msg=named.header)
+        assert_allclose(deviation, known[:, k], rtol=0.0, atol=1e-3 * size, err_msg=named.header)
 
 
-def test_a_model_is_ready_for_scipy_and_told_by_name():
+def test_linear_model_converts_to_scipy_with_named_states():
     model = bd.linearize(mount(), inputs=["push"], outputs=["load"])
     a, b, c, d = model
     assert isinstance(model.state_space(), StateSpace)
@@ -105,8 +105,8 @@ def test_a_model_is_ready_for_scipy_and_told_by_name():
     assert_allclose(b[:, 1], [0.0, 0.5], atol=1e-12)
 
 
-def test_a_skate_is_a_state_less():
-    """A sled pushed sideways at its center: it does not move; ahead it does."""
+def test_skate_removes_one_state():
+    """A sled pushed at its center moves ahead but not sideways."""
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("sled", 2.0, 0.1, center=(0.0, 0.0)))
     mech.add(bd.Skate("blade", body.at(0.0, 0.0), (1.0, 0.0)))
@@ -120,8 +120,8 @@ def test_a_skate_is_a_state_less():
     assert_allclose(response[names.index("sled.y"), 1], 0.0, atol=1e-15)
 
 
-def test_a_skate_that_travels_turns_its_way():
-    """Off at speed v: a turn of phi carries it aside by v phi, y' = v phi."""
+def test_moving_skate_steers():
+    """At speed v, a rotation by phi causes the lateral velocity y' = v phi."""
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("sled", 2.0, 0.1, velocity=(3.0, 0.0)))
     mech.add(bd.Skate("blade", body.at(0.0, 0.0), (1.0, 0.0)))
@@ -136,8 +136,8 @@ def test_a_skate_that_travels_turns_its_way():
     assert_allclose(response[names.index("sled.y")], 3.0 * turn / (1j * w), rtol=1e-9)
 
 
-def test_states_and_outputs_turn_with_a_rotation():
-    """Of a body that turns: an observer who turns as well sees no Coriolis force of a spring."""
+def test_states_and_outputs_refer_to_the_rotating_frame():
+    """In the rotating frame, a disk under a moment is a double integrator."""
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.3))
     mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
@@ -148,7 +148,7 @@ def test_states_and_outputs_turn_with_a_rotation():
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("arguments", "message"),
     [
         ({"inputs": ["puhs"]}, "did you mean 'push'"),
         ({"inputs": "push"}, "inputs must be names"),
@@ -158,6 +158,6 @@ def test_states_and_outputs_turn_with_a_rotation():
         ({"about": "down"}, "about"),
     ],
 )
-def test_mistakes_are_told(settings, told):
-    with pytest.raises(bd.BeamdaeError, match=told):
-        bd.linearize(mount(), **settings)
+def test_invalid_arguments_are_rejected(arguments, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.linearize(mount(), **arguments)

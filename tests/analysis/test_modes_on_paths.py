@@ -1,4 +1,4 @@
-"""Modes along paths of equilibria: what a load takes from frequencies."""
+"""Natural modes along equilibrium paths: frequencies under load."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
 
 
 def truss():
-    """A crown of 1 kg on two springs that are 1 m apart from it and 0.2 m below."""
+    """Return a crown of 1 kg on two springs whose feet are 1 m aside and 0.2 m below."""
     mech = bd.Mechanism()
     crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.2)))
     for name, x in (("left", -1.0), ("right", 1.0)):
@@ -22,30 +22,30 @@ def truss():
 
 
 def stiffness(y):
-    """Of both springs at the height y, across and along the way down."""
-    length, free = np.hypot(1.0, y), np.hypot(1.0, 0.2)
-    tension = 1000.0 * (1.0 - free / length)
+    """Return the tangent stiffness [N/m] at the height y, along x and y."""
+    length, free_length = np.hypot(1.0, y), np.hypot(1.0, 0.2)
+    tension = 1000.0 * (1.0 - free_length / length)
     return 2.0 * np.array([1000.0 / length**2, 1000.0 * y**2 / length**2]) + 2.0 * tension * (
         np.array([y**2, 1.0]) / length**2
     )
 
 
 @pytest.mark.parametrize("height", [0.15, 0.05])
-def test_a_truss_has_the_frequencies_of_its_tangent_on_both_sides_of_its_limit(height):
+def test_truss_has_the_frequencies_of_its_tangent_stiffness(height):
     path = bd.equilibrium(truss(), to={"crown.y": height})
-    found = bd.modes(truss(), about=path)
-    squares = np.sort((-(found.eigenvalues**2)).real)
+    modes = bd.modes(truss(), about=path)
+    squares = np.sort((-(modes.eigenvalues**2)).real)
     assert_allclose(squares, np.sort(stiffness(height)), rtol=1e-7)
-    # The limit is at a height of 0.115 m.
-    assert ("unstable" in found.kinds) == (height < 0.115)
+    # The limit point is at a height of 0.115 m.
+    assert ("unstable" in modes.kinds) == (height < 0.115)
     assert path.stable == (height > 0.115)
-    assert found.about.startswith("equilibrium at load factor")
+    assert modes.about.startswith("equilibrium at load factor")
 
 
 @pytest.mark.slow(reason="paths of two columns")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-def test_a_column_loses_its_frequency_to_its_load(formulation):
-    """On two hinges w^2 = w0^2 (1 - P / Pcr) (Blevins 1979); and stages of loads act in turn."""
+def test_compressed_column_frequency_falls_linearly_with_load(formulation):
+    """Hinged at both ends: w^2 = w0^2 (1 - P / Pcr) (Blevins 1979); loads act in two stages."""
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation=formulation))
@@ -57,13 +57,13 @@ def test_a_column_loses_its_frequency_to_its_load(formulation):
     path = bd.equilibrium(mech, loads=[["pull"], ["push"]], to=[0.3, 0.9])
     first = -(bd.modes(mech, n=1, about=path.at(0)).eigenvalues[0] ** 2).real
     for row, factors in enumerate(path.factors):
-        found = bd.modes(mech, n=1, about=path.at(row)).eigenvalues[0]
-        # Shortening and shear of a strip whose slenderness is 433: (pi / 433)^2.
+        eigenvalue = bd.modes(mech, n=1, about=path.at(row)).eigenvalues[0]
+        # Axial shortening and shear of a strip of slenderness 433 contribute (pi / 433)^2.
         load = factors[1] - 0.5 * factors[0]
-        assert_allclose(-(found**2).real / first, 1.0 - load, rtol=0.0, atol=2e-4)
+        assert_allclose(-(eigenvalue**2).real / first, 1.0 - load, rtol=0.0, atol=2e-4)
 
 
-def test_a_path_of_another_model_is_refused():
+def test_path_of_another_model_is_rejected():
     path = bd.equilibrium(truss(), to=0.5)
     other = bd.Mechanism()
     other.add(bd.PointMass("bob", 1.0, at=(0.0, 0.2)))

@@ -1,4 +1,4 @@
-"""Paths of equilibria against closed forms: limit points, branch points, flutter."""
+"""Equilibrium paths against closed-form solutions: limit points, branch points, flutter."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ STIFFNESS, RISE = 1000.0, 0.2
 
 
 def truss(load=1.0, damping=0.0, rise=RISE):
-    """Von Mises' truss: two springs from (-1, 0) and (1, 0) to a crown."""
+    """Return the von Mises truss: two springs from (-1, 0) and (1, 0) to a crown."""
     mech = bd.Mechanism()
     crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
     for name, x in (("left", -1.0), ("right", 1.0)):
@@ -22,24 +22,24 @@ def truss(load=1.0, damping=0.0, rise=RISE):
 
 
 def truss_load(y, rise=RISE):
-    """2 k (L0 - L) y / L."""
-    drawn, length = np.hypot(1.0, rise), np.hypot(1.0, y)
-    return 2.0 * STIFFNESS * (drawn - length) * y / length
+    """Return the load at the height y: 2 k (L0 - L) y / L."""
+    free_length, length = np.hypot(1.0, rise), np.hypot(1.0, y)
+    return 2.0 * STIFFNESS * (free_length - length) * y / length
 
 
-# d/dy of it is zero where L^3 = L0.
+# Its derivative by y vanishes where L^3 = L0.
 HEIGHT = np.sqrt(np.hypot(1.0, RISE) ** (2.0 / 3.0) - 1.0)
 LIMIT = truss_load(HEIGHT)
 
 
-def test_a_truss_is_followed_through_both_of_its_limit_loads():
+def test_path_of_a_truss_passes_both_limit_points():
     for control in ("displacement", "arc length"):
         path = bd.equilibrium(truss(), to={"crown.y": -0.25}, control=control)
         assert path.status.success
         kinds, rows, factors, moves = zip(*path.critical, strict=True)
         assert kinds == ("limit point",) * 2
         assert moves == ("crown.y",) * 2
-        # Rounding of the interpolation at a limit point.
+        # Tolerance for the rounding of the interpolation at a limit point.
         assert_allclose(factors, [LIMIT, -LIMIT], rtol=1e-11)
         y = path.columns["crown.y [m]"]
         assert_allclose(y[list(rows)], [HEIGHT, -HEIGHT], rtol=1e-7)
@@ -51,18 +51,18 @@ def test_a_truss_is_followed_through_both_of_its_limit_loads():
         assert path.stable
 
 
-def test_a_load_beyond_the_limit_is_not_reached_and_the_path_is_kept():
+def test_path_ends_at_the_limit_load_under_load_control():
     with pytest.warns(bd.BeamdaeWarning, match=r"the last load factor .* is 3\.019"):
         path = bd.equilibrium(truss(), to=4.0)
     assert path.status.kind == "failed"
     assert "crown.y has lost" in path.status.sentence
-    assert "control='arc length' goes on" in path.status.sentence
+    assert "control='arc length' continues past it" in path.status.sentence
     # Cut back to a millionth of a step.
     assert path.factor == pytest.approx(LIMIT, rel=1e-6)
     assert np.all(np.diff(path.factors[:, 0]) > 0.0)
 
 
-def test_the_dynamics_jump_from_the_limit_point_to_the_other_side():
+def test_run_from_the_limit_point_snaps_through():
     path = bd.equilibrium(truss(load=LIMIT), to={"crown.y": 0.05})
     begin = path.at(path.critical[0].row)
     run = bd.simulate(truss(1.001 * LIMIT, damping=60.0), bd.Radau(1e-6), 20.0, start=begin)
@@ -73,8 +73,8 @@ def test_the_dynamics_jump_from_the_limit_point_to_the_other_side():
     assert truss_load(below.q[-1][1]) == pytest.approx(1.001 * LIMIT, rel=1e-9)
 
 
-def link(stiffness=10.0, length=2.0):
-    """A rigid column on a torsion spring; P = k / L holds it straight."""
+def rigid_column(stiffness=10.0, length=2.0):
+    """Return a rigid column on a torsion spring; it buckles at P = k / L."""
     mech = bd.Mechanism()
     foot, top = mech.ground.at(0.0, 0.0), (0.0, length)
     bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, (0.0, 0.5 * length)))
@@ -86,8 +86,8 @@ def link(stiffness=10.0, length=2.0):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_column_leaves_its_straight_path_at_the_branch_point(side):
-    path = bd.equilibrium(link(), to=1.3, switch=side)
+def test_column_switches_to_the_buckled_path(side):
+    path = bd.equilibrium(rigid_column(), to=1.3, switch=side)
     (branch,) = path.critical
     assert branch[0] == "branch point"
     assert branch.factor == pytest.approx(1.0, abs=1e-10)
@@ -95,21 +95,23 @@ def test_a_column_leaves_its_straight_path_at_the_branch_point(side):
     angle = path.columns["top.angle [rad]"]
     assert_allclose(path.factors[bent, 0], angle[bent] / np.sin(angle[bent]), rtol=1e-9)
     assert np.all(path.unstable[bent] == 0)
-    assert np.sign(angle[-1]) == side * np.sign(bd.equilibrium(link(), to=1.3, switch=1).q[-1, 2])
+    assert np.sign(angle[-1]) == side * np.sign(
+        bd.equilibrium(rigid_column(), to=1.3, switch=1).q[-1, 2]
+    )
 
 
-def test_the_straight_path_goes_on_unstable():
-    path = bd.equilibrium(link(), to=[1.3, 0.5])
+def test_straight_path_is_unstable_beyond_the_branch_point():
+    path = bd.equilibrium(rigid_column(), to=[1.3, 0.5])
     assert [one.kind for one in path.critical] == ["branch point"] * 2
     assert set(path.unstable[path.factors[:, 0] > 1.01]) == {1}
     assert path.stable
 
 
 def ziegler(load):
-    """Ziegler's double pendulum with masses 2 m and m under a follower load, k = l = m = 1."""
+    """Return Ziegler's double pendulum, masses 2 m and m, follower load, k = l = m = 1."""
     mech = bd.Mechanism()
     foot = mech.ground.at(0.0, 0.0)
-    # Bars without a mass of their own that would count.
+    # Point masses: the moments of inertia are negligible.
     lower = mech.add(bd.RigidBody("lower", 2.0, 1e-9, (0.0, 1.0)))
     upper = mech.add(bd.RigidBody("upper", 1.0, 1e-9, (0.0, 2.0)))
     mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
@@ -120,54 +122,54 @@ def ziegler(load):
     return mech
 
 
-def test_a_follower_load_flutters_where_ziegler_says():
+def test_ziegler_column_flutters_at_the_published_load():
     # Ziegler, Ing.-Arch. 20 (1952) 49: P l / k = 7/2 - sqrt(2).
     path = bd.equilibrium(ziegler(1.0), to=3.0)
     (flutter,) = path.critical
     assert flutter.kind == "flutter point"
-    # Where eigenvalues meet their difference is a root: a millionth of a step is found.
+    # Eigenvalues coalesce like a square root there; the search stops at 1e-6 of a step.
     assert flutter.factor == pytest.approx(3.5 - np.sqrt(2.0), abs=1e-5)
     assert path.unstable[-1] == 2
 
 
 TALL = 3.0
-# It gives way sideways where L^3 = L0 (L^2 - 1).
+# The tall truss buckles sideways where L^3 = L0 (L^2 - 1).
 LENGTHS = np.roots([1.0, -np.hypot(1.0, TALL), 0.0, np.hypot(1.0, TALL)])
 SIDEWAYS = np.sort(truss_load(np.sqrt(LENGTHS[LENGTHS > 1.0] ** 2 - 1.0), TALL))
 
 
-def branches(path):
+def branch_factors(path):
     return [one.factor for one in path.critical if one.kind == "branch point"]
 
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("settings", [{}, {"control": "arc length", "step": 0.3}])
-def test_a_tall_truss_gives_way_sideways_four_times(settings):
+def test_tall_truss_has_four_branch_points(settings):
     path = bd.equilibrium(truss(rise=TALL), to={"crown.y": -3.5}, **settings)
     low, high = SIDEWAYS
-    # A limit load and a branch point that are passed in one step are both told.
-    assert_allclose(branches(path), [low, high, -high, -low], rtol=1e-7)
+    # A limit point and a branch point passed in one step are both reported.
+    assert_allclose(branch_factors(path), [low, high, -high, -low], rtol=1e-7)
     assert len(path.critical) == 6
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_a_path_that_branches_off_is_closed_and_left_by_another_switch():
-    tall = {"model": truss(rise=TALL), "to": {"crown.y": -3.5}, "step": 0.3}
+def test_closed_secondary_path_is_left_by_a_second_switch():
+    arguments = {"model": truss(rise=TALL), "to": {"crown.y": -3.5}, "step": 0.3}
     low = SIDEWAYS[0]
     with pytest.warns(bd.BeamdaeWarning, match=r"the path is closed.*switch=\[1, 1\]"):
-        around = bd.equilibrium(**tall, switch=1)
+        around = bd.equilibrium(**arguments, switch=1)
     assert around.status.kind == "failed"
-    # On this path the factor turns there, and no direction is lost.
-    assert_allclose(branches(around), [low, -low, low], rtol=1e-7)
-    through = bd.equilibrium(**tall, switch=[1, 1])
+    # On this path the load factor turns there, and no eigenvalue changes sign.
+    assert_allclose(branch_factors(around), [low, -low, low], rtol=1e-7)
+    through = bd.equilibrium(**arguments, switch=[1, 1])
     assert through.status.success
     assert through.stable
-    assert_allclose(branches(through), [low, -low], rtol=1e-7)
-    beside = slice(through.critical[0].row + 1, through.critical[1].row)
-    assert np.all(np.abs(through.columns["crown.x [m]"][beside]) > 0.1)
+    assert_allclose(branch_factors(through), [low, -low], rtol=1e-7)
+    secondary = slice(through.critical[0].row + 1, through.critical[1].row)
+    assert np.all(np.abs(through.columns["crown.x [m]"][secondary]) > 0.1)
 
 
-def test_a_path_is_a_table_and_files(tmp_path):
+def test_path_exports_a_table_and_files(tmp_path):
     path = bd.equilibrium(truss(), to={"crown.y": -0.25})
     table = path.table()
     assert list(table.columns) == [
@@ -187,7 +189,7 @@ def test_a_path_is_a_table_and_files(tmp_path):
     assert len(short.q) == 3
 
 
-def test_a_path_shows_itself():
+def test_path_has_a_repr_and_columns():
     path = bd.equilibrium(truss(), to={"crown.y": -0.25})
     assert repr(path).startswith("<Equilibrium: ok, reached the end; ")
     assert "limit point at 3.01915" in repr(path)
@@ -201,14 +203,14 @@ def test_a_path_shows_itself():
         path.plot(3)
 
 
-def test_a_picture_is_dashed_where_the_path_is_unstable(tmp_path):
+def test_plot_is_dashed_where_the_path_is_unstable(tmp_path):
     path = bd.equilibrium(truss(), to={"crown.y": -0.25})
-    drawn = path.plot()
-    (axis,) = drawn.figure.axes
+    plot = path.plot()
+    (axis,) = plot.figure.axes
     first, between, last, *marks = axis.lines
     rows = [one.row for one in path.critical]
     assert [x.is_dashed() for x in (first, between, last)] == [False, True, False]
     assert_allclose(between.get_xdata(), path.columns["crown.y [m]"][rows[0] : rows[1] + 1])
     assert_allclose([x.get_ydata()[0] for x in marks], [LIMIT, -LIMIT], rtol=1e-9)
-    assert drawn.save(tmp_path / "path.png").stat().st_size > 5000
+    assert plot.save(tmp_path / "path.png").stat().st_size > 5000
     assert len(path.plot("crown").figure.axes) == 2

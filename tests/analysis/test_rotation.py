@@ -1,4 +1,4 @@
-"""Modes about a steady rotation, and Campbell diagrams."""
+"""Modes about steady rotations, and Campbell diagrams."""
 
 from dataclasses import replace
 
@@ -14,109 +14,108 @@ SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01)
 
 
-def sliders(stiffness=(50.0, 80.0), damping=0.0, offset=(0.0, 0.0), shift=(0.0, 0.0)):
-    """A small body held by a cross of springs in one that turns."""
+def particle_in_rotor(stiffness=(50.0, 80.0), damping=0.0, offset=(0.0, 0.0), shift=(0.0, 0.0)):
+    """Return a small body on a cross of springs in a rotating disk, and the disk."""
     mech = bd.Mechanism()
     x, y = shift
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.3, center=shift))
     bob = mech.add(bd.RigidBody("bob", 2.0, 0.1, center=(x + offset[0], y + offset[1])))
     mech.add(bd.Revolute("axle", mech.ground.at(x, y), disk.at(x, y)))
     hub = disk.at(x + offset[0], y + offset[1])
-    held = bob.at(*bob.center)
-    mech.add(bd.Bushing("cross", hub, held, *stiffness, 1e4, damping, damping, 0.0))
+    mech.add(bd.Bushing("cross", hub, bob.at(*bob.center), *stiffness, 1e4, damping, damping, 0.0))
     return mech, disk
 
 
-def driven(mech, disk, law=0.0):
+def with_driver(mech, disk, law=0.0):
     at = disk.center
     mech.add(bd.Driver("motor", mech.ground.at(*at), disk.at(*at), law=law))
     return mech
 
 
 def roots(speed, kx=50.0, ky=80.0, m=2.0):
-    """x'' - 2 W y' - W^2 x + kx/m x = 0, y'' + 2 W x' - W^2 y + ky/m y = 0."""
+    """Return the roots of x'' - 2 W y' - W^2 x + kx/m x = 0, y'' + 2 W x' - W^2 y + ky/m y = 0."""
     a, b = kx / m - speed**2, ky / m - speed**2
-    found = np.roots([1.0, 0.0, a + b + 4.0 * speed**2, 0.0, a * b])
-    upper = found[(found.imag > 1e-9) | ((abs(found.imag) <= 1e-9) & (abs(found.real) > 0))]
+    values = np.roots([1.0, 0.0, a + b + 4.0 * speed**2, 0.0, a * b])
+    upper = values[(values.imag > 1e-9) | ((abs(values.imag) <= 1e-9) & (abs(values.real) > 0))]
     return np.array(sorted(upper, key=abs))
 
 
-# The particle in the turning cross: unstable between the roots of kx / m and ky / m.
+# The particle is unstable at speeds between the square roots of kx / m and ky / m.
 @pytest.mark.parametrize("speed", [0.0, 1.0, -3.0, 20.0])
-def test_a_particle_in_a_turning_cross_has_the_roots_of_its_equation(speed):
-    found = bd.modes(driven(*sliders()), about=bd.rotation(speed), n=2)
-    assert_allclose(found.eigenvalues, roots(speed), rtol=1e-9, atol=1e-9)
-    assert found.kinds == ("vibration",) * 2
+def test_particle_in_a_rotor_has_the_roots_of_its_equation(speed):
+    modes = bd.modes(with_driver(*particle_in_rotor()), about=bd.rotation(speed), n=2)
+    assert_allclose(modes.eigenvalues, roots(speed), rtol=1e-9, atol=1e-9)
+    assert modes.kinds == ("vibration",) * 2
 
 
-def test_between_its_frequencies_it_flies_out():
-    found = bd.modes(driven(*sliders()), about=bd.rotation(5.6), n=2)
+def test_particle_in_a_rotor_is_unstable_between_its_frequencies():
+    modes = bd.modes(with_driver(*particle_in_rotor()), about=bd.rotation(5.6), n=2)
     known = roots(5.6)
-    assert "unstable" in found.kinds
-    assert_allclose(np.max(found.growth_rates), np.max(known.real), rtol=1e-9)
-    assert "unstable" in found.warnings[0]
+    assert "unstable" in modes.kinds
+    assert_allclose(np.max(modes.growth_rates), np.max(known.real), rtol=1e-9)
+    assert "unstable" in modes.warnings[0]
 
 
-def test_damping_that_turns_along_makes_it_unstable_above_the_critical_speed():
+def test_internal_damping_is_unstable_above_the_critical_speed():
     """Internal damping of a rotor (Kimball 1924): Re l changes sign at W = sqrt(k / m)."""
 
     def growth(speed):
-        mech = driven(*sliders((50.0, 50.0), damping=0.4))
+        mech = with_driver(*particle_in_rotor((50.0, 50.0), damping=0.4))
         return np.max(bd.modes(mech, about=bd.rotation(speed), n=2).growth_rates)
 
     assert growth(4.99) < 0.0 < growth(5.01)
 
 
-def test_a_rotating_free_body_drifts():
-    """In the turning frame what travels straight winds out: l = +- i W, and the angle is free."""
+def test_rotating_free_body_drifts():
+    """In the rotating frame a straight motion is a spiral: l = +- i W; the angle is free."""
     mech = bd.Mechanism()
     mech.add(bd.RigidBody("body", 2.0, 0.1, center=(0.0, 0.0)))
-    found = bd.modes(mech, about=bd.rotation(3.0))
-    assert found.kinds[0] == "free motion"
-    # Twice each: a double root is off by the root of rounding.
-    assert_allclose(found.eigenvalues[1:], 3.0j, rtol=0.0, atol=1e-6)
+    modes = bd.modes(mech, about=bd.rotation(3.0))
+    assert modes.kinds[0] == "free motion"
+    # Double roots are off by the square root of rounding.
+    assert_allclose(modes.eigenvalues[1:], 3.0j, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (4.0, -1.0)])
-def test_an_eccentric_particle_moves_out_until_its_spring_holds_it(shift):
-    """At r = k r0 / (k - m W^2)."""
+def test_eccentric_particle_moves_out_to_its_equilibrium_radius(shift):
+    """r = k r0 / (k - m W^2)."""
     speed, r0 = 3.0, 0.2
-    mech = driven(*sliders(offset=(r0, 0.0), shift=shift))
+    mech = with_driver(*particle_in_rotor(offset=(r0, 0.0), shift=shift))
     lin = linearize_about("modes", mech, bd.rotation(speed, shift))
     q = dict(zip(lin.equations.q_names, lin.state.q, strict=True))
     radius = 50.0 * r0 / (50.0 - 2.0 * speed**2)
     assert_allclose([q["bob.x"] - shift[0], q["bob.y"] - shift[1]], [radius, 0.0], atol=1e-10)
-    found = bd.modes(mech, about=bd.rotation(speed, shift), n=2).eigenvalues
-    assert_allclose(found, roots(speed), rtol=1e-8)
+    modes = bd.modes(mech, about=bd.rotation(speed, shift), n=2).eigenvalues
+    assert_allclose(modes, roots(speed), rtol=1e-8)
 
 
-def test_what_does_not_turn_is_refused():
-    heavy, disk = sliders()
+def test_forces_that_do_not_rotate_are_rejected():
+    heavy, disk = particle_in_rotor()
     heavy.gravity = np.array([0.0, -9.81])
     with pytest.raises(bd.BeamdaeError, match=r"the forces on it do not turn"):
-        bd.modes(driven(heavy, disk), about=bd.rotation(2.0))
-    tied, disk = sliders()
+        bd.modes(with_driver(heavy, disk), about=bd.rotation(2.0))
+    tied, disk = particle_in_rotor()
     tied.add(bd.Spring("stay", tied.ground.at(1.0, 0.0), disk.at(0.5, 0.0), stiffness=3.0))
     with pytest.raises(bd.BeamdaeError, match="do not turn with the mechanism"):
-        bd.modes(driven(tied, disk), about=bd.rotation(2.0))
-    loaded, disk = sliders()
+        bd.modes(with_driver(tied, disk), about=bd.rotation(2.0))
+    loaded, disk = particle_in_rotor()
     loaded.add(bd.Force("push", disk.at(0.5, 0.0), (0.0, 1.0)))
     with pytest.raises(bd.BeamdaeError, match="do not turn with the mechanism"):
-        bd.modes(driven(loaded, disk), about=bd.rotation(2.0))
+        bd.modes(with_driver(loaded, disk), about=bd.rotation(2.0))
 
 
-@pytest.mark.slow(reason="many tries")
-def test_what_flies_out_before_it_is_there_has_no_steady_state():
-    """Beyond W = sqrt(k / m) there is one again, which no path leads to."""
+@pytest.mark.slow(reason="many speeds")
+def test_speed_beyond_the_critical_one_has_no_reachable_steady_state():
+    """Beyond W = sqrt(k / m) a steady state exists again, but no path leads to it."""
     with pytest.raises(bd.BeamdaeError, match=r"no steady state at speed 5\.1 rad/s.*beyond 4\.8"):
-        bd.modes(driven(*sliders(offset=(0.2, 0.0))), about=bd.rotation(5.1))
+        bd.modes(with_driver(*particle_in_rotor(offset=(0.2, 0.0))), about=bd.rotation(5.1))
 
 
-def test_loads_that_turn_along_are_part_of_the_state():
-    """A follower force at the end of a turning strip is one of its steady loads."""
-    mech, disk = sliders(offset=(0.2, 0.0))
+def test_follower_loads_are_part_of_the_steady_state():
+    """A follower force on a rotating disk is one of its steady loads."""
+    mech, disk = particle_in_rotor(offset=(0.2, 0.0))
     mech.add(bd.Force("jet", disk.at(0.5, 0.0), (0.0, 1.0), axes="body"))
-    assert len(bd.modes(driven(mech, disk), about=bd.rotation(2.0))) == 3
+    assert len(bd.modes(with_driver(mech, disk), about=bd.rotation(2.0))) == 3
 
 
 def arm(radius=0.1, bent=False):
@@ -133,67 +132,67 @@ def arm(radius=0.1, bent=False):
 
 @pytest.mark.slow(reason="a run of a rotating beam")
 @pytest.mark.parametrize("bent", [False, True])
-def test_the_nonlinear_run_of_a_turning_arm_vibrates_as_the_modes_say(bent):
-    """A small push across a steadily turning arm: its moment is a sum of the damped modes."""
+def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
+    """After a small deflection of a rotating arm, its root moment is a sum of modes."""
     speed = 20.0
     mech, hub, _ = arm(bent=bent)
     mech.add(bd.Driver("motor", mech.ground.at(0, 0), hub.at(0, 0), law=lambda t: speed * t))
     lin = linearize_about("modes", mech, bd.rotation(speed))
-    e, turning = lin.equations, RotatingCoordinates.of(lin.equations)
-    found = bd.modes(mech, about=bd.rotation(speed), n=2)
+    e, frame = lin.equations, RotatingCoordinates.from_equations(lin.equations)
+    modes = bd.modes(mech, about=bd.rotation(speed), n=2)
     sizes = np.array([2e-5, 0.4e-5])
-    z = (sizes @ found.shapes).real
-    rate = ((sizes * found.eigenvalues) @ found.shapes).real + speed * (turning.generator @ z)
-    own = replace(bd.equations_of_motion(mech), q0=lin.state.q + z, v0=lin.state.v + rate)
-    solution = bd.simulate(own, bd.Radau(1e-9), 0.15, output_step=1e-3)
+    z = (sizes @ modes.shapes).real
+    rate = ((sizes * modes.eigenvalues) @ modes.shapes).real + speed * (frame.generator @ z)
+    equations = replace(bd.equations_of_motion(mech), q0=lin.state.q + z, v0=lin.state.v + rate)
+    solution = bd.simulate(equations, bd.Radau(1e-9), 0.15, output_step=1e-3)
     assert solution.status.success
     model = bd.linearize(mech, about=bd.rotation(speed), inputs=[])
     moment = solution.columns["bend.M [N m]"] - model.output_values[2]
     states = [e.q_names.index(s.name) for s in model.states[: len(model.states) // 2]]
     by_x, by_rate = np.split(model.C[2], 2)
-    bends = found.shapes[:, states] @ by_x
-    bends = bends + found.eigenvalues * (found.shapes[:, states] @ by_rate)
-    known = ((sizes * bends) @ np.exp(np.outer(found.eigenvalues, solution.t))).real
-    # Of second order in amplitudes of a ten thousandth of the length.
+    moments = modes.shapes[:, states] @ by_x
+    moments = moments + modes.eigenvalues * (modes.shapes[:, states] @ by_rate)
+    known = ((sizes * moments) @ np.exp(np.outer(modes.eigenvalues, solution.t))).real
+    # The error is of second order in amplitudes of 1e-4 of the length.
     assert_allclose(moment, known, rtol=0.0, atol=1e-3 * np.max(np.abs(known)))
 
 
-def test_a_campbell_diagram_follows_modes_through_crossings():
-    mech = driven(*sliders())
-    found = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)
-    assert found.eigenvalues.shape == (4, 2)
-    for speed, values in zip(found.speeds, found.eigenvalues, strict=True):
+def test_campbell_diagram_follows_modes_through_crossings():
+    mech = with_driver(*particle_in_rotor())
+    diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)
+    assert diagram.eigenvalues.shape == (4, 2)
+    for speed, values in zip(diagram.speeds, diagram.eigenvalues, strict=True):
         assert_allclose(np.sort(values.imag), np.sort(roots(speed).imag), rtol=1e-8)
-    # Between the two frequencies a vibration parts into growth and decay: the growth is told.
-    parted = bd.campbell(mech, [0.0, 3.0, 5.6], n=2)
-    assert_allclose(np.max(parted.eigenvalues[-1].real), np.max(roots(5.6).real), rtol=1e-8)
-    assert "at 5.6 rad/s the state is unstable" in parted.warnings[0]
-    table = found.table()
+    # Between the two frequencies a vibration splits into growth and decay; growth is followed.
+    unstable = bd.campbell(mech, [0.0, 3.0, 5.6], n=2)
+    assert_allclose(np.max(unstable.eigenvalues[-1].real), np.max(roots(5.6).real), rtol=1e-8)
+    assert "at 5.6 rad/s the state is unstable" in unstable.warnings[0]
+    table = diagram.table()
     assert list(table)[:3] == ["speed [rad/s]", "mode 1 [Hz]", "mode 2 [Hz]"]
-    assert_allclose(table["mode 1 [Hz]"], found.frequencies[:, 0])
+    assert_allclose(table["mode 1 [Hz]"], diagram.frequencies[:, 0])
 
 
-def test_centrifugal_forces_stiffen_an_arm_more_than_they_soften_it():
-    """At small speeds w^2 grows by W^2 (1.193 + 1.571 r / L - 1), of the shape at rest.
+def test_centrifugal_stiffening_exceeds_spin_softening():
+    """At small speeds w^2 grows by W^2 (1.193 + 1.571 r / L - 1), with the shape at rest.
 
-    The coefficients are int (1 - x^2) / 2 y'^2 and int (1 - x) y'^2 of the clamped strip.
+    The coefficients are int (1 - x^2) / 2 y'^2 and int (1 - x) y'^2 for a clamped strip.
     """
     mech, hub, _ = arm(radius=0.3)
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
-    found = bd.campbell(mech, [0.0, 0.5, 1.0], n=1)
-    squares = np.abs(found.eigenvalues[:, 0]) ** 2
-    growth = (squares[1:] - squares[0]) / found.speeds[1:] ** 2
+    diagram = bd.campbell(mech, [0.0, 0.5, 1.0], n=1)
+    squares = np.abs(diagram.eigenvalues[:, 0]) ** 2
+    growth = (squares[1:] - squares[0]) / diagram.speeds[1:] ** 2
     assert_allclose(growth, 1.193 + 1.571 * 0.3 / 0.6 - 1.0, rtol=2e-3)
 
 
 @pytest.mark.slow(reason="two rotations")
-def test_turning_the_drawing_does_not_matter():
-    found = []
+def test_modes_do_not_depend_on_the_orientation_of_the_drawing():
+    eigenvalues = []
     for turn in (0.0, 1.1):
         c, s = np.cos(turn), np.sin(turn)
         mech = bd.Mechanism()
         line = bd.Line((0.1 * c, 0.1 * s), (0.7 * c, 0.7 * s))
         beam = mech.add(bd.Beam("beam", line, STRIP, elements=3))
         mech.add(bd.Weld("root", mech.ground.at(0.1 * c, 0.1 * s), beam.start))
-        found.append(bd.modes(mech, about=bd.rotation(15.0), n=3).eigenvalues)
-    assert_allclose(found[1], found[0], rtol=1e-8)
+        eigenvalues.append(bd.modes(mech, about=bd.rotation(15.0), n=3).eigenvalues)
+    assert_allclose(eigenvalues[1], eigenvalues[0], rtol=1e-8)

@@ -1,19 +1,19 @@
-"""What an equilibrium path is made of: exact tangents, and signs of large matrices."""
+"""Parts of the static analysis: exact tangents, path controls, stability of large matrices."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.statics import stability as module
+from beamdae.analysis.statics import stability
 from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.analysis.statics.path_controls import ColumnControl, PathDirection, StepNorm
+from beamdae.analysis.statics.path_controls import DisplacementControl, PathDirection, StepNorm
 from beamdae.analysis.statics.stability import assess_stability
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
-def everything():
+def mechanism_with_all_forces():
     """A welded leaf with a follower load, contact, a slider, a rope and springs, under gravity."""
     mech = bd.Mechanism(gravity=(1.0, lambda t: -9.81 - t))
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=1e-4)
@@ -37,35 +37,35 @@ def everything():
 
 @pytest.fixture(scope="module")
 def loading():
-    mech = everything()
-    whole = bd.equations_of_motion(mech)
-    return build_loading(mech, whole, [["gravity"], ["follower", "wind"]], 0.2)
+    mech = mechanism_with_all_forces()
+    equations = bd.equations_of_motion(mech)
+    return build_loading(mech, equations, [["gravity"], ["follower", "wind"]], 0.2)
 
 
 @pytest.fixture(scope="module")
 def state(loading):
-    e = loading.whole
+    e = loading.full_equations
     rng = np.random.default_rng(3)
     q = e.q0 + 0.02 * rng.standard_normal(e.n) * e.position_scales
     return np.append(q, rng.standard_normal(e.m))
 
 
-def difference(function, x, step=1e-6):
-    """Central differences, a column an entry of x."""
+def central_differences(function, x, step=1e-6):
+    """Return the derivative of a function of x, one column per entry of x."""
     columns = []
     for k in range(len(x)):
-        aside = np.zeros_like(x)
-        aside[k] = step
-        columns.append((function(x + aside) - function(x - aside)) / (2.0 * step))
+        change = np.zeros_like(x)
+        change[k] = step
+        columns.append((function(x + change) - function(x - change)) / (2.0 * step))
     return np.array(columns).T
 
 
 @pytest.mark.parametrize("stage", [0, 1])
-def test_tangents_are_those_of_the_residual(loading, state, stage):
+def test_tangent_matches_differences_of_the_residual(loading, state, stage):
     system, mu = loading.systems[stage], 0.7
-    by_difference = difference(lambda x: system.residual(x, mu)[0], state)
+    by_difference = central_differences(lambda x: system.residual(x, mu)[0], state)
     exact = system.matrix(system.tangent(state, mu)).toarray()
-    # Of central differences of a residual of 1e6 N, in steps of 1e-6.
+    # Central differences of a residual of 1e6 N in steps of 1e-6.
     assert_allclose(exact, by_difference, atol=1e-7 * np.max(np.abs(exact)))
     before, after = (system.residual(state, mu + d)[0] for d in (-0.5, 0.5))
     assert_allclose(
@@ -73,7 +73,7 @@ def test_tangents_are_those_of_the_residual(loading, state, stage):
     )
 
 
-def test_stages_meet(loading, state):
+def test_stage_begins_where_the_previous_one_ends(loading, state):
     first, second = (
         s.residual(state, mu)[0] for s, mu in zip(loading.systems, (1, 0), strict=True)
     )
@@ -81,50 +81,50 @@ def test_stages_meet(loading, state):
 
 
 @pytest.mark.parametrize("name", ["mass.x", "mass.angle", "bent [-]"])
-def test_rows_of_observed_columns_are_their_derivatives(loading, state, name):
-    control = ColumnControl.of(loading.whole, name, np.array([0.2, 0.5]))
-    by_difference = difference(lambda x: np.array([control.value(x, 0.0)]), state)
-    assert_allclose(control.row(state, 0.0)[0], by_difference[0], atol=1e-7)
+def test_gradient_of_displacement_control_matches_differences(loading, state, name):
+    control = DisplacementControl.from_name(loading.full_equations, name, np.array([0.2, 0.5]))
+    by_difference = central_differences(lambda x: np.array([control.value(x, 0.0)]), state)
+    assert_allclose(control.gradient(state, 0.0)[0], by_difference[0], atol=1e-7)
 
 
-def test_the_way_along_a_direction_is_one():
+def test_arc_length_along_its_own_direction_is_one():
     norm = StepNorm(np.array([1.0, 2.0]), 4.0)
-    way = PathDirection(np.array([0.5, 1.0, 7.0]), 0.3)
-    control = norm.arc(np.zeros(3), 0.0, way)
-    assert control.value(way.x, way.mu) == pytest.approx(1.0)
-    assert norm.largest(way.x, 3.2) == pytest.approx(0.8)
-    other = norm.across(PathDirection(np.array([0.3, -2.0, 1.0]), 0.7), way)
-    assert norm.product(way, other) == pytest.approx(0.0, abs=1e-15)
+    direction = PathDirection(np.array([0.5, 1.0, 7.0]), 0.3)
+    control = norm.arc_length_control(np.zeros(3), 0.0, direction)
+    assert control.value(direction.x, direction.mu) == pytest.approx(1.0)
+    assert norm.max_norm(direction.x, 3.2) == pytest.approx(0.8)
+    other = norm.orthogonal_part(PathDirection(np.array([0.3, -2.0, 1.0]), 0.7), direction)
+    assert norm.inner_product(direction, other) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5, 12.0])
-def test_signs_by_pivots_are_those_of_eigenvalues(factor, monkeypatch):
+def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
     mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
     column = bd.welded_beams(mech, "column", bd.Line((0, 0), (0, 1)), strip, bodies=3, elements=1)
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column[0].start))
     mech.add(bd.Force("press", column[-1].end, (0.0, -0.25 * np.pi**2 * strip.EI)))
-    whole = bd.equations_of_motion(mech)
-    (system,) = build_loading(mech, whole, None, 0.0).systems
-    x = bd.equilibrium(mech, to=factor)
-    state = np.append(x.q[-1], x.lam[-1])
+    equations = bd.equations_of_motion(mech)
+    (system,) = build_loading(mech, equations, None, 0.0).systems
+    path = bd.equilibrium(mech, to=factor)
+    state = np.append(path.q[-1], path.lam[-1])
     nonzeros = system.tangent(state, factor)
     dense = assess_stability(system, state, nonzeros)
-    monkeypatch.setattr(module, "_DENSE", 0)
+    monkeypatch.setattr(stability, "_MAX_DENSE", 0)
     sparse = assess_stability(system, state, nonzeros)
-    assert sparse.negative == dense.negative == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
-    for index in range(dense.negative, dense.negative + 2):
-        assert sparse.value(index) == pytest.approx(dense.value(index), rel=1e-6)
-    mode, other = (s.mode(dense.negative) for s in (dense, sparse))
+    assert sparse.negative_count == dense.negative_count == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
+    for index in range(dense.negative_count, dense.negative_count + 2):
+        assert sparse.eigenvalue(index) == pytest.approx(dense.eigenvalue(index), rel=1e-6)
+    mode, other = (s.mode(dense.negative_count) for s in (dense, sparse))
     assert_allclose(np.abs(other), np.abs(mode), atol=1e-6)
 
 
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
-def test_fine_meshes_are_not_taken_for_free_nor_free_ones_for_held(formulation):
-    """The softest motion of a fine mesh is 1e-11 of its largest stiffness, rounding 1e-16."""
+def test_fine_mesh_is_free_only_without_a_clamp(formulation):
+    """The lowest stiffness of a fine mesh is 1e-11 of the largest one, rounding 1e-16."""
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
 
-    def rested(clamped):
+    def find_equilibrium(clamped):
         mech = bd.Mechanism()
         arc = bd.Arc(2.0, 1.0)
         beam = mech.add(bd.Beam("beam", arc, strip, 64, formulation=formulation))
@@ -132,11 +132,11 @@ def test_fine_meshes_are_not_taken_for_free_nor_free_ones_for_held(formulation):
         mech.add(kind("foot", mech.ground.at(0.0, 0.0), beam.start))
         return bd.equilibrium(mech)
 
-    held = rested(clamped=True)
-    assert held.stable
-    assert not held.free
+    cantilever = find_equilibrium(clamped=True)
+    assert cantilever.stable
+    assert not cantilever.free
     with pytest.warns(bd.BeamdaeWarning, match="it is free to move without stiffness"):
-        swinging = rested(clamped=False)
-    assert swinging.free.startswith("beam.")
-    assert not swinging.stable
-    assert swinging.unstable[-1] == 0
+        pendulum = find_equilibrium(clamped=False)
+    assert pendulum.free.startswith("beam.")
+    assert not pendulum.stable
+    assert pendulum.unstable[-1] == 0

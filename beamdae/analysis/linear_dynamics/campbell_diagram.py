@@ -1,4 +1,4 @@
-"""Campbell diagrams: how the modes of what turns change with its speed."""
+"""Campbell diagram: natural frequencies and growth rates over the speed of rotation."""
 
 from __future__ import annotations
 
@@ -20,21 +20,25 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_MORE = 4
+# Modes computed beyond those requested, so that none is lost where frequencies cross.
+_EXTRA_MODES = 4
+# Weight of decaying modes in the assignment: where a vibration splits into growth and decay, the
+# diagram follows the growth.
+_DECAY_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, repr=False)
 class Campbell:
-    """Modes over the speed of rotation.
+    """Modes over the speed of rotation; see `campbell`.
 
     Attributes
     ----------
     speeds
         (s,) [rad/s].
     eigenvalues
-        (s, k) complex [1/s]: each column is one mode, followed from speed to speed by its shape.
+        (s, k) complex [1/s]; each column is one mode, followed from speed to speed by its shape.
     modes
-        The modes at each speed, lowest first, some more than are followed.
+        Modes at each speed, lowest first; more of them than are followed.
     """
 
     speeds: Array
@@ -42,26 +46,26 @@ class Campbell:
     modes: tuple[Modes, ...] = field(repr=False)
 
     def __repr__(self) -> str:
-        followed, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
+        count, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
         first, last = float(np.min(self.speeds)), float(np.max(self.speeds))
-        return f"<Campbell: {followed} modes at {speeds}, {first:g} to {last:g} rad/s>"
+        return f"<Campbell: {count} modes at {speeds}, {first:g} to {last:g} rad/s>"
 
     @property
     def frequencies(self) -> Array:
-        """(s, k) [Hz], as who turns as well sees them."""
+        """Frequencies in the rotating frame [Hz], (s, k)."""
         return np.abs(self.eigenvalues.imag) / (2.0 * np.pi)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the results have to be read with, by speed."""
+        """Warnings of the modes at each speed."""
         return tuple(
             f"at {speed:g} rad/s {sentence}"
-            for speed, found in zip(self.speeds, self.modes, strict=True)
-            for sentence in found.warnings
+            for speed, at_speed in zip(self.speeds, self.modes, strict=True)
+            for sentence in at_speed.warnings
         )
 
     def table(self) -> pd.DataFrame:
-        """A row a speed: frequencies of the modes, and their growth rates."""
+        """Return one row per speed: frequencies [Hz] and growth rates [1/s] of the modes."""
         import pandas as pd
 
         columns: dict[str, Any] = {"speed [rad/s]": self.speeds}
@@ -79,40 +83,50 @@ def campbell(
     center: tuple[float, float] = (0.0, 0.0),
     damping: bool = True,
 ) -> Campbell:
-    """Modes of a mechanism that turns steadily, over its speed; see `rotation` and `modes`.
+    """Compute the Campbell diagram of a mechanism in steady rotation.
+
+    Modes of successive speeds are paired by the modal assurance criterion; see `rotation` for the
+    state and `modes` for the eigenvalues.
 
     Parameters
     ----------
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     speeds
-        Angular speeds [rad/s], in the order modes are followed through.
+        Angular speeds [rad/s], in the order in which modes are followed.
     n
-        How many modes.
+        Number of modes.
     center
-        The point of the drawing everything turns about [m].
+        Center of rotation in the reference drawing [m].
     damping
-        See `modes`.
+        False: undamped modes; see `modes`.
+
+    Returns
+    -------
+    Campbell
+        Eigenvalues (s, k) of s speeds and k modes.
 
     Raises
     ------
     BeamdaeError
         If there is no steady rotation at one of the speeds.
     """
-    given = require_sequence("campbell", "speeds", speeds, "a list of speeds [rad/s]")
-    values = [require_finite("campbell", "speeds", speed) for speed in given]
+    values = [
+        require_finite("campbell", "speeds", speed)
+        for speed in require_sequence("campbell", "speeds", speeds, "a list of speeds [rad/s]")
+    ]
     if not values:
-        raise BeamdaeError("campbell: speeds must hold at least one speed [rad/s].")
-    wanted = require_count("campbell", "n", n)
+        raise BeamdaeError("campbell: speeds must contain at least one speed [rad/s].")
+    count = require_count("campbell", "n", n)
     if isinstance(model, Model):
         model = model()
-    # With a few more than are asked for none is lost where modes cross.
-    found = [modes(model, rotation(speed, center), wanted + _MORE, damping) for speed in values]
-    order = np.arange(min(wanted, *map(len, found)))
-    rows = [found[0].eigenvalues[order]]
-    for before, after in pairwise(found):
-        # Those most alike; of a vibration that parts into growth and decay the growth.
-        preferred = np.where(np.array(after.kinds) == DECAY, 0.5, 1.0)
-        _, order = linear_sum_assignment(-preferred * before.mac(after)[order])
+    all_modes = [
+        modes(model, rotation(speed, center), count + _EXTRA_MODES, damping) for speed in values
+    ]
+    order = np.arange(min(count, *map(len, all_modes)))
+    rows = [all_modes[0].eigenvalues[order]]
+    for before, after in pairwise(all_modes):
+        weights = np.where(np.array(after.kinds) == DECAY, _DECAY_WEIGHT, 1.0)
+        _, order = linear_sum_assignment(-weights * before.mac(after)[order])
         rows.append(after.eigenvalues[order])
-    return Campbell(np.array(values), np.array(rows), tuple(found))
+    return Campbell(np.array(values), np.array(rows), tuple(all_modes))

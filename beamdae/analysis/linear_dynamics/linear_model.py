@@ -1,4 +1,4 @@
-"""Linear models x' = A x + B u, y = C x + D u of a mechanism about a state."""
+"""Linear state-space models x' = A x + B u, y = C x + D u of a mechanism about a state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -26,126 +26,36 @@ from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
 
-
-class ModelInput(NamedTuple):
-    """An input, and what one unit of it adds to the equations.
-
-    Attributes
-    ----------
-    named
-        Name and unit: "push.Fy" [N]; of drivers the acceleration they prescribe.
-    force
-        Added to F, (n,).
-    held
-        Names of the constraints it drives, and what it adds to them.
-    """
-
-    named: Named
-    force: Array
-    held: dict[str, float]
-
-    @property
-    def is_drive(self) -> bool:
-        """Whether it prescribes a motion."""
-        return bool(self.held)
-
-
-def resolve_inputs(
-    mechanism: Any, lin: Linearization, chosen: Sequence[str] | None
-) -> list[ModelInput]:
-    """Inputs of a mechanism: those chosen by the names of parts, or all."""
-    parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    there = {name: part for name, part in parts.items() if part.inputs}
-    names = (
-        list(there) if chosen is None else require_sequence("linearize", "inputs", chosen, "names")
-    )
-    found: list[ModelInput] = []
-    for name in names:
-        if not isinstance(name, str) or name not in there:
-            raise BeamdaeError(
-                f"linearize: no input {short_repr(name)}{suggest(name, there)}, forces, moments and "
-                "drivers of the mechanism are inputs by name."
-            )
-        found += _part_inputs(mechanism, there[name], lin)
-    return found
-
-
-def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[ModelInput]:
-    t = float(lin.time[0])
-    values = [law.at(t) for law in part.laws]
-    found = []
-    for k, named in enumerate(part.inputs):
-        # Loads and drivers are linear in their laws: any step is exact.
-        step = max(1.0, abs(values[k]))
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = [x + (sign * step if j == k else 0.0) for j, x in enumerate(values)]
-            ends.append(_part_residual(mechanism, part.with_constant_laws(moved), lin))
-        names = ends[0][0].lam_names
-        force, held = np.split((ends[0][1] - ends[1][1]) / (2.0 * step), [lin.equations.n])
-        driven = {name: float(x) for name, x in zip(names, held, strict=True) if x != 0.0}
-        found.append(ModelInput(_name_input(part.name, named, bool(driven)), force, driven))
-    return found
-
-
-def _name_input(part: str, named: Named, drives: bool) -> Named:
-    if not drives:
-        return Named(f"{part}.{named.name}", named.unit)
-    return Named(f"{part}.{named.name}_ddot", f"{named.unit}/s^2")
-
-
-def _part_residual(
-    mechanism: Mechanism, part: Part, lin: Linearization
-) -> tuple[EquationsOfMotion, Array]:
-    """Equations of the part alone on the coordinates of all, and their residual at the state."""
-    owners, e = map_coordinates(mechanism), lin.equations
-    forces, constraints, _ = collect_statements(part, mechanism.gravity, owners.sizes)
-    own = build_equations(
-        coordinates=e.coordinates,
-        q0=e.q0,
-        v0=e.v0,
-        length=e.length,
-        parts=e.parts,
-        breakpoints=(),
-        time_scale=None,
-        forces=forces,
-        constraints=constraints,
-        observables={},
-        owners=owners,
-    )
-    return own, compute_tangent(own, lin.time, lin.state._replace(lam=np.zeros(own.m))).residual
-
-
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-
-# Matrices of states are full.
-_MOST = 2000
-_NONE = 1e-9
+# State matrices are dense.
+_MAX_COORDINATES = 2000
+# Pivots of a QR factorization below this share of the largest one mark dependent rows.
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
 class LinearModel:
-    """x' = A x + B u, y = C x + D u, of small deviations from a state.
+    """State-space model of small deviations from a state; see `linearize`.
 
     Attributes
     ----------
     A, B, C, D
-        Arrays; `tuple(model)` gives all four, as `scipy.signal` and python-control take them:
-        `control.ss(*model, inputs=[u.name for u in model.inputs])`.
+        Arrays of x' = A x + B u, y = C x + D u. `tuple(model)` gives all four, as `scipy.signal`
+        and python-control take them: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
         Names and units: independent coordinates of the mechanism, then their rates.
     inputs
-        Names and units: "push.Fy" [N]; of drivers the acceleration, "motor.angle_ddot" [rad/s^2].
+        Names and units: "push.Fy" [N]; for drivers the acceleration, "motor.angle_ddot" [rad/s^2].
     outputs
         Names and units of the observed columns.
     state_values, output_values
-        What deviations are from.
+        Values of states and outputs in the state from which deviations are measured.
     about
-        The state, in words.
+        Description of the state.
     warnings
-        What the result has to be read with.
+        Limits of the validity of the result.
     """
 
     A: Array
@@ -171,17 +81,37 @@ class LinearModel:
         return iter((self.A, self.B, self.C, self.D))
 
     def state_space(self) -> StateSpace:
-        """As `scipy.signal` has it, for its responses to steps, impulses and any input."""
+        """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses."""
         from scipy.signal import StateSpace
 
         return StateSpace(self.A, self.B, self.C, self.D)
 
     def frequency_response(self, frequencies: Any) -> Array:
-        """C (i w 1 - A)^-1 B + D at frequencies [Hz], (k, outputs, inputs) complex."""
-        given = require_sequence("frequency_response", "frequencies", frequencies, "a list [Hz]")
-        values = [require_finite("frequency_response", "frequencies", f) for f in given]
-        found = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
-        for row, f in zip(found, values, strict=True):
+        """Return the transfer matrix G = C (i w 1 - A)^-1 B + D, w = 2 pi f.
+
+        Parameters
+        ----------
+        frequencies
+            Frequencies f [Hz], k of them.
+
+        Returns
+        -------
+        numpy.ndarray
+            Complex, (k, outputs, inputs); units of the outputs over those of the inputs.
+
+        Raises
+        ------
+        BeamdaeError
+            If the response is infinite at one of the frequencies.
+        """
+        values = [
+            require_finite("frequency_response", "frequencies", f)
+            for f in require_sequence(
+                "frequency_response", "frequencies", frequencies, "a list [Hz]"
+            )
+        ]
+        response = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
+        for row, f in zip(response, values, strict=True):
             try:
                 with np.errstate(all="ignore"):
                     shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
@@ -190,10 +120,10 @@ class LinearModel:
                 row[:] = np.nan
             if not np.all(np.isfinite(row)):
                 raise BeamdaeError(
-                    f"frequency_response: frequencies hold {f:g} Hz, at which the response is not "
-                    "finite: that is an undamped mode, or one that nothing drives back."
+                    f"frequency_response: the response at {f:g} Hz is not finite, which is the "
+                    "frequency of an undamped mode or of a free motion; choose other frequencies."
                 )
-        return found
+        return response
 
 
 @single_threaded
@@ -204,27 +134,32 @@ def linearize(
     outputs: Sequence[str] | None = None,
     t: float = 0.0,
 ) -> LinearModel:
-    """The linear model of a mechanism about a state, with named inputs and outputs.
+    """Linearize a mechanism about a state into a state-space model with named inputs and outputs.
 
-    Coordinates that joints make depend on others are eliminated, so that the states are as many as
-    the degrees of freedom, twice; reactions are among what may be observed. Where a driver is an
-    input its motion and its rate are states as well, and its acceleration is the input. About a
-    rotation states are those of an observer who turns as well, and outputs are along axes that do.
+    Dependent coordinates are eliminated, so there are two states for each degree of freedom;
+    outputs may include reactions. The displacement and velocity of a driver that is an input
+    become states, and its acceleration is the input. About a rotation, states and outputs refer to
+    the rotating frame.
 
     Parameters
     ----------
     model, about, t
         See `modes`.
     inputs
-        Names of forces, moments and drivers; default all there are. The other ones stay as they are
-        at the state.
+        Names of forces, moments and drivers. Defaults to all of them; the others keep their value
+        in the state.
     outputs
-        Names of observables; default all.
+        Names of observables. Defaults to all of them.
+
+    Returns
+    -------
+    LinearModel
+        Matrices with the names and units of states, inputs and outputs.
 
     Raises
     ------
     BeamdaeError
-        If there is no such state, input or output.
+        If there is no such state, input or output, or the model has more than 2000 coordinates.
 
     Examples
     --------
@@ -234,144 +169,249 @@ def linearize(
     >>> line = mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
     >>> push = mech.add(bd.Force("push", bob.point, (0.0, 0.0)))
     >>> mech.observe("bob", bob.point)
-    >>> found = bd.linearize(mech, inputs=["push"])
-    >>> [x.header for x in (*found.states, found.inputs[0])]
+    >>> linear = bd.linearize(mech, inputs=["push"])
+    >>> [x.header for x in (*linear.states, linear.inputs[0])]
     ['bob.x [m]', 'bob.x_dot [m/s]', 'push.Fx [N]']
-    >>> found.B[:, 0].tolist()
+    >>> linear.B[:, 0].tolist()
     [0.0, 0.5]
     """
     if isinstance(model, Model):
         model = model()
     lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
-    driving = resolve_inputs(model, lin, inputs)
-    observed = _resolve_outputs(lin, outputs)
-    if lin.equations.n > _MOST:
+    model_inputs = _resolve_inputs(model, lin, inputs)
+    observables = _resolve_outputs(lin, outputs)
+    if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
-            f"linearize: {lin.equations.n} coordinates are too many, at most {_MOST}; take fewer "
-            "elements."
+            f"linearize: the model has {lin.equations.n} coordinates, more than "
+            f"{_MAX_COORDINATES}; use fewer elements."
         )
-    return _StateReduction(lin, driving).model(observed)
+    return _StateReduction(lin, model_inputs).linear_model(observables)
 
 
-def _resolve_outputs(lin: Linearization, chosen: Sequence[str] | None) -> list[Observable]:
-    there = {o.name: o for o in lin.whole.observables}
-    names = (
-        list(there) if chosen is None else require_sequence("linearize", "outputs", chosen, "names")
+class ModelInput(NamedTuple):
+    """An input of a linear model.
+
+    Attributes
+    ----------
+    named
+        Name and unit: "push.Fy" [N]; for drivers the acceleration they prescribe.
+    force
+        Change of F by one unit of it, (n,).
+    constraints
+        Change of the constraints by one unit of it, by name; empty for loads.
+    """
+
+    named: Named
+    force: Array
+    constraints: dict[str, float]
+
+
+def _resolve_inputs(
+    mechanism: Any, lin: Linearization, part_names: Sequence[str] | None
+) -> list[ModelInput]:
+    """Return the inputs of the named parts; None: of all parts with inputs."""
+    parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
+    candidates = {name: part for name, part in parts.items() if part.inputs}
+    if part_names is None:
+        part_names = list(candidates)
+    inputs: list[ModelInput] = []
+    for name in require_sequence("linearize", "inputs", part_names, "names"):
+        if not isinstance(name, str) or name not in candidates:
+            raise BeamdaeError(
+                f"linearize: no input {short_repr(name)}{suggest(name, candidates)}; inputs are "
+                "names of forces, moments and drivers of the mechanism."
+            )
+        inputs += _part_inputs(mechanism, candidates[name], lin)
+    return inputs
+
+
+def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[ModelInput]:
+    t = float(lin.time[0])
+    values = [law.at(t) for law in part.laws]
+    inputs = []
+    for k, named in enumerate(part.inputs):
+        # Loads and drivers are linear in their laws, so the difference is exact for any step.
+        step = max(1.0, abs(values[k]))
+        ends = []
+        for sign in (1.0, -1.0):
+            shifted = [x + (sign * step if j == k else 0.0) for j, x in enumerate(values)]
+            ends.append(_part_residual(mechanism, part.with_constant_laws(shifted), lin))
+        (equations, forward), (_, backward) = ends
+        force, by_constraint = np.split((forward - backward) / (2.0 * step), [lin.equations.n])
+        constraints = {
+            name: float(x)
+            for name, x in zip(equations.lam_names, by_constraint, strict=True)
+            if x != 0.0
+        }
+        quantity = Named(f"{part.name}.{named.name}", named.unit)
+        if constraints:
+            quantity = Named(f"{part.name}.{named.name}_ddot", f"{named.unit}/s^2")
+        inputs.append(ModelInput(quantity, force, constraints))
+    return inputs
+
+
+def _part_residual(
+    mechanism: Mechanism, part: Part, lin: Linearization
+) -> tuple[EquationsOfMotion, Array]:
+    """Return the equations of one part on the coordinates of all, and their residual."""
+    coordinate_map, e = map_coordinates(mechanism), lin.equations
+    forces, constraints, _ = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
+    equations = build_equations(
+        coordinates=e.coordinates,
+        q0=e.q0,
+        v0=e.v0,
+        length=e.length,
+        parts=e.parts,
+        breakpoints=(),
+        time_scale=None,
+        forces=forces,
+        constraints=constraints,
+        observables={},
+        coordinate_map=coordinate_map,
     )
+    state = lin.state._replace(lam=np.zeros(equations.m))
+    return equations, compute_tangent(equations, lin.time, state).residual
+
+
+def _resolve_outputs(
+    lin: Linearization, observable_names: Sequence[str] | None
+) -> list[Observable]:
+    """Return the observables of these names; None: all of them."""
+    observables = {o.name: o for o in lin.full_equations.observables}
+    if observable_names is None:
+        observable_names = list(observables)
+    names = require_sequence("linearize", "outputs", observable_names, "names")
     for name in names:
-        if not isinstance(name, str) or name not in there:
-            raise BeamdaeError(f"linearize: no output {short_repr(name)}{suggest(name, there)}.")
-    return [there[name] for name in names]
+        if not isinstance(name, str) or name not in observables:
+            raise BeamdaeError(
+                f"linearize: no output {short_repr(name)}{suggest(name, observables)}; outputs are "
+                "names of observables."
+            )
+    return [observables[name] for name in names]
 
 
 class _StateReduction:
-    """From all coordinates to independent ones: dq = Z x, dv = Y w + W x."""
+    """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
 
-    def __init__(self, lin: Linearization, driving: Sequence[ModelInput]) -> None:
-        self.lin, self.e, self.driving = lin, lin.equations, driving
-        e, own = self.e, lin.tangent
-        driven = {name for one in driving for name in one.held}
+    W is nonzero only for constraints on velocities, where V W = -J Z.
+    """
+
+    def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:
+        self.lin, self.e, self.inputs = lin, lin.equations, inputs
+        e, tangent = self.e, lin.tangent
+        driven = {name for one in inputs for name in one.constraints}
         rows = {name: k for k, name in enumerate(e.lam_names)}
         missing = [name for name in driven if name not in rows]
         if missing:
-            raise BeamdaeError(f"{missing[0]}: it is inactive or redundant, and no input.")
-        free = np.zeros(e.m, bool)
-        free[[rows[name] for name in driven]] = True
-        moving = lin.nonholonomic
-        held, rates = own.position_jacobian.toarray(), own.velocity_jacobian.toarray()
+            raise BeamdaeError(
+                f"linearize: {missing[0]} is inactive or redundant and cannot be an input."
+            )
+        is_input = np.zeros(e.m, bool)
+        is_input[[rows[name] for name in driven]] = True
+        nonholonomic = lin.nonholonomic
+        by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
         scales = e.position_scales
-        self.x_at, self.z = _independent_coordinates(held[~free & ~moving], scales)
-        all_rates = np.where(moving[:, None], rates, held)[~free]
-        self.w_at, self.y = _independent_coordinates(all_rates, scales)
-        # Velocities that positions ask for: V W = -J Z where velocities alone are held.
-        self.w = np.zeros((e.n, len(self.x_at)))
-        if moving.any():
-            asked = np.zeros((int(np.sum(~free)), len(self.x_at)))
-            asked[moving[~free]] = -held[moving] @ self.z
-            self.w = la.lstsq(all_rates, asked)[0]
-        self.w = self.w - self.y @ self.w[self.w_at]
-        self.rows, self.held, self.moving = rows, held, moving
-        solve = factorize_saddle_point(own.mass, own.reactions, own.acceleration_jacobian(e))
+        self.x_indices, self.z = _independent_coordinates(by_q[~is_input & ~nonholonomic], scales)
+        velocity_rows = np.where(nonholonomic[:, None], by_v, by_q)[~is_input]
+        self.w_indices, self.y = _independent_coordinates(velocity_rows, scales)
+        self.w = np.zeros((e.n, len(self.x_indices)))
+        if nonholonomic.any():
+            right = np.zeros((int(np.sum(~is_input)), len(self.x_indices)))
+            right[nonholonomic[~is_input]] = -by_q[nonholonomic] @ self.z
+            self.w = la.lstsq(velocity_rows, right)[0]
+        self.w = self.w - self.y @ self.w[self.w_indices]
+        self.rows, self.by_q, self.nonholonomic = rows, by_q, nonholonomic
+        solve = factorize_saddle_point(
+            tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
+        )
         if solve is None:
-            raise BeamdaeError("linearize: something moves without inertia, give it a mass.")
+            raise BeamdaeError("linearize: a coordinate has no inertia; add mass or a joint.")
         self.solve = solve
 
-    def model(self, observed: Sequence[Observable]) -> LinearModel:
-        """The four matrices."""
-        e, lin, own = self.e, self.lin, self.lin.tangent
-        nx, nw = len(self.x_at), len(self.w_at)
-        # Columns: x, w, u.
-        dq = np.hstack([self.z, np.zeros((e.n, nw + len(self.driving)))])
-        dv = np.hstack([self.w, self.y, np.zeros((e.n, len(self.driving)))])
+    def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
+        """Return the state-space model with these outputs."""
+        e, lin, tangent = self.e, self.lin, self.lin.tangent
+        nx, nw = len(self.x_indices), len(self.w_indices)
+        # Derivatives by the columns (x, w, u).
+        dq = np.hstack([self.z, np.zeros((e.n, nw + len(self.inputs)))])
+        dv = np.hstack([self.w, self.y, np.zeros((e.n, len(self.inputs)))])
         right = np.zeros((e.n + e.m, dq.shape[1]))
-        right[: e.n] = -(own.stiffness @ dq + own.damping @ dv)
-        right[e.n :][self.moving] = -self.held[self.moving] @ dv
-        for k, one in enumerate(self.driving):
+        right[: e.n] = -(tangent.stiffness @ dq + tangent.damping @ dv)
+        right[e.n :][self.nonholonomic] = -self.by_q[self.nonholonomic] @ dv
+        for k, one in enumerate(self.inputs):
             right[: e.n, nx + nw + k] -= one.force
-            for name, size in one.held.items():
+            for name, size in one.constraints.items():
                 right[e.n + self.rows[name], nx + nw + k] = -size
-        solved = np.stack([self.solve(column) for column in right.T], axis=1)
-        da, dlam = solved[: e.n], solved[e.n :]
-        rates = np.vstack([dv[self.x_at], da[self.w_at]])
-        if lin.turning is not None:
-            # What is observed is that of the inertial frame, where all of it turns on.
-            dv = dv + lin.turning.speed * (RotatingCoordinates.of(e).generator @ dq)
-        found, values, columns = self._observed(observed, dq, dv, dlam)
-        states = [e.coordinates[k] for k in self.x_at]
-        states += [e.coordinates[k].rate for k in self.w_at]
+        solution = np.stack([self.solve(column) for column in right.T], axis=1)
+        da, dlam = solution[: e.n], solution[e.n :]
+        rates = np.vstack([dv[self.x_indices], da[self.w_indices]])
+        if lin.rotation is not None:
+            # Observables are functions of velocities in the inertial frame.
+            generator = RotatingCoordinates.from_equations(e).generator
+            dv = dv + lin.rotation.speed * (generator @ dq)
+        by_column, values, outputs = self._differentiate_outputs(observables, dq, dv, dlam)
+        states = [e.coordinates[k] for k in self.x_indices]
+        states += [e.coordinates[k].rate for k in self.w_indices]
         return LinearModel(
             rates[:, : nx + nw],
             rates[:, nx + nw :],
-            found[:, : nx + nw],
-            found[:, nx + nw :],
+            by_column[:, : nx + nw],
+            by_column[:, nx + nw :],
             tuple(states),
-            tuple(one.named for one in self.driving),
-            columns,
-            np.concatenate([lin.state.q[self.x_at], lin.state.v[self.w_at]]),
+            tuple(one.named for one in self.inputs),
+            outputs,
+            np.concatenate([lin.state.q[self.x_indices], lin.state.v[self.w_indices]]),
             values,
             lin.about,
             lin.warnings,
         )
 
-    def _observed(
-        self, observed: Sequence[Observable], dq: Array, dv: Array, dlam: Array
+    def _differentiate_outputs(
+        self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Named, ...]]:
-        """Derivatives of the columns, their values, and what they are called."""
-        lin, whole = self.lin, self.lin.whole
-        rows = [self.rows.get(name, -1) for name in whole.lam_names]
+        """Return the derivatives of the outputs by (x, w, u), their values and their names."""
+        lin, full = self.lin, self.lin.full_equations
+        # Multipliers of inactive or redundant constraints are zero: the entry appended last.
+        rows = [self.rows.get(name, -1) for name in full.lam_names]
         lam = np.append(lin.state.lam, 0.0)[rows] if rows else np.zeros(0)
-        every = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
-        found, values, columns = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
-        for o in observed:
-            if whole.redundant and o.rows.stop > o.rows.start and self.e.m < whole.m:
+        full_dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
+        derivatives, values, names = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
+        for o in observables:
+            if full.redundant and o.rows.stop > o.rows.start and self.e.m < full.m:
                 raise BeamdaeError(
-                    f"{o.name}: reactions of redundant joints are no outputs of linear models."
+                    f"linearize: {o.name} cannot be an output, reactions of redundant joints are "
+                    "not defined by the linear model; choose other outputs."
                 )
             q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
-            given = (lin.time, q, v, whole.p[o.data], lam[o.rows])
-            _, by_q, by_v, _, by_lam = o.function.jacobians(*given)
-            local = by_q @ (o.operator @ dq) + by_v @ (o.operator @ dv) + by_lam @ every[o.rows]
-            found.append(local)
-            values.append(o.function(*(x[None] for x in given[:3]), given[3], lam[None, o.rows])[0])
-            names = (".".join(filter(None, (o.name, x.name))) for x in o.columns)
-            columns += [Named(name, x.unit) for name, x in zip(names, o.columns, strict=True)]
-        return np.vstack(found), np.concatenate(values), tuple(columns)
+            data = full.p[o.data]
+            _, by_q, by_v, _, by_lam = o.function.jacobians(lin.time, q, v, data, lam[o.rows])
+            derivatives.append(
+                by_q @ (o.operator @ dq) + by_v @ (o.operator @ dv) + by_lam @ full_dlam[o.rows]
+            )
+            values.append(o.function(lin.time[None], q[None], v[None], data, lam[None, o.rows])[0])
+            for column in o.columns:
+                name = ".".join(filter(None, (o.name, column.name)))
+                names.append(Named(name, column.unit))
+        return np.vstack(derivatives), np.concatenate(values), tuple(names)
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
-    """Coordinates all others follow from under rows @ dq = 0, and how: dq = Z dq[chosen]."""
+    """Return independent coordinates under rows @ dq = 0 and Z of dq = Z dq[independent].
+
+    They are chosen by QR factorization with column pivoting, in natural sizes.
+    """
     n = rows.shape[1]
     matrix = rows * scales
     lengths = np.linalg.norm(matrix, axis=1)
     matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
     triangle, order = la.qr(matrix, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > _NONE * np.max(diagonal, initial=0.0)))
-    dependent, chosen = order[:rank], np.sort(order[rank:])
-    at = np.argsort(order[rank:])
+    rank = int(np.sum(diagonal > _RANK_TOLERANCE * np.max(diagonal, initial=0.0)))
+    dependent, independent = order[:rank], np.sort(order[rank:])
+    by_index = np.argsort(order[rank:])
     z = np.zeros((n, n - rank))
-    z[chosen, np.arange(n - rank)] = 1.0
+    z[independent, np.arange(n - rank)] = 1.0
     if rank:
         shares = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
-        z[dependent] = -(scales[dependent, None] * shares / scales[order[rank:]])[:, at]
-    return chosen, z
+        z[dependent] = -(scales[dependent, None] * shares / scales[order[rank:]])[:, by_index]
+    return independent, z

@@ -1,10 +1,10 @@
-"""A mechanism linearized about a state: as drawn, at rest, turning steadily, or on its way.
+"""Linearization of a mechanism about a state: as drawn, at rest, in steady rotation or in motion.
 
     M x'' + C x' + K x + H mu = 0,    J x + V x' = 0
 
-with x what is added to the coordinates and mu to the multipliers. Constraints on positions have
-V = 0, H = G^T + dF/dlam (friction follows reactions), J = G; those on velocities, A v + b = 0, have
-V = A and J = d(A v + b)/dq.
+x and mu are increments of the coordinates and the multipliers. Constraints on positions have
+V = 0, H = G^T + dF/dlam (friction depends on reactions) and J = G; constraints on velocities,
+A v + b = 0, have V = A and J = d(A v + b)/dq.
 """
 
 from __future__ import annotations
@@ -31,86 +31,20 @@ from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
-TangentAt = Callable[[State], Tangent]
-
-# Forces that do not balance, beside those there are, and beside what rounding leaves of stiffness.
-_UNBALANCED, _ROUNDING = 1e-6, 1e-13
-# Beside accelerations where forces do not balance: what elements leave of a frequency that is zero.
-_STILL = 1e-6
-# Of the natural sizes of coordinates: the step over which the mass matrix is differentiated.
-_STEP = 1e-3
-
-
-def linearize_at_rest(
-    e: EquationsOfMotion, time: Array, tangent: TangentAt
-) -> tuple[State, Tangent, tuple[str, ...], float]:
-    """State, matrices, warnings, and squares of frequencies [1/s^2] up to which they are zero.
-
-    At the start of `e`, with the reactions there, drivers held; `tangent` is that of `e`, or under
-    a share of its loads.
-    """
-    starter = ConsistencySolver(e)
-    starter.require_inertia()
-    state = _release(e, tangent, starter.rest_state(starter.state(time, e.q0, np.zeros(e.n)).q))
-    found, rest = tangent(state), state._replace(a=np.zeros(e.n))
-    if not _is_unbalanced(e, found, state, tangent(rest).residual[: e.n]):
-        return rest, tangent(rest), (), 0.0
-    found = found._replace(stiffness=_covariant_stiffness(e, tangent, state, found))
-    share = np.abs(state.a) / e.position_scales
-    worst = int(np.argmax(share))
-    sentence = (
-        f"{e.q_names[worst]}: it accelerates by {state.a[worst]:.3g} where it is let go, this "
-        "state is no equilibrium; frequencies are those of the second derivatives of the potential "
-        "there, about='equilibrium' finds where it rests."
-    )
-    return state, found, (sentence,), _STILL * float(share[worst])
-
-
-def _release(e: EquationsOfMotion, tangent: TangentAt, rest: State) -> State:
-    """Accelerations and reactions at rest: M a + F + G^T lam = 0, J a = 0."""
-    found = tangent(rest)
-    solve = factorize_saddle_point(found.mass, found.reactions, found.acceleration_jacobian(e))
-    if solve is None:
-        raise BeamdaeError("modes: something can move without inertia, give it a mass or a joint.")
-    solved = solve(np.concatenate([-found.residual[: e.n], np.zeros(e.m)]))
-    return rest._replace(a=solved[: e.n], lam=solved[e.n :])
-
-
-def _is_unbalanced(e: EquationsOfMotion, found: Tangent, state: State, force: Array) -> bool:
-    """Whether the accelerations are more than what rounding leaves of an equilibrium.
-
-    `force` is F + G^T lam without inertia.
-    """
-    needed = np.abs(found.mass @ state.a)
-    reactions = np.abs(found.reactions @ state.lam)
-    there = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
-    rounding = _ROUNDING * (abs(found.stiffness) @ e.position_scales)
-    return bool(np.any(needed > np.maximum(_UNBALANCED * there, rounding)))
-
-
-def _covariant_stiffness(
-    e: EquationsOfMotion, tangent: TangentAt, state: State, found: Tangent
-) -> sp.csc_array:
-    """The stiffness that does not depend on the coordinates, at rest but not in equilibrium.
-
-    The derivative of F at constant a depends on the coordinates it is taken in, as long as a is not
-    zero. The covariant one in the metric of the mass matrix does not:
-
-        K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
-
-    of a potential V it is the Hessian of V on the manifold of the positions joints allow.
-    """
-    still = tangent(state._replace(a=np.zeros(e.n)))
-    by_inertia = found.stiffness - still.stiffness
-    step = _STEP / float(np.max(np.abs(state.a) / e.position_scales))
-    masses = [tangent(state._replace(q=state.q + k * step * state.a)).mass for k in (-2, -1, 1, 2)]
-    changed = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
-    return sp.csc_array(found.stiffness - 0.5 * (by_inertia - by_inertia.T + changed))
-
+TangentFunction = Callable[[State], Tangent]
 
 REFERENCE = "reference"
-# What Newton's method leaves of a load factor of one.
-_WHOLE = 1e-9
+# Load factors within this of one count as one: Newton's method does not reach it exactly.
+_FACTOR_TOLERANCE = 1e-9
+# Forces are unbalanced beyond this share of the largest force, and beyond the rounding of the
+# stiffness times the natural sizes.
+_UNBALANCED_FORCE_RATIO = 1e-6
+_STIFFNESS_ROUNDING = 1e-13
+# Where forces are unbalanced, elements leave squared frequencies of zero below this share of the
+# largest acceleration in natural sizes.
+_ZERO_SQUARE_RATIO = 1e-6
+# Step, in natural sizes, of the finite difference of the mass matrix.
+_MASS_DIFFERENCE_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -120,130 +54,219 @@ class Linearization:
     Attributes
     ----------
     equations
-        Of its active parts and independent constraints.
-    whole
-        Of all of it, with what is observed.
+        Equations of the active parts with independent constraints.
+    full_equations
+        Equations of the whole model, with the observables.
     about
-        The state in words.
+        Description of the state.
     time, state
-        (t, branch), and coordinates, velocities, accelerations and multipliers there.
+        (t, branch), and coordinates, velocities, accelerations and multipliers.
     tangent
         The matrices.
     warnings
-        What the result has to be read with.
-    still
-        Squares of frequencies [1/s^2] up to this are zero.
-    turning
-        How it turns, if it does: coordinates are then those of an observer who turns as well.
+        Limits of the validity of the result.
+    zero_square
+        Squared frequencies up to this are zero [1/s^2].
+    rotation
+        The steady rotation, or None; coordinates are then those of the rotating frame.
     """
 
     equations: EquationsOfMotion
-    whole: EquationsOfMotion
+    full_equations: EquationsOfMotion
     about: str
     time: Array
     state: State
     tangent: Tangent
     warnings: tuple[str, ...] = ()
-    still: float = 0.0
-    turning: Rotation | None = None
+    zero_square: float = 0.0
+    rotation: Rotation | None = None
 
     @property
     def nonholonomic(self) -> Array:
-        """Which constraints hold velocities alone, as truth values."""
-        found = np.zeros(self.equations.m, bool)
-        found[self.equations.nonholonomic_rows] = True
-        return found
+        """Mask (m,) of the constraints on velocities."""
+        mask = np.zeros(self.equations.m, bool)
+        mask[self.equations.nonholonomic_rows] = True
+        return mask
 
 
 def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:
-    """Linearize a model.
+    """Linearize a model about a state.
 
     Parameters
     ----------
     name
-        What was given the model, in errors.
+        Name of the calling function, for error messages.
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     about
         See `modes`.
     t
-        Time [s] at which laws are read, of states at rest and of rotations.
+        Time [s] at which laws are evaluated, for states at rest and rotations.
 
     Raises
     ------
     BeamdaeError
-        If there is no such state.
+        If `about` is invalid or there is no such state.
     """
-    if isinstance(about, Instant):
-        return _linearize_motion(as_equations(name, model, AS_DRAWN), about)
-    if isinstance(about, Rotation):
-        whole = as_equations(name, model, AS_DRAWN)
-        own, time = _active_equations(whole, None, t)
-        state, found = find_steady_rotation(own, time, about)
-        told = f"rotation at {about.speed:g} rad/s about {about.center}"
-        return Linearization(own, whole, told, time, state, found, turning=about)
     if isinstance(about, Equilibrium):
         return _linearize_path_end(name, model, about)
+    if isinstance(about, (Instant, Rotation)):
+        full_equations = as_equations(name, model, AS_DRAWN)
+        if isinstance(about, Instant):
+            return _linearize_motion(full_equations, about)
+        equations, time = _active_equations(full_equations, None, t)
+        state, tangent = find_steady_rotation(equations, time, about)
+        description = f"rotation at {about.speed:g} rad/s about {about.center}"
+        return Linearization(
+            equations, full_equations, description, time, state, tangent, rotation=about
+        )
     if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
         return _linearize_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
-    if not (isinstance(about, (str, Mapping))):
+    if not isinstance(about, (str, Mapping)):
         raise BeamdaeError(
-            f"about: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
-            f"solution.at(t) or what bd.equilibrium gives, got {short_repr(about)}."
+            "about: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
+            f"solution.at(t) or a result of bd.equilibrium, got {short_repr(about)}."
         )
     require_start("about", about)
-    whole = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
-    told = EQUILIBRIUM if about == EQUILIBRIUM else f"rest at {whole.start.told}"  # type: ignore[union-attr]
-    return _linearize_rest(whole, told, t)
+    full_equations = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
+    if about == EQUILIBRIUM:
+        return _linearize_rest(full_equations, EQUILIBRIUM, t)
+    description = f"rest at {full_equations.start.description}"  # type: ignore[union-attr]
+    return _linearize_rest(full_equations, description, t)
 
 
 def _active_equations(
-    whole: EquationsOfMotion, instant: Instant | None, t: float
+    full_equations: EquationsOfMotion, instant: Instant | None, t: float
 ) -> tuple[EquationsOfMotion, Array]:
-    """The active parts without dependent constraints, and (t, branch)."""
-    own = whole
-    known = whole.configurations
-    if known is not None:
+    """Return the equations of the active parts without redundant constraints, and (t, branch)."""
+    active = full_equations
+    configurations = full_equations.configurations
+    if configurations is not None:
         now = None if instant is None else instant.configuration
-        own = (
-            known.configuration_without(whole, now.inactive, now.frozen_gaps)
+        active = (
+            configurations.configuration_without(full_equations, now.inactive, now.frozen_gaps)
             if now
-            else known.initial_configuration(whole)
+            else configurations.initial_configuration(full_equations)
         ).equations
-    own = replace(own, q0=whole.q0, v0=whole.v0)
-    after = min((b for b in own.breakpoints if b > t), default=t + 1.0)
-    time = np.array([t, 0.5 * (t + after)]) if instant is None else instant.time
-    spared = remove_redundant_constraints(own, time) if own.redundant else None
-    return (own if spared is None else spared.equations), time
+    active = replace(active, q0=full_equations.q0, v0=full_equations.v0)
+    if instant is None:
+        next_breakpoint = min((b for b in active.breakpoints if b > t), default=t + 1.0)
+        time = np.array([t, 0.5 * (t + next_breakpoint)])
+    else:
+        time = instant.time
+    reduction = remove_redundant_constraints(active, time) if active.redundant else None
+    return (active if reduction is None else reduction.equations), time
 
 
-def _linearize_motion(whole: EquationsOfMotion, instant: Instant) -> Linearization:
-    if len(instant.state.q) != whole.n:
-        raise BeamdaeError("about: the solution is not one of this model.")
-    own, time = _active_equations(whole, instant, instant.t)
-    state = ConsistencySolver(own).state(time, instant.state.q, instant.state.v)
-    told = f"the motion at t = {instant.t:g} s, as if it stayed there"
-    return Linearization(own, whole, told, time, state, compute_tangent(own, time, state))
+def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:
+    """Linearize about an instant of a run, whose state is held constant."""
+    if len(instant.state.q) != full_equations.n:
+        raise BeamdaeError(
+            f"about: the solution is not one of this model, it has {len(instant.state.q)} "
+            f"coordinates instead of {full_equations.n}."
+        )
+    equations, time = _active_equations(full_equations, instant, instant.t)
+    state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
+    description = f"the frozen motion at t = {instant.t:g} s"
+    tangent = compute_tangent(equations, time, state)
+    return Linearization(equations, full_equations, description, time, state, tangent)
 
 
-def _linearize_rest(whole: EquationsOfMotion, told: str, t: float) -> Linearization:
-    """About rest at the start of `whole`, drivers held."""
-    own, time = _active_equations(whole, None, t)
-    found = linearize_at_rest(own, time, lambda state: compute_tangent(own, time, state))
-    return Linearization(own, whole, told, time, *found)
+def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
+    equations, time = _active_equations(full_equations, None, t)
+    rest = linearize_at_rest(equations, time, lambda state: compute_tangent(equations, time, state))
+    return Linearization(equations, full_equations, description, time, *rest)
 
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
-    """About the end of a path of equilibria, under the loads there."""
-    whole = path.starting().starting(as_equations(name, model, AS_DRAWN))
-    loading = build_loading(model, whole, [list(stage) for stage in path.loads] or None, path.t)
+    """Linearize about the last equilibrium of a path, under the loads there."""
+    full_equations = path.checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
+    stages = [list(stage) for stage in path.loads] or None
+    loading = build_loading(model, full_equations, stages, path.t)
     factors = path.factors[-1].tolist() or [1.0]
-    parts = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _WHOLE)
-    stage = next(parts, len(factors) - 1)
+    unfinished = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _FACTOR_TOLERANCE)
+    stage = next(unfinished, len(factors) - 1)
     system = loading.systems[stage]
-    own, time = replace(system.equations, q0=whole.q0, v0=whole.v0), system.under.time
-    found = linearize_at_rest(
-        own, time, lambda state: system.tangent_of_motion(state, factors[stage])
+    equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
+    time = system.loaded.time
+    rest = linearize_at_rest(
+        equations, time, lambda state: system.motion_tangent(state, factors[stage])
     )
-    told = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
-    return Linearization(own, whole, told, time, *found)
+    description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
+    return Linearization(equations, full_equations, description, time, *rest)
+
+
+def linearize_at_rest(
+    e: EquationsOfMotion, time: Array, tangent_at: TangentFunction
+) -> tuple[State, Tangent, tuple[str, ...], float]:
+    """Linearize about rest at the start of `e`, with the reactions there and drivers fixed.
+
+    Returns
+    -------
+    tuple
+        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies are zero.
+    """
+    solver = ConsistencySolver(e)
+    solver.require_inertia()
+    q = solver.state(time, e.q0, np.zeros(e.n)).q
+    state = _release(e, tangent_at, solver.rest_state(q))
+    tangent, rest = tangent_at(state), state._replace(a=np.zeros(e.n))
+    if not _is_unbalanced(e, tangent, state, tangent_at(rest).residual[: e.n]):
+        return rest, tangent_at(rest), (), 0.0
+    tangent = tangent._replace(stiffness=_covariant_stiffness(e, tangent_at, state, tangent))
+    acceleration = np.abs(state.a) / e.position_scales
+    worst = int(np.argmax(acceleration))
+    warning = (
+        f"{e.q_names[worst]}: this state is no equilibrium, it accelerates by {state.a[worst]:.3g} "
+        "when released; frequencies are those of the second derivatives of the potential, "
+        "about='equilibrium' linearizes where it rests."
+    )
+    return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
+
+
+def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> State:
+    """Return the accelerations and reactions at rest: M a + F + G^T lam = 0, J a = 0."""
+    tangent = tangent_at(rest)
+    solve = factorize_saddle_point(
+        tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
+    )
+    if solve is None:
+        raise BeamdaeError("modes: a coordinate has no inertia; add mass or a joint.")
+    solution = solve(np.concatenate([-tangent.residual[: e.n], np.zeros(e.m)]))
+    return rest._replace(a=solution[: e.n], lam=solution[e.n :])
+
+
+def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
+    """Return if accelerations exceed the rounding of an equilibrium.
+
+    `force` is F + G^T lam without inertia.
+    """
+    inertia = np.abs(tangent.mass @ state.a)
+    reactions = np.abs(tangent.reactions @ state.lam)
+    largest_force = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
+    rounding = _STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
+    return bool(np.any(inertia > np.maximum(_UNBALANCED_FORCE_RATIO * largest_force, rounding)))
+
+
+def _covariant_stiffness(
+    e: EquationsOfMotion, tangent_at: TangentFunction, state: State, tangent: Tangent
+) -> sp.csc_array:
+    """Return the stiffness that does not depend on the choice of coordinates, at rest.
+
+    Where a is not zero, the derivative of F at constant a depends on the coordinates. The
+    covariant derivative in the metric of the mass matrix does not:
+
+        K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
+
+    For a potential V it is the Hessian of V on the manifold of admissible positions.
+    """
+    unaccelerated = tangent_at(state._replace(a=np.zeros(e.n)))
+    inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
+    step = _MASS_DIFFERENCE_STEP / float(np.max(np.abs(state.a) / e.position_scales))
+    masses = [
+        tangent_at(state._replace(q=state.q + k * step * state.a)).mass for k in (-2, -1, 1, 2)
+    ]
+    # Central difference of fourth order.
+    mass_rate = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
+    asymmetry = inertial_stiffness - inertial_stiffness.T
+    return sp.csc_array(tangent.stiffness - 0.5 * (asymmetry + mass_rate))

@@ -1,7 +1,8 @@
 """Damped and gyroscopic modes: (l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
-Eigenvalues near zero by a real factorization at a shift (Tisseur & Meerbergen, SIAM Rev. 43 (2001)
-235): of small systems all at once, of large ones by Arnoldi's method.
+The quadratic eigenvalue problem is linearized and inverted about a real shift (Tisseur &
+Meerbergen, SIAM Rev. 43 (2001) 235): all eigenvalues of small systems by dense matrices, those near
+zero of large systems by Arnoldi's method.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from beamdae.analysis.linear_dynamics.linearization import Linearization
 from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
-    ALL_AT_ONCE,
-    STILL,
+    MAX_DENSE_COORDINATES,
+    ZERO_SQUARE_RATIO,
     quadratic_form_rounding,
     scaled_null_space,
 )
@@ -22,109 +23,150 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Eigenvalues beside the shift that are zero: a pair that coincides there is off by the root of
-# rounding.
-_ZERO = 1e-5
-# The shift is no frequency of a mode; where all are wanted it is in the middle of so many.
-_BELOW, _MANY = 0.6, 10
+# Eigenvalues that count as zero, relative to the shift: a double zero is off by the square root of
+# rounding. The second ratio bounds their strain energy, relative to that of a zero square.
+_ZERO_RATIO = 1e-5
+_ZERO_ENERGY_FACTOR = 1e4
+# The shift relative to the geometric mean of the lowest and highest frequency of interest; its
+# factor makes it no frequency of a mode. Without a number of modes, the lowest so many count.
+_SHIFT_RATIO = 0.6
+_DEFAULT_MODE_COUNT = 10
+# Steps of the power iteration that prepare the start vector of Arnoldi's method.
+_START_ITERATIONS = 3
+# Eigenvalues of the inverse below this share of the largest one are lost in rounding.
+_MIN_INVERSE_RATIO = 1e-13
+# Real and imaginary parts that count as zero, relative to the eigenvalue.
+_REAL_TOLERANCE = 1e-12
+_IMAGINARY_TOLERANCE = 1e-9
+# Singular values of free motions, relative to the largest one, below which they are dependent.
+_RANK_TOLERANCE = 1e-3
+# Avoids division by zero.
+_TINY = 1e-300
 
 
 class QuadraticProblem:
     """(l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
-    With y = (x, x') = (x, l x) it is l E y = A y; 1 / (l - s) are eigenvalues of (A - s E)^-1 E.
+    With y = (x, l x) it reads l E y = A y; the eigenvalues of (A - s E)^-1 E are 1 / (l - s).
+
+    Parameters
+    ----------
+    lin
+        The linearized equations.
+    squares
+        Squared frequencies of the undamped problem [1/s^2], which determine the shift.
+    count
+        Number of modes of interest; None: all.
     """
 
     def __init__(self, lin: Linearization, squares: Array, count: int | None) -> None:
-        self.lin, self.own, self.e = lin, lin.tangent, lin.equations
-        # In the middle of what is wanted: low and high ones then lose as much to rounding.
-        told = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _MANY]
-        self.rate = float(_BELOW * np.sqrt(told[0] * told[-1])) if len(told) else 1.0
-        own, s = self.own, self.rate
+        self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
+        # In the middle of the modes of interest: low and high ones lose equally to rounding.
+        rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
+        self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
+        tangent, s = self.tangent, self.shift
         solve = factorize_saddle_point(
-            own.stiffness + s * own.damping + s**2 * own.mass,
-            own.reactions,
-            own.position_jacobian + s * own.velocity_jacobian,
+            tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
+            tangent.reactions,
+            tangent.position_jacobian + s * tangent.velocity_jacobian,
         )
         if solve is None:
-            raise BeamdaeError("modes: the linearized equations are singular.")
-        self.solve = solve
+            raise BeamdaeError(
+                "modes: the linearized equations are singular; add mass or stiffness to what can "
+                "move."
+            )
+        self._solve_shifted = solve
 
-    def lowest(self, count: int | None) -> tuple[Array, Array]:
-        """Eigenvalues (k,) and shapes (n, k) nearest to zero, at least `count` of them, or all."""
+    def solve(self, count: int | None) -> tuple[Array, Array]:
+        """Return eigenvalues (k,) [1/s] and shapes (n, k) nearest to zero.
+
+        At least `count` of them, or all; of conjugate pairs the one with positive imaginary part.
+        """
         e, n = self.e, self.e.n
-        free = 2 * (n - e.m) + len(e.nonholonomic_rows)
-        if not free:
+        available = 2 * (n - e.m) + len(e.nonholonomic_rows)
+        if not available:
             return np.zeros(0, complex), np.zeros((n, 0), complex)
-        wanted = free if count is None else min(free, 2 * count + 6)
+        # Both of each pair, and some more because the order by 1 / (l - s) is not that by l.
+        number = available if count is None else min(available, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
-        scales[n:] *= self.rate
-        if n <= ALL_AT_ONCE or wanted >= n:
-            basis = scaled_null_space(self.own.acceleration_jacobian(e), e.position_scales)
+        scales[n:] *= self.shift
+        if n <= MAX_DENSE_COORDINATES or number >= n:
+            basis = scaled_null_space(self.tangent.acceleration_jacobian(e), e.position_scales)
             if len(e.nonholonomic_rows):
                 basis = np.diag(e.position_scales)
-            whole = la.block_diag(basis, self.rate * basis)
-            images = np.stack([self._inverse(column) for column in whole.T], axis=1)
-            matrix = la.lstsq(whole / scales[:, None], images / scales[:, None])[0]
-            theta, vectors = la.eig(matrix)
-            shapes = (whole @ vectors)[:n]
+            state_basis = la.block_diag(basis, self.shift * basis)
+            images = np.stack([self._apply_inverse(column) for column in state_basis.T], axis=1)
+            matrix = la.lstsq(state_basis / scales[:, None], images / scales[:, None])[0]
+            inverses, vectors = la.eig(matrix)
+            shapes = (state_basis @ vectors)[:n]
         else:
             operator = LinearOperator(
-                (2 * n, 2 * n), lambda y: self._inverse(np.ravel(y) * scales) / scales, dtype=float
+                (2 * n, 2 * n),
+                lambda y: self._apply_inverse(np.ravel(y) * scales) / scales,
+                dtype=float,
             )
-            begin = np.cos(np.arange(2 * n) ** 2.0)
-            for _ in range(3):
-                begin = operator @ begin
-            theta, vectors = eigs(
-                operator, wanted, which="LM", v0=begin, ncv=min(2 * n - 1, 2 * wanted + 20)
+            # Any vector that is not orthogonal to a mode; the same in every run.
+            start = np.cos(np.arange(2 * n) ** 2.0)
+            for _ in range(_START_ITERATIONS):
+                start = operator @ start
+            inverses, vectors = eigs(
+                operator, number, which="LM", v0=start, ncv=min(2 * n - 1, 2 * number + 20)
             )
             shapes = (vectors * scales[:, None])[:n]
-        order = np.argsort(-np.abs(theta), kind="stable")[:wanted]
-        kept = order[np.abs(theta[order]) > 1e-13 * np.max(np.abs(theta))]
-        return self._told(self.rate + 1.0 / theta[kept], shapes[:, kept])
+        order = np.argsort(-np.abs(inverses), kind="stable")[:number]
+        is_accurate = np.abs(inverses[order]) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
+        order = order[is_accurate]
+        return self._select(self.shift + 1.0 / inverses[order], shapes[:, order])
 
-    def _inverse(self, y: Array) -> Array:
-        """(A - s E)^-1 E y."""
-        own, n, s = self.own, self.e.n, self.rate
+    def _apply_inverse(self, y: Array) -> Array:
+        """Return (A - s E)^-1 E y."""
+        tangent, n, s = self.tangent, self.e.n, self.shift
         x, w = y[:n], y[n:]
-        right = -(own.mass @ (w + s * x) + own.damping @ x)
-        found = self.solve(np.concatenate([right, -(own.velocity_jacobian @ x)]))[:n]
-        return np.concatenate([found, x + s * found])
+        right = -(tangent.mass @ (w + s * x) + tangent.damping @ x)
+        constraints = -(tangent.velocity_jacobian @ x)
+        solution = self._solve_shifted(np.concatenate([right, constraints]))[:n]
+        return np.concatenate([solution, x + s * solution])
 
-    def _told(self, values: Array, shapes: Array) -> tuple[Array, Array]:
-        """Of conjugate pairs one, of what nothing resists each shape once."""
-        stiffness, mass = self.own.stiffness, self.own.mass
+    def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
+        """Keep one of each conjugate pair and each free motion once; remove rounding errors."""
+        tangent = self.tangent
+        stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
         inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes))
         shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
         energy = np.abs(np.einsum("ij,ij->j", shapes.conj(), stiffness @ shapes))
         rounding, size = quadratic_form_rounding(stiffness, shapes), np.abs(values)
-        still = np.maximum(rounding, STILL * self.rate**2)
-        zero = (size <= _ZERO * self.rate) & (energy <= 1e4 * still)
-        zero |= size**2 <= self.lin.still
-        upper = ~zero & (values.imag > -1e-9 * size)
-        # What rounding of the stiffness makes of an eigenvalue on one of the axes, unless dampers
-        # take or give more than rounding.
-        taken = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), self.own.damping @ shapes)))
-        is_damped = taken > quadratic_form_rounding(self.own.damping, shapes)
-        off = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, 1e-300))
-        off = np.maximum(off, 1e-12 * size)
-        real = np.where(np.abs(values.real) <= off, 0.0, values.real)
-        values = real + 1j * np.where(np.abs(values.imag) <= 1e-9 * size, 0.0, values.imag)
-        still = self._independent(shapes[:, zero])
-        values = np.concatenate([np.zeros(still.shape[1], complex), values[upper]])
-        return values, np.hstack([still, shapes[:, upper]])
+        zero_energy = np.maximum(rounding, ZERO_SQUARE_RATIO * self.shift**2)
+        is_zero = size <= _ZERO_RATIO * self.shift
+        is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
+        is_zero |= size**2 <= self.lin.zero_square
+        is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
+        # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis; that is
+        # removed unless dampers exchange more energy than rounding.
+        power = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), damping @ shapes)))
+        is_damped = power > quadratic_form_rounding(damping, shapes)
+        off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
+        off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
+        real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
+        is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
+        values = real + 1j * np.where(is_real, 0.0, values.imag)
+        free = self._independent_free_motions(shapes[:, is_zero])
+        values = np.concatenate([np.zeros(free.shape[1], complex), values[is_upper]])
+        return values, np.hstack([free, shapes[:, is_upper]])
 
-    def _independent(self, shapes: Array) -> Array:
-        """Motions that nothing resists, each once."""
+    def _independent_free_motions(self, shapes: Array) -> Array:
+        """Return a basis of the motions without stiffness among these shapes."""
         if not shapes.shape[1]:
             return shapes
         scales = self.e.position_scales[:, None]
-        both = np.hstack([shapes.real, shapes.imag]) / scales
-        both = both / np.maximum(np.linalg.norm(both, axis=0), 1e-300)
-        left, singular, _ = la.svd(both, full_matrices=False)
-        basis = scales * left[:, singular > 1e-3 * singular[0]]
-        # Where the speed of a rotation may change a double zero has one motion, and beside it what
-        # that would stretch.
-        energy, inertia = (basis.T @ (x @ basis) for x in (self.own.stiffness, self.own.mass))
-        squares, shares = la.eigh(0.5 * (energy + energy.T), 0.5 * (inertia + inertia.T))
-        return (basis @ shares[:, np.abs(squares) <= _ZERO * self.rate**2]).astype(complex)
+        parts = np.hstack([shapes.real, shapes.imag]) / scales
+        parts = parts / np.maximum(np.linalg.norm(parts, axis=0), _TINY)
+        left, singular, _ = la.svd(parts, full_matrices=False)
+        basis = scales * left[:, singular > _RANK_TOLERANCE * singular[0]]
+        # A double zero, as where the speed of a rotation may change, has one free motion; its
+        # generalized eigenvector, which stretches the mechanism, is removed here.
+        stiffness, mass = (
+            basis.T @ (x @ basis) for x in (self.tangent.stiffness, self.tangent.mass)
+        )
+        squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
+        is_zero = np.abs(squares) <= _ZERO_RATIO * self.shift**2
+        return (basis @ vectors[:, is_zero]).astype(complex)

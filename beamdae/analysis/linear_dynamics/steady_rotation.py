@@ -1,14 +1,15 @@
-"""The state in which a mechanism turns steadily, and the equations linearized about it.
+"""Steady rotation of a whole mechanism: its state, and the equations linearized about it.
 
-With q = c + D(W t) (z - c) + W t e the observer who turns as well sees z, see `rotation.RotatingCoordinates`.
-What does not change for him, z, has the velocity v = W (S (z - c) + W e) and the acceleration
-a = W^2 S^2 (z - c) in the inertial frame. The equations linearized about that state, with
-x = D y, x' = D (y' + W S y) and x'' = D (y'' + 2 W S y' + W^2 S^2 y), are
+An observer who rotates with the mechanism sees the coordinates z, with
+q = c + D(W t) (z - c) + W t e; see `RotatingCoordinates`. A constant z has the velocity
+v = W (S (z - c) + W e) and the acceleration a = W^2 S^2 (z - c) in the inertial frame. The
+equations linearized about that state, with x = D y, x' = D (y' + W S y) and
+x'' = D (y'' + 2 W S y' + W^2 S^2 y), are
 
     M y'' + (C + 2 W M S) y' + (K + W C S + W^2 M S^2) y + H mu = 0,    J y = 0
 
-with the matrices of the inertial frame at the state turned by nothing: gyroscopic terms, spin
-softening and, through the strains of the state, centrifugal stiffening are all there.
+with the matrices of the inertial frame at t = 0. They contain gyroscopic terms, spin softening
+and, through the strains of the state, centrifugal stiffening.
 """
 
 from __future__ import annotations
@@ -27,7 +28,28 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-_PLACES, _ANGLES = re.compile(r"([xy])(\d*)"), re.compile(r"(?:angle|theta|psi)\d*")
+# Names of coordinates that are points of the plane, and of those that are inertial angles.
+_POINT_NAME = re.compile(r"([xy])(\d*)")
+_ANGLE_NAME = re.compile(r"(?:angle|theta|psi)\d*")
+# Forces rotate with the mechanism if they change by no more than this, relative to the largest
+# force, and beyond rounding relative to the stiffness.
+_FORCE_TOLERANCE = 1e-8
+_STIFFNESS_ROUNDING = 1e-13
+# Angle by which the mechanism is rotated to compare forces [rad].
+_TEST_ANGLE = 1.0
+# Newton corrections in natural sizes. Rounding of stiff beams may prevent full convergence, so a
+# correction below the second tolerance also counts once it stops halving.
+_CONVERGENCE_TOLERANCE = 1e-11
+_STAGNATION_TOLERANCE = 1e3 * _CONVERGENCE_TOLERANCE
+_STAGNATION_RATIO = 0.5
+_DIVERGENCE_LIMIT = 0.5
+_MAX_ITERATIONS = 30
+# Least increment of the speed, relative to the requested speed.
+_MIN_SPEED_STEP = 2.0**-10
+# Mass added to the stiffness where nothing resists a change of the angle: relative to W^2 M and to
+# the largest ratio of stiffness to mass.
+_SPEED_REGULARIZATION = 1e-9
+_STIFFNESS_REGULARIZATION = 1e-16
 
 
 @dataclass(frozen=True)
@@ -39,19 +61,29 @@ class Rotation:
 
 
 def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation:
-    """State of `modes` and `linearize`: all of a mechanism turns about a point at one speed.
+    """Specify a steady rotation of the whole mechanism, for `modes`, `linearize` and `campbell`.
 
-    The ground is a turntable: what joints tie to it turns with it, and drivers hold what they hold
-    at t = 0 relative to it. Coordinates are those an observer sees who turns as well, so that
-    frequencies are what a strain gauge on the mechanism measures. Forces must turn with it: weight,
-    loads of fixed direction, and springs and dampers to the ground off the center are refused.
+    The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
+    t = 0 relative to it. Coordinates are those of a corotating observer, so that frequencies are
+    those a strain gauge on the mechanism measures. Forces must rotate with the mechanism: weight,
+    loads of fixed direction, and springs and dampers to the ground off the center are rejected.
 
     Parameters
     ----------
     speed
-        Angular speed [rad/s], counter-clockwise positive.
+        Angular speed [rad/s], positive counter-clockwise.
     center
-        The point of the drawing it turns about [m].
+        Center of rotation in the reference drawing [m].
+
+    Returns
+    -------
+    Rotation
+        To be given as `about`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `speed` or `center` is not finite.
 
     Examples
     --------
@@ -66,19 +98,19 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
 
 @dataclass(frozen=True)
 class RotatingCoordinates:
-    """How coordinates follow when everything turns: q = c + D (z - c) + angle * e.
+    """Coordinates under a rotation of everything: q = c + D (z - c) + angle * e.
 
-    D turns the pairs (x, y), the angles grow by the angle, and what is measured within a body
-    stays; z are the coordinates seen by an observer who turns as well.
+    D rotates the pairs (x, y); inertial angles grow by the angle; coordinates measured within a
+    body do not change. z are the coordinates in the rotating frame.
 
     Attributes
     ----------
     n
         Number of coordinates.
     x, y
-        Which coordinates are places, a pair each.
+        Indices of the coordinates that are points of the plane, in pairs.
     angles
-        Which are angles in the inertial frame.
+        Indices of the coordinates that are inertial angles.
     """
 
     n: int
@@ -87,185 +119,186 @@ class RotatingCoordinates:
     angles: Array
 
     @classmethod
-    def of(cls, e: EquationsOfMotion) -> RotatingCoordinates:
-        """By the names of coordinates: x and y, angle, theta or psi, perhaps numbered."""
+    def from_equations(cls, e: EquationsOfMotion) -> RotatingCoordinates:
+        """Classify coordinates by name: x and y, angle, theta or psi, optionally numbered."""
         x, y, angles = [], [], []
         index = {name: k for k, name in enumerate(e.q_names)}
         for name, k in index.items():
-            part, dot, own = name.rpartition(".")
-            place = _PLACES.fullmatch(own)
-            if place and place[1] == "x" and f"{part}{dot}y{place[2]}" in index:
+            part, dot, coordinate = name.rpartition(".")
+            point = _POINT_NAME.fullmatch(coordinate)
+            if point and point[1] == "x" and f"{part}{dot}y{point[2]}" in index:
                 x.append(k)
-                y.append(index[f"{part}{dot}y{place[2]}"])
-            elif _ANGLES.fullmatch(own) and e.coordinates[k].unit == "rad":
+                y.append(index[f"{part}{dot}y{point[2]}"])
+            elif _ANGLE_NAME.fullmatch(coordinate) and e.coordinates[k].unit == "rad":
                 angles.append(k)
-        return cls(e.n, *(np.array(found, int) for found in (x, y, angles)))
+        return cls(e.n, *(np.array(indices, int) for indices in (x, y, angles)))
 
     @property
-    def moves(self) -> bool:
-        """Whether anything turns at all."""
+    def can_rotate(self) -> bool:
+        """Whether a rotation changes any coordinate."""
         return bool(len(self.x) or len(self.angles))
 
-    def operator(self, angle: float) -> sp.csr_array:
-        """D, (n, n)."""
-        kept = np.ones(self.n)
-        kept[self.x] = kept[self.y] = np.cos(angle)
-        return sp.csr_array(sp.diags_array(kept) + np.sin(angle) * self.generator)
+    def rotation_matrix(self, angle: float) -> sp.csr_array:
+        """Return D at an angle [rad], (n, n)."""
+        diagonal = np.ones(self.n)
+        diagonal[self.x] = diagonal[self.y] = np.cos(angle)
+        return sp.csr_array(sp.diags_array(diagonal) + np.sin(angle) * self.generator)
 
     @property
     def generator(self) -> sp.csr_array:
-        """S = dD/d(angle) at 0, which D is the exponential of on the places."""
+        """S = dD/d(angle) at 0, (n, n)."""
         ones = np.ones(len(self.x))
         entries = np.concatenate([ones, -ones])
-        at = (np.concatenate([self.y, self.x]), np.concatenate([self.x, self.y]))
-        return sp.csr_array((entries, at), shape=(self.n, self.n))
+        positions = (np.concatenate([self.y, self.x]), np.concatenate([self.x, self.y]))
+        return sp.csr_array((entries, positions), shape=(self.n, self.n))
 
-    def center(self, place: tuple[float, float]) -> Array:
-        """c, (n,): the place in all pairs."""
-        found = np.zeros(self.n)
-        found[self.x], found[self.y] = place
-        return found
+    def center_vector(self, center: tuple[float, float]) -> Array:
+        """Return c, (n,): the center in all pairs (x, y)."""
+        vector = np.zeros(self.n)
+        vector[self.x], vector[self.y] = center
+        return vector
 
     @property
-    def spin(self) -> Array:
-        """e, (n,): one for each angle."""
-        found = np.zeros(self.n)
-        found[self.angles] = 1.0
-        return found
+    def angle_vector(self) -> Array:
+        """e, (n,): one for each inertial angle."""
+        vector = np.zeros(self.n)
+        vector[self.angles] = 1.0
+        return vector
 
-    def travel(self, axis: int) -> Array:
-        """Rate of all coordinates when everything travels along x (0) or y (1), (n,)."""
-        found = np.zeros(self.n)
-        found[(self.x, self.y)[axis]] = 1.0
-        return found
-
-
-# Beside the largest force: what is left where forces turn as everything does; and the angle [rad]
-# by which it is turned to see whether they do.
-_TURNS, _TURNED = 1e-8, 1.0
-# Newton's iteration: of a change in natural sizes, what is converged, and what is still near.
-_CONVERGED, _NEAR, _ITERATIONS = 1e-11, 0.5, 30
-_LEAST_STEP = 2.0**-10
-# Beside W^2 M, and the largest stiffness over mass: what makes the matrix regular where nothing
-# holds the angle.
-_FREE, _STIFF = 1e-9, 1e-16
+    def translation_vector(self, axis: int) -> Array:
+        """Return the coordinate rates (n,) of a unit translation along x (0) or y (1)."""
+        vector = np.zeros(self.n)
+        vector[(self.x, self.y)[axis]] = 1.0
+        return vector
 
 
 def find_steady_rotation(
-    e: EquationsOfMotion, time: Array, how: Rotation, near: Array | None = None
+    e: EquationsOfMotion, time: Array, rotation: Rotation, guess: Array | None = None
 ) -> tuple[State, Tangent]:
-    """The state that turns steadily, and the equations linearized about it for who turns as well.
+    """Return the state of steady rotation, and the equations linearized in the rotating frame.
 
     Parameters
     ----------
-    near
-        Coordinates the iteration begins with; default the drawing, from which the speed grows.
+    guess
+        Coordinates at which the iteration begins. Defaults to the reference drawing, from which
+        the speed is increased.
 
     Raises
     ------
     BeamdaeError
-        If nothing turns, forces do not turn with the mechanism, or there is no such state.
+        If no coordinate can rotate, forces do not rotate with the mechanism, or no state is found.
     """
-    turning = RotatingCoordinates.of(e)
-    if not turning.moves:
-        raise BeamdaeError("rotation: nothing in this model has a place or an angle that turns.")
-    begin = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if near is None else near
-    q, lam, reached, step = begin, np.zeros(e.m), 0.0, 1.0
-    # Where they do not, there may be no state to be found.
-    _require_rotating_forces(
-        e, time, turning, how, _rotating_state(turning, how, how.speed, q, lam)
-    )
-    while reached < 1.0:
-        to = min(reached + step, 1.0)
-        found = _solve_steady_state(e, time, turning, how, to * how.speed, q, lam)
-        if found is None:
+    frame = RotatingCoordinates.from_equations(e)
+    if not frame.can_rotate:
+        raise BeamdaeError(
+            "rotation: the model has no coordinates x and y, angle, theta or psi that can rotate."
+        )
+    q = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if guess is None else guess
+    lam, share, step = np.zeros(e.m), 0.0, 1.0
+    # Checked first because there may be no state to find where forces do not rotate.
+    drawing = _rotating_state(frame, rotation, rotation.speed, q, lam)
+    _require_rotating_forces(e, time, frame, rotation, drawing)
+    while share < 1.0:
+        next_share = min(share + step, 1.0)
+        solution = _solve_steady_state(
+            e, time, frame, rotation, next_share * rotation.speed, q, lam
+        )
+        if solution is None:
             step *= 0.5
-            if step < _LEAST_STEP:
+            if step < _MIN_SPEED_STEP:
                 raise BeamdaeError(
-                    f"rotation: the model has no steady state at speed {how.speed:g} rad/s about "
-                    f"the center {how.center}, none was found beyond {reached * how.speed:g} rad/s."
+                    f"rotation: the model has no steady state at speed {rotation.speed:g} rad/s "
+                    f"about the center {rotation.center}; none was found beyond "
+                    f"{share * rotation.speed:g} rad/s."
                 )
             continue
-        (q, lam), reached, step = found, to, 2.0 * step
-    state = _rotating_state(turning, how, how.speed, q, lam)
-    _require_rotating_forces(e, time, turning, how, state)
-    own = compute_tangent(e, time, state)
-    return state, _to_rotating_frame(own, turning, how.speed)
+        (q, lam), share, step = solution, next_share, 2.0 * step
+    state = _rotating_state(frame, rotation, rotation.speed, q, lam)
+    _require_rotating_forces(e, time, frame, rotation, state)
+    tangent = compute_tangent(e, time, state)
+    return state, _to_rotating_frame(tangent, frame, rotation.speed)
 
 
 def _rotating_state(
-    turning: RotatingCoordinates, how: Rotation, speed: float, q: Array, lam: Array
+    frame: RotatingCoordinates, rotation: Rotation, speed: float, q: Array, lam: Array
 ) -> State:
-    arm, s = q - turning.center(how.center), turning.generator
-    return State(q, speed * (s @ arm + turning.spin), speed**2 * (s @ (s @ arm)), lam)
+    arm, s = q - frame.center_vector(rotation.center), frame.generator
+    return State(q, speed * (s @ arm + frame.angle_vector), speed**2 * (s @ (s @ arm)), lam)
 
 
-def _to_rotating_frame(own: Tangent, turning: RotatingCoordinates, speed: float) -> Tangent:
-    s = turning.generator
-    return own._replace(
-        damping=sp.csc_array(own.damping + 2.0 * speed * (own.mass @ s)),
+def _to_rotating_frame(tangent: Tangent, frame: RotatingCoordinates, speed: float) -> Tangent:
+    """Transform the linearized equations to the rotating frame; formulas at the top."""
+    s = frame.generator
+    return tangent._replace(
+        damping=sp.csc_array(tangent.damping + 2.0 * speed * (tangent.mass @ s)),
         stiffness=sp.csc_array(
-            own.stiffness + speed * (own.damping @ s) + speed**2 * (own.mass @ (s @ s))
+            tangent.stiffness + speed * (tangent.damping @ s) + speed**2 * (tangent.mass @ (s @ s))
         ),
-        position_jacobian=sp.csc_array(own.position_jacobian + speed * (own.velocity_jacobian @ s)),
+        position_jacobian=sp.csc_array(
+            tangent.position_jacobian + speed * (tangent.velocity_jacobian @ s)
+        ),
     )
 
 
 def _solve_steady_state(
     e: EquationsOfMotion,
     time: Array,
-    turning: RotatingCoordinates,
-    how: Rotation,
+    frame: RotatingCoordinates,
+    rotation: Rotation,
     speed: float,
     q: Array,
     lam: Array,
 ) -> tuple[Array, Array] | None:
-    last = np.inf
-    for _ in range(_ITERATIONS):
-        state = _rotating_state(turning, how, speed, q, lam)
-        own = compute_tangent(e, time, state)
-        seen = _to_rotating_frame(own, turning, speed)
-        inertia = own.mass.diagonal()
-        has = inertia > 0.0
-        fastest = np.max(np.abs(own.stiffness.diagonal()[has]) / inertia[has], initial=0.0)
-        free = _FREE * speed**2 + _STIFF * fastest
-        block = seen.stiffness + (free or 1.0) * own.mass
-        solve = factorize_saddle_point(
-            block, seen.reactions, seen.position_jacobian + seen.velocity_jacobian
-        )
-        if solve is None or not np.all(np.isfinite(own.residual)):
+    """Return (q, lam) at a speed by Newton's method, or None if it does not converge."""
+    last_size = np.inf
+    for _ in range(_MAX_ITERATIONS):
+        state = _rotating_state(frame, rotation, speed, q, lam)
+        tangent = compute_tangent(e, time, state)
+        rotating = _to_rotating_frame(tangent, frame, speed)
+        inertia = tangent.mass.diagonal()
+        has_inertia = inertia > 0.0
+        ratios = np.abs(tangent.stiffness.diagonal()[has_inertia]) / inertia[has_inertia]
+        max_ratio = np.max(ratios, initial=0.0)
+        regularization = _SPEED_REGULARIZATION * speed**2 + _STIFFNESS_REGULARIZATION * max_ratio
+        block = rotating.stiffness + (regularization or 1.0) * tangent.mass
+        rows = rotating.position_jacobian + rotating.velocity_jacobian
+        solve = factorize_saddle_point(block, rotating.reactions, rows)
+        if solve is None or not np.all(np.isfinite(tangent.residual)):
             return None
-        change = -solve(own.residual)
-        far = float(np.max(np.abs(change[: e.n]) / e.position_scales))
-        if not far <= _NEAR:
+        change = -solve(tangent.residual)
+        size = float(np.max(np.abs(change[: e.n]) / e.position_scales))
+        if not size <= _DIVERGENCE_LIMIT:
             return None
         q, lam = q + change[: e.n], lam + change[e.n :]
-        # Rounding of stiff beams may leave more than what counts as converged.
-        if far <= _CONVERGED or (far <= 1e3 * _CONVERGED and far >= 0.5 * last):
+        stagnates = size <= _STAGNATION_TOLERANCE and size >= _STAGNATION_RATIO * last_size
+        if size <= _CONVERGENCE_TOLERANCE or stagnates:
             return q, lam
-        last = far
+        last_size = size
     return None
 
 
 def _require_rotating_forces(
-    e: EquationsOfMotion, time: Array, turning: RotatingCoordinates, how: Rotation, state: State
+    e: EquationsOfMotion,
+    time: Array,
+    frame: RotatingCoordinates,
+    rotation: Rotation,
+    state: State,
 ) -> None:
-    """Refuse forces that are not the same for who turns: weight, springs to the ground."""
-    d, c = turning.operator(_TURNED), turning.center(how.center)
-    q = c + d @ (state.q - c) + _TURNED * turning.spin
+    """Reject forces that differ in the rotating frame once the mechanism has turned."""
+    d, c = frame.rotation_matrix(_TEST_ANGLE), frame.center_vector(rotation.center)
+    q = c + d @ (state.q - c) + _TEST_ANGLE * frame.angle_vector
     turned = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
-    own = compute_tangent(e, time, state._replace(lam=np.zeros(e.m)))
-    here = own.residual[: e.n]
-    there = compute_tangent(e, time, turned).residual[: e.n]
-    off = np.abs(there - d @ here)
-    inertia = np.abs(own.mass @ state.a)
-    rounding = 1e-13 * (abs(own.stiffness) @ e.position_scales)
-    size = max(float(np.max(np.abs(here))), float(np.max(inertia)))
-    wrong = off > np.maximum(_TURNS * size, rounding)
-    if np.any(wrong):
-        worst = int(np.argmax(np.where(wrong, off, 0.0)))
+    tangent = compute_tangent(e, time, state._replace(lam=np.zeros(e.m)))
+    forces = tangent.residual[: e.n]
+    turned_forces = compute_tangent(e, time, turned).residual[: e.n]
+    difference = np.abs(turned_forces - d @ forces)
+    inertia = np.abs(tangent.mass @ state.a)
+    rounding = _STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
+    size = max(float(np.max(np.abs(forces))), float(np.max(inertia)))
+    is_different = difference > np.maximum(_FORCE_TOLERANCE * size, rounding)
+    if np.any(is_different):
+        worst = int(np.argmax(np.where(is_different, difference, 0.0)))
         raise BeamdaeError(
-            f"{e.q_names[worst]}: the forces on it do not turn with the mechanism, as weight and "
-            "springs to the ground beside the center do not; without them there is a steady "
-            "rotation."
+            f"{e.q_names[worst]}: the forces on it do not turn with the mechanism; remove weight, "
+            "loads of fixed direction, and springs and dampers to the ground off the center."
         )

@@ -1,9 +1,9 @@
-"""Undamped modes: K x + G^T mu = w^2 M x under G x = 0, of symmetric matrices.
+"""Undamped modes: K x + G^T mu = w^2 M x under G x = 0, with symmetric K and M.
 
-Of small systems by the inverse of K + s M in the null space of G, all at once; of large ones by
-Lanczos' method about a shift below the lowest mode, with the multipliers among the unknowns of a
-sparse factorization (Ericsson & Ruhe, Math. Comput. 35 (1980) 1251): K is then singular without
-harm, and no infinite eigenvalue of the pencil gets in, for all vectors satisfy G x = 0.
+Small systems: the inverse of K + s M in the null space of G, all modes at once. Large systems:
+shift-and-invert Lanczos about a shift below the lowest mode, with the multipliers among the
+unknowns of a sparse factorization (Ericsson & Ruhe, Math. Comput. 35 (1980) 1251). K may then be
+singular, and infinite eigenvalues of the pencil do not occur because all vectors satisfy G x = 0.
 """
 
 from __future__ import annotations
@@ -24,117 +24,140 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Up to so many coordinates all modes are found at once.
-ALL_AT_ONCE = 250
-# Squares beside the shift that are zero.
-STILL = 1e-13
-# Singular values of G in natural sizes that are none.
+# Coordinates up to which all modes are computed by dense matrices.
+MAX_DENSE_COORDINATES = 250
+# Squared frequencies that count as zero, relative to the shift.
+ZERO_SQUARE_RATIO = 1e-13
+# Singular values of G in natural sizes, with rows of length one, that count as zero.
 _NULL_SPACE_TOLERANCE = 1e-9
-# Beside |x| |K| |x|: what rounding may leave of the stiffness of a motion that nothing resists.
-_ROUNDING = 2e-14
-# The shift lies so far below the lowest mode, and where it is looked for first.
-_BELOW, _FIRST, _LEAST = 0.4, 1e-8, 1e-22
-_ROUNDS = 6
+# Rounding error of x^H K x relative to |x|^T |K| |x|.
+_ROUNDING_RATIO = 2e-14
+# Shift relative to the lowest mode.
+_SHIFT_RATIO = 0.4
+# First shift, and least one, relative to the largest ratio of stiffness to mass.
+_INITIAL_SHIFT_RATIO = 1e-8
+_MIN_SHIFT_RATIO = 1e-22
+# Attempts to place the shift; beyond this ratio above all modes, they cannot be separated.
+_MAX_SHIFT_ATTEMPTS = 6
+_MIN_MODE_TO_SHIFT_RATIO = 1e-4
+# Factor by which a shift that makes the matrix singular is changed.
+_SINGULAR_SHIFT_FACTOR = 1.37
+# Squared frequencies that rounding cannot separate from zero, relative to the largest one, and the
+# least number whose inverse is finite.
+_DENSE_ZERO_RATIO = 1e-11
+_MIN_INVERTIBLE = 1e-200
 
 
 class MasslessError(BeamdaeError):
-    """A coordinate moves without inertia."""
+    """A motion that the joints allow has no inertia; `coordinate` dominates it."""
 
     def __init__(self, coordinate: str) -> None:
-        super().__init__(f"{coordinate}: it can move without inertia, give it a mass or a joint.")
+        super().__init__(f"{coordinate}: this coordinate has no inertia; add mass or a joint.")
         self.coordinate = coordinate
 
 
 class UndampedModes(NamedTuple):
-    """Squares (k,) of angular frequencies, ascending, and shapes (n, k) with x^T M x = 1."""
+    """Undamped modes, ascending.
+
+    Attributes
+    ----------
+    squares
+        Squared angular frequencies [1/s^2], (k,); negative for unstable motions.
+    shapes
+        (n, k), with x^T M x = 1.
+    """
 
     squares: Array
     shapes: Array
 
 
 class SymmetricProblem:
-    """K x + G^T mu = w^2 M x, G x = 0, of the symmetric parts of K and M."""
+    """K x + G^T mu = w^2 M x, G x = 0, with the symmetric parts of K and M."""
 
     def __init__(self, lin: Linearization) -> None:
-        own = lin.tangent
+        tangent = lin.tangent
         self.e = lin.equations
-        self.stiffness = _symmetric_part(own.stiffness)
-        self.mass = _symmetric_part(own.mass)
-        self.rows = own.acceleration_jacobian(lin.equations)
-        self.free, self.still = self.e.n - self.e.m, lin.still
+        self.stiffness = _symmetric_part(tangent.stiffness)
+        self.mass = _symmetric_part(tangent.mass)
+        self.rows = tangent.acceleration_jacobian(lin.equations)
+        self.mode_count, self.zero_square = self.e.n - self.e.m, lin.zero_square
 
-    def lowest(self, count: int | None) -> UndampedModes:
-        """The modes nearest to zero, or all."""
-        if self.free <= 0:
+    def solve(self, count: int | None) -> UndampedModes:
+        """Return the `count` modes nearest to zero; None: all.
+
+        Raises
+        ------
+        MasslessError
+            If a motion has no inertia.
+        """
+        if self.mode_count <= 0:
             return UndampedModes(np.zeros(0), np.zeros((self.e.n, 0)))
-        if count is None or self.e.n <= ALL_AT_ONCE or count >= self.free // 2:
-            shapes, shift = self._all()
+        is_small = self.e.n <= MAX_DENSE_COORDINATES
+        if count is None or is_small or count >= self.mode_count // 2:
+            shapes, shift = self._solve_dense()
         else:
-            shapes, shift = self._few(count)
-        return self._refined(shapes, max(STILL * shift, self.still))
-
-    def _refined(self, shapes: Array, still: float) -> UndampedModes:
-        """Rayleigh quotients: their error is the square of that of the shapes."""
+            shapes, shift = self._solve_sparse(count)
+        # Rayleigh quotients: their error is the square of that of the shapes.
         shapes = shapes / np.sqrt(np.einsum("ij,ij->j", shapes, self.mass @ shapes))
         squares = np.einsum("ij,ij->j", shapes, self.stiffness @ shapes)
-        squares[
-            np.abs(squares) <= np.maximum(quadratic_form_rounding(self.stiffness, shapes), still)
-        ] = 0.0
+        zero_square = max(ZERO_SQUARE_RATIO * shift, self.zero_square)
+        rounding = quadratic_form_rounding(self.stiffness, shapes)
+        squares[np.abs(squares) <= np.maximum(rounding, zero_square)] = 0.0
         order = np.argsort(squares, kind="stable")
         return UndampedModes(squares[order], shapes[:, order])
 
-    def _all(self) -> tuple[Array, float]:
-        """By the inverse of K + s M in the null space of G, accurate for the lowest modes."""
-        free = scaled_null_space(self.rows, self.e.position_scales)
-        k, m = (free.T @ (matrix @ free) for matrix in (self.stiffness, self.mass))
+    def _solve_dense(self) -> tuple[Array, float]:
+        """Return all shapes and the shift, by the inverse of K + s M in the null space of G.
+
+        The inverse makes the lowest modes the accurate ones.
+        """
+        basis = scaled_null_space(self.rows, self.e.position_scales)
+        k, m = (basis.T @ (matrix @ basis) for matrix in (self.stiffness, self.mass))
         try:
             lower = la.cholesky(m, lower=True)
         except la.LinAlgError:
-            raise MasslessError(self._massless(m, free)) from None
-        squares = la.eigh(k, m, eigvals_only=True)
-        s = _shift_below(squares)
+            massless = basis @ la.eigh(m)[1][:, 0] / self.e.position_scales
+            raise MasslessError(self.e.q_names[int(np.argmax(np.abs(massless)))]) from None
+        s = _shift_below(la.eigh(k, m, eigvals_only=True))
         inverse = la.solve(k + s * m, lower)
         product = lower.T @ inverse
         _, vectors = la.eigh(0.5 * (product + product.T))
-        return free @ (inverse @ vectors), s
+        return basis @ (inverse @ vectors), s
 
-    def _massless(self, mass: Array, free: Array) -> str:
-        without = free @ la.eigh(mass)[1][:, 0] / self.e.position_scales
-        return self.e.q_names[int(np.argmax(np.abs(without)))]
-
-    def _few(self, count: int) -> tuple[Array, float]:
-        """By Lanczos' method about a shift below the lowest."""
+    def _solve_sparse(self, count: int) -> tuple[Array, float]:
+        """Return `count` shapes and the shift, by Lanczos about a shift below the lowest mode."""
         n, m = self.e.n, self.e.m
         inertia = self.mass.diagonal()
-        has = inertia > 0.0
-        s = _FIRST * float(np.max(np.abs(self.stiffness.diagonal()[has]) / inertia[has])) or 1.0
-        least = _LEAST / _FIRST * s
-        for _ in range(_ROUNDS):
+        has_inertia = inertia > 0.0
+        ratios = np.abs(self.stiffness.diagonal()[has_inertia]) / inertia[has_inertia]
+        s = _INITIAL_SHIFT_RATIO * float(np.max(ratios)) or 1.0
+        min_shift = _MIN_SHIFT_RATIO / _INITIAL_SHIFT_RATIO * s
+        for _ in range(_MAX_SHIFT_ATTEMPTS):
             solve = factorize_saddle_point(self.stiffness + s * self.mass, self.rows.T, self.rows)
             if solve is None:
-                s *= 1.37
+                s *= _SINGULAR_SHIFT_FACTOR
                 continue
 
             def inverse(right: Array, solve: Any = solve) -> Array:
                 return solve(np.concatenate([np.ravel(right), np.zeros(m)]))[:n]
 
             operator = LinearOperator((n, n), matvec=inverse, dtype=float)
-            begin = inverse(self.mass @ np.cos(np.arange(n) ** 2.0))
+            # Any vector that is not orthogonal to a mode; the same in every run.
+            start = inverse(self.mass @ np.cos(np.arange(n) ** 2.0))
             values, shapes = eigsh(
                 operator,
                 count,
                 self.mass,
                 -s,
                 which="LM",
-                v0=begin,
+                v0=start,
                 OPinv=operator,
                 ncv=min(n - 1, 2 * count + 20),
             )
             highest = float(np.max(np.abs(values)))
-            # Beside a shift far above them modes cannot be told apart.
-            if highest >= 1e-4 * s or s <= least:
+            if highest >= _MIN_MODE_TO_SHIFT_RATIO * s or s <= min_shift:
                 break
-            s = max(highest, least)
+            s = max(highest, min_shift)
         return shapes, s
 
 
@@ -143,7 +166,7 @@ def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
 
 
 def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
-    """Motions that rows allow, orthonormal in natural sizes, (n, free)."""
+    """Return a basis (n, k) of rows @ x = 0 that is orthonormal in natural sizes `scales`."""
     if not rows.shape[0]:
         return np.diag(scales)
     matrix = rows.toarray() * scales
@@ -152,36 +175,35 @@ def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
     return scales[:, None] * la.null_space(matrix, rcond=_NULL_SPACE_TOLERANCE)
 
 
-def quadratic_form_rounding(stiffness: sp.csc_array, shapes: Array) -> Array:
-    """What rounding may make of x^H K x, (k,)."""
+def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
+    """Return a bound (k,) of the rounding error of x^H A x for each column x."""
     sizes = np.abs(shapes)
-    return _ROUNDING * np.einsum("ij,ij->j", sizes, abs(stiffness) @ sizes)
+    return _ROUNDING_RATIO * np.einsum("ij,ij->j", sizes, abs(matrix) @ sizes)
 
 
 def _shift_below(squares: Array) -> float:
-    """A shift s > 0 below the lowest of these that rounding lets be told from zero."""
+    """Return a shift s > 0 below the lowest of these that rounding can separate from zero."""
     size = np.abs(squares)
-    # Whose inverse is a number.
-    told = size[size > max(1e-11 * np.max(size, initial=0.0), 1e-200)]
-    return _BELOW * float(np.min(told)) if len(told) else 1.0
+    nonzero = size[size > max(_DENSE_ZERO_RATIO * np.max(size, initial=0.0), _MIN_INVERTIBLE)]
+    return _SHIFT_RATIO * float(np.min(nonzero)) if len(nonzero) else 1.0
 
 
 @dataclass(frozen=True)
 class FrequencyRange:
-    """Natural frequencies at the start.
+    """Range of undamped natural frequencies about a state.
 
     Attributes
     ----------
     lowest, highest
-        Of vibrations [Hz], or None where there are none.
+        Frequencies of vibration [Hz], or None if there is none.
     damping_ratio
-        Of the fastest.
+        Damping ratio of the highest one.
     loose
-        Motions that nothing drives back.
+        Number of free motions.
     falling
-        The fastest rate at which a motion leaves the start [1/s], or 0.
+        Largest growth rate [1/s], or 0.
     massless
-        The coordinate that moves without inertia, or "".
+        A coordinate without inertia, or "".
     """
 
     lowest: float | None
@@ -193,22 +215,21 @@ class FrequencyRange:
 
 
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
-    """Natural frequencies about a consistent state, of the motions its joints allow.
+    """Return the range of natural frequencies about a consistent state.
 
-    Constraints must not depend on each other.
+    Constraints must be independent. Takes the cube of the number of coordinates.
     """
-    own = compute_tangent(e, time, state)
+    tangent = compute_tangent(e, time, state)
+    lin = Linearization(e, e, "start", time, state, tangent)
     try:
-        squares, shapes = SymmetricProblem(Linearization(e, e, "start", time, state, own)).lowest(
-            None
-        )
-    except MasslessError as problem:
-        return FrequencyRange(None, None, 0.0, 0, 0.0, problem.coordinate)
+        squares, shapes = SymmetricProblem(lin).solve(None)
+    except MasslessError as error:
+        return FrequencyRange(None, None, 0.0, 0, 0.0, error.coordinate)
     rates = np.sqrt(squares[squares > 0.0])
     ratio = 0.0
     if len(rates):
         fastest = shapes[:, -1]
-        ratio = float(fastest @ (own.damping @ fastest) / (2.0 * rates[-1]))
+        ratio = float(fastest @ (tangent.damping @ fastest) / (2.0 * rates[-1]))
     hertz = rates / (2.0 * np.pi)
     return FrequencyRange(
         float(hertz[0]) if len(rates) else None,

@@ -140,7 +140,7 @@ class PeriodMap:
 
     def scales(self, solution: Solution) -> Array:
         """How far coordinates move in a run; of turning ones, no more than a radian."""
-        found = Amplitudes.of(solution.equations, solution.trajectory).scales
+        found = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         return np.minimum(found, self.equations.position_scales)
 
     def state_scales(self, scales: Array) -> Array:

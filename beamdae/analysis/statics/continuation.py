@@ -1,248 +1,341 @@
-"""Following an equilibrium path: predictor and corrector, with cut-back, to one target or more."""
+"""Predictor-corrector continuation of an equilibrium path, with step control and branch switching.
+
+Steps go by load, displacement or pseudo-arc length (Keller 1977); a step that fails is cut back.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_points import Path, PathSegment
+from beamdae.analysis.statics.critical_points import BRANCH, PathSegment, SegmentCriticalPoint
 from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection, StepNorm
-from beamdae.results.outcome import Status
+from beamdae.results.outcome import REACHED_END, Status
 
 Array = np.ndarray
 
-# A step is cut to this share where it fails, and given up below the least of the largest step.
-_CUT, _LEAST = 0.25, 1e-6
-# It grows by this factor where Newton's method takes at most so many iterations.
-_GROWTH, _EASY = 1.5, 4
-# How far a point may be from its prediction, of the way made: farther off it is another path.
-_ASTRAY, _ROUNDING = 0.5, 1e-7
-# Cosines of how far a path may turn in a step by arc length, where paths cross the other leaves at
-# a larger angle, and for steps to grow; the share of the largest step below which it has a corner.
-_STRAIGHT, _GENTLE, _CORNER = 0.7, 0.95, 1e-3
-_CLOSED = (
-    "the path is closed, it comes back to a branch point that it went through; leave it on the way "
-    "by one branch point more, as in switch=[1, 1]"
+# A step that fails is cut by this factor, down to this share of the largest step.
+_CUT_FACTOR = 0.25
+_MIN_STEP_RATIO = 1e-6
+# A step grows by this factor after at most so many Newton iterations.
+_GROWTH_FACTOR = 1.5
+_MAX_ITERATIONS_TO_GROW = 4
+# Corrector displacement, relative to the step, beyond which the point lies on another path; the
+# allowance for rounding is relative to the size of the mechanism.
+_MAX_CORRECTION_RATIO = 0.5
+_CORRECTION_ROUNDING = 1e-7
+# Cosines of the angle between successive directions: the least in a step by arc length (where
+# paths cross, the other one leaves at a larger angle), and the least for the step to grow.
+_MIN_COSINE = 0.7
+_MIN_COSINE_TO_GROW = 0.95
+# Steps below this share of the largest step may turn by any angle: the path has a corner there.
+_CORNER_STEP_RATIO = 1e-3
+# Remaining distances up to this ratio to the step are halved, so that the last step is not tiny;
+# those up to the second ratio, which differ by rounding, are covered in one step.
+_SPLIT_RATIO = 1.2
+_ROUNDING_RATIO = 1.001
+# Distance, relative to the step, within which two branch points are the same.
+_SAME_POINT_RATIO = 1e-2
+_CLOSED_PATH = (
+    "the path is closed, it returns to a branch point it has passed; to leave it, switch at one "
+    "more branch point, as in switch=[1, 1]"
 )
-# Of a step: how far branch points are from each other that are the same.
-_SAME = 1e-2
+
+
+@dataclass(frozen=True)
+class PathCriticalPoint:
+    """A critical point of a path.
+
+    Attributes
+    ----------
+    kind
+        `LIMIT`, `BRANCH` or `FLUTTER`.
+    row
+        Index of the point in the path.
+    index
+        Number of eigenvalues below the one that vanishes.
+    """
+
+    kind: str
+    row: int
+    index: int
+
+
+@dataclass
+class Path:
+    """An equilibrium path under construction.
+
+    Attributes
+    ----------
+    points
+        The equilibria in the order of the path, critical points included.
+    critical
+        The critical points.
+    status
+        Why the path ended.
+    step
+        Size of the next step, in terms of the control.
+    is_stuck
+        Whether the path ended because no step converges.
+    """
+
+    points: list[EquilibriumPoint] = field(default_factory=list)
+    critical: list[PathCriticalPoint] = field(default_factory=list)
+    status: Status = REACHED_END
+    step: float = np.inf
+    is_stuck: bool = False
+
+    @property
+    def end(self) -> EquilibriumPoint:
+        """The last point."""
+        return self.points[-1]
+
+    @property
+    def branch_points(self) -> list[PathCriticalPoint]:
+        """The points at which other paths cross."""
+        return [one for one in self.critical if one.kind == BRANCH]
+
+    def append(self, segment: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
+        """Append the critical points of a segment and its end."""
+        for one in critical:
+            self.critical.append(PathCriticalPoint(one.kind, len(self.points), one.index))
+            self.points.append(one.point)
+        self.points.append(segment.end)
 
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """How a path is followed.
+    """Settings of the continuation of one path.
 
     Attributes
     ----------
-    aim
-        What the targets are values of.
-    by_arc
-        Whether steps go by arc length; if not by the aim.
-    step
-        The largest step: of the aim, or by arc length of what moves.
-    load
-        The change of the factor in the first step by arc length, and at most where the aim is a
-        load.
-    most
-        Points at most.
-    leave_at
-        Which branch point ends the path, counted from 1; 0: none.
+    target_control
+        The quantity that the targets are values of.
+    by_arc_length
+        Whether steps are controlled by arc length instead of `target_control`.
+    max_step
+        Largest step: of `target_control`, or by arc length of the largest motion in natural sizes.
+    max_load_step
+        Change of the load factor in the first step by arc length, and in every one where the
+        targets are load factors.
+    norm
+        Norm of steps.
+    max_points
+        Maximum number of points.
+    stop_at_branch_point
+        Number of the branch point, counted from 1, at which to stop; 0: none.
     """
 
-    aim: Control
-    by_arc: bool
-    step: float
-    load: float
+    target_control: Control
+    by_arc_length: bool
+    max_step: float
+    max_load_step: float
     norm: StepNorm
-    most: int
-    leave_at: int = 0
+    max_points: int
+    stop_at_branch_point: int = 0
 
 
 def follow_path(
     corrector: Corrector,
     path: Path,
-    stepping: ContinuationSettings,
+    settings: ContinuationSettings,
     targets: Sequence[float],
-    way: PathDirection | None = None,
+    direction: PathDirection | None = None,
 ) -> None:
-    """Follow a path from its end to the targets, one after the other.
+    """Follow a path from its end to each target in turn; `path` is extended in place.
 
-    `way` is the direction in which it begins by arc length; None: that of a growing factor, or to
-    the first target if that is one.
+    `direction` is the initial direction by arc length. Defaults to that of a growing load factor,
+    or to that of the first target where the targets are load factors.
     """
-    path.size, left = np.inf, len(path.branches)
+    path.step, initial_count = np.inf, len(path.branch_points)
     for target in targets:
-        reached = stepping.aim.value(path.end.x, path.end.mu) == target
+        reached = settings.target_control.value(path.end.x, path.end.mu) == target
         while not reached:
-            if len(path.points) >= stepping.most:
+            if len(path.points) >= settings.max_points:
                 path.status = Status("limited", f"ended after {len(path.points)} points")
                 return
-            before = len(path.branches)
+            before = len(path.branch_points)
             try:
-                way, reached = _take_step(corrector, path, stepping, target, way)
-            except CorrectorError as problem:
-                path.status, path.stuck = Status("failed", str(problem)), True
+                direction, reached = _take_step(corrector, path, settings, target, direction)
+            except CorrectorError as error:
+                path.status, path.is_stuck = Status("failed", str(error)), True
                 return
-            if stepping.leave_at and len(path.branches) - left >= stepping.leave_at:
+            count = len(path.branch_points)
+            stop = settings.stop_at_branch_point
+            if stop and count - initial_count >= stop:
                 return
-            if len(path.branches) > before and _revisits_branch_point(path, stepping):
-                path.status = Status("failed", _CLOSED)
+            if count > before and _revisits_branch_point(path, settings):
+                path.status = Status("failed", _CLOSED_PATH)
                 return
 
 
-def _revisits_branch_point(path: Path, stepping: ContinuationSettings) -> bool:
-    """Whether the last branch point of a path is one that it went through before."""
-    *others, last = (path.points[one.place] for one in path.branches)
-    off = [stepping.norm.largest(one.x - last.x, one.mu - last.mu) for one in others]
-    return min(off, default=np.inf) < _SAME * stepping.step
+def _revisits_branch_point(path: Path, settings: ContinuationSettings) -> bool:
+    *others, last = (path.points[one.row] for one in path.branch_points)
+    distances = [settings.norm.max_norm(one.x - last.x, one.mu - last.mu) for one in others]
+    return min(distances, default=np.inf) < _SAME_POINT_RATIO * settings.max_step
 
 
 def _take_step(
     corrector: Corrector,
     path: Path,
-    stepping: ContinuationSettings,
+    settings: ContinuationSettings,
     target: float,
-    way: PathDirection | None,
+    direction: PathDirection | None,
 ) -> tuple[PathDirection | None, bool]:
-    """Add the points of one step to the path; its direction, and whether the target is reached."""
-    at, norm, aim = path.end, stepping.norm, stepping.aim
-    sign, control = 1.0, aim
-    if stepping.by_arc:
-        way = _arc_direction(corrector, stepping, at, target, way)
-        control, reach = norm.arc(at.x, at.mu, way), _max_arc_step(stepping, way, path.size)
-        size = min(path.size, reach)
+    """Append the points of one step; return the direction at its end and if it is at the target."""
+    begin, norm, target_control = path.end, settings.norm, settings.target_control
+    sign, control = 1.0, target_control
+    if settings.by_arc_length:
+        direction = _arc_direction(corrector, settings, begin, target, direction)
+        control = norm.arc_length_control(begin.x, begin.mu, direction)
+        reach = _max_arc_step(settings, direction, path.step)
+        size = min(path.step, reach)
     else:
-        way = way or corrector.tangent(at, aim)
-        ahead = target - aim.value(at.x, at.mu)
-        sign, reach = float(np.sign(ahead)), abs(ahead)
-        size = min(path.size, reach, stepping.step)
-    begin = control.value(at.x, at.mu)
-    # The last step but one leaves no splinter, and rounding no step.
-    if not stepping.by_arc and size < reach < 1.2 * size:
-        size = reach if reach < 1.001 * size else 0.5 * reach
-    least = min(_LEAST * stepping.step, size)
+        direction = direction or corrector.path_tangent(begin, target_control)
+        remaining = target - target_control.value(begin.x, begin.mu)
+        sign, reach = float(np.sign(remaining)), abs(remaining)
+        size = min(path.step, reach, settings.max_step)
+    first_value = control.value(begin.x, begin.mu)
+    if not settings.by_arc_length and size < reach < _SPLIT_RATIO * size:
+        size = reach if reach < _ROUNDING_RATIO * size else 0.5 * reach
+    min_size = min(_MIN_STEP_RATIO * settings.max_step, size)
     while True:
-        end = target if size == reach and not stepping.by_arc else begin + sign * size
+        is_last = size == reach and not settings.by_arc_length
+        value = target if is_last else first_value + sign * size
         try:
-            found = _correct_prediction(corrector, control, end, at, way.times(sign * size), norm)
-            after = corrector.direction(found, control)
-            straight = norm.cosine(way, after or way) if stepping.by_arc else 1.0
-            if straight < _STRAIGHT and size > _CORNER * stepping.step:
+            step = direction.scale(sign * size)
+            end = _correct_prediction(corrector, control, value, begin, step, norm)
+            after = corrector.try_path_tangent(end, control)
+            cosine = norm.cosine(direction, after or direction) if settings.by_arc_length else 1.0
+            if cosine < _MIN_COSINE and size > _CORNER_STEP_RATIO * settings.max_step:
                 raise CorrectorError("the path turns away from its direction")
-            stretch = PathSegment(corrector, control, at, found, (begin, end), (way, after))
-            landed = stretch.up_to(aim, target) if stepping.by_arc else None
-            stretch = landed or stretch
-            critical = stretch.critical()
+            segment = PathSegment(
+                corrector, control, begin, end, (first_value, value), (direction, after)
+            )
+            truncated = None
+            if settings.by_arc_length:
+                truncated = segment.truncate(target_control, target)
+            segment = truncated or segment
+            critical = segment.locate_critical_points()
             break
-        except CorrectorError as problem:
-            size *= _CUT
-            if size < least:
-                raise CorrectorError(str(problem)) from None
-    path.add(stretch, critical)
-    grown = _GROWTH if found.iterations <= _EASY and straight > _GENTLE else 1.0
-    arrived = landed is not None or (not stepping.by_arc and end == target)
-    # A step that is short because it arrives says nothing of the next.
-    path.size = max(size * grown, path.size * arrived)
-    return stretch.ways[1], arrived
+        except CorrectorError as error:
+            size *= _CUT_FACTOR
+            if size < min_size:
+                raise CorrectorError(str(error)) from None
+    path.append(segment, critical)
+    grows = end.iterations <= _MAX_ITERATIONS_TO_GROW and cosine > _MIN_COSINE_TO_GROW
+    arrived = truncated is not None or (not settings.by_arc_length and value == target)
+    # A step that is short because it arrives does not shorten the next one.
+    path.step = max(size * (_GROWTH_FACTOR if grows else 1.0), path.step * arrived)
+    return segment.directions[1], arrived
 
 
-def _max_arc_step(stepping: ContinuationSettings, way: PathDirection, size: float) -> float:
-    """The largest step by arc length; `size` is that of the last one, if there is one."""
+def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:
+    """Return the largest step by arc length; `last` is the previous one, infinite if there is none.
+
+    The load factor limits the first step only, unless it is the target: which load a displacement
+    takes is not known in advance, and where little moves the load step grows without bound.
+    """
     tiny = np.finfo(float).tiny
-    moved = stepping.step / max(stepping.norm.largest(way.x), tiny)
-    if isinstance(stepping.aim, LoadControl) or size == np.inf:
-        return min(moved, stepping.load / max(abs(way.mu), tiny))
-    # Nobody knows what load it takes: where little moves steps grow without bound.
-    return moved
+    by_motion = settings.max_step / max(settings.norm.max_norm(direction.x), tiny)
+    if isinstance(settings.target_control, LoadControl) or last == np.inf:
+        return min(by_motion, settings.max_load_step / max(abs(direction.mu), tiny))
+    return by_motion
 
 
 def _correct_prediction(
     corrector: Corrector,
     control: Control,
     value: float,
-    at: EquilibriumPoint,
-    way: PathDirection,
+    begin: EquilibriumPoint,
+    step: PathDirection,
     norm: StepNorm,
 ) -> EquilibriumPoint:
-    """The point with this value of the control near to where a way leads."""
-    guess = at.x + way.x, at.mu + way.mu
-    found = corrector.corrected(control, value, *guess)
-    off = norm.largest(found.x - guess[0])
-    if off > _ASTRAY * norm.largest(found.x - at.x) + _ROUNDING:
+    """Return the equilibrium near begin + step at which the control has this value."""
+    x, mu = begin.x + step.x, begin.mu + step.mu
+    point = corrector.correct(control, value, x, mu)
+    correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
+    if correction > _MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
         raise CorrectorError("the path turns away from its direction")
-    return found
+    return point
 
 
 def _arc_direction(
     corrector: Corrector,
-    stepping: ContinuationSettings,
-    at: EquilibriumPoint,
+    settings: ContinuationSettings,
+    point: EquilibriumPoint,
     target: float,
-    way: PathDirection | None,
+    direction: PathDirection | None,
 ) -> PathDirection:
-    """The direction of the path by arc length, of length one, going on from `way`."""
-    if way is None:
-        way = corrector.tangent(at, LoadControl())
-        ahead = target - at.mu if isinstance(stepping.aim, LoadControl) else 1.0
-        way = way.times(float(np.sign(ahead)) or 1.0)
-    return way.times(1.0 / stepping.norm.largest(way.x, way.mu))
+    """Return the direction by arc length, scaled to norm one; see `follow_path` for its default."""
+    if direction is None:
+        direction = corrector.path_tangent(point, LoadControl())
+        by_load = isinstance(settings.target_control, LoadControl)
+        remaining = target - point.mu if by_load else 1.0
+        direction = direction.scale(float(np.sign(remaining)) or 1.0)
+    return direction.scale(1.0 / settings.norm.max_norm(direction.x, direction.mu))
 
 
 def switch_branch(
-    corrector: Corrector, path: Path, stepping: ContinuationSettings, side: float
+    corrector: Corrector, path: Path, settings: ContinuationSettings, side: float
 ) -> PathDirection:
-    """Go from the last branch point of a path onto the path that crosses it there.
+    """Switch from the last branch point of a path onto the crossing path; return its direction.
 
-    The path then ends with the first point of the other; the direction it goes on in is returned.
+    The path then ends with the first point of the crossing path. `side` is 1 or -1.
 
     Raises
     ------
-    StepError
-        If no other path is found.
+    CorrectorError
+        If no point of another path is found.
     """
-    branch, norm = path.branches[-1], stepping.norm
-    del path.points[branch.place + 1 :]
-    path.critical = [one for one in path.critical if one.place <= branch.place]
-    at, before = path.end, path.points[branch.place - 1]
-    own = PathDirection(at.x - before.x, at.mu - before.mu)
-    way = _crossing_direction(corrector, norm, at, branch.index, own)
-    way = way.times(side / norm.largest(way.x, way.mu))
-    control = norm.arc(at.x, at.mu, way)
-    size = 0.5 * stepping.step
+    branch, norm = path.branch_points[-1], settings.norm
+    del path.points[branch.row + 1 :]
+    path.critical = [one for one in path.critical if one.row <= branch.row]
+    point, before = path.end, path.points[branch.row - 1]
+    path_direction = PathDirection(point.x - before.x, point.mu - before.mu)
+    direction = _crossing_direction(corrector, norm, point, branch.index, path_direction)
+    direction = direction.scale(side / norm.max_norm(direction.x, direction.mu))
+    control = norm.arc_length_control(point.x, point.mu, direction)
+    size = 0.5 * settings.max_step
     while True:
         try:
-            guess = at.x + size * way.x, at.mu + size * way.mu
-            found = corrector.corrected(control, size, *guess)
+            x, mu = point.x + size * direction.x, point.mu + size * direction.mu
+            first = corrector.correct(control, size, x, mu)
             break
-        except CorrectorError as problem:
-            size *= _CUT
-            if size < _LEAST * stepping.step:
+        except CorrectorError as error:
+            size *= _CUT_FACTOR
+            if size < _MIN_STEP_RATIO * settings.max_step:
                 raise CorrectorError(
-                    f"no other path was found at the branch point, {problem}"
+                    f"no crossing path was found at the branch point, {error}"
                 ) from None
-    path.points.append(found)
-    return PathDirection(found.x - at.x, found.mu - at.mu)
+    path.points.append(first)
+    return PathDirection(first.x - point.x, first.mu - point.mu)
 
 
 def _crossing_direction(
-    corrector: Corrector, norm: StepNorm, at: EquilibriumPoint, index: int, own: PathDirection
+    corrector: Corrector,
+    norm: StepNorm,
+    point: EquilibriumPoint,
+    index: int,
+    path_direction: PathDirection,
 ) -> PathDirection:
-    """About the direction of the path that crosses one of direction `own`.
+    """Return the approximate direction of the path that crosses `path_direction`.
 
-    Both lie in the plane of the mode that is lost and of where the load leads besides; what is at
-    right angles to `own` there is near enough for Newton's method.
+    Both directions lie in the plane of the critical mode and the load response without it. The
+    direction in this plane orthogonal to `path_direction` is close enough for Newton's method.
     """
-    if not len(at.stability.values):
-        raise CorrectorError("paths that cross are not told apart where loads have no potential")
-    mode = np.zeros_like(at.x)
-    mode[: len(norm.scale)] = at.stability.mode(index)
-    lost = PathDirection(mode, 0.0)
-    ways = (lost, corrector.loaded(at, norm.row(lost)[0]))
-    across = [norm.across(way, own) for way in ways]
-    left = [
-        norm.product(a, a) / norm.product(way, way) for a, way in zip(across, ways, strict=True)
+    if not len(point.stability.eigenvalues):
+        raise CorrectorError("crossing paths cannot be separated where loads have no potential")
+    x = np.zeros_like(point.x)
+    x[: len(norm.scale)] = point.stability.mode(index)
+    mode = PathDirection(x, 0.0)
+    plane = (mode, corrector.load_response(point, norm.dual(mode)[0]))
+    orthogonal = [norm.orthogonal_part(direction, path_direction) for direction in plane]
+    shares = [
+        norm.inner_product(part, part) / norm.inner_product(direction, direction)
+        for part, direction in zip(orthogonal, plane, strict=True)
     ]
-    return across[int(np.argmax(left))]
+    return orthogonal[int(np.argmax(shares))]

@@ -1,4 +1,4 @@
-"""Newton's method on static equations with one quantity given: points of an equilibrium path."""
+"""Newton corrector of the static equations bordered by one control equation."""
 
 from __future__ import annotations
 
@@ -11,32 +11,40 @@ import scipy.sparse as sp
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability, assess_stability
-from beamdae.equations.starts.displacement_measure import Travel
+from beamdae.equations.starts.displacement_measure import DisplacementMeasure
 from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-_ITERATIONS = 15
-# A correction may move things by so much of the mechanism (or rad); below _CLOSED the iteration has
-# ended, and below _ROUNDED it has where it gets no smaller.
-_FAR, _CLOSED, _ROUNDED = 0.5, 1e-10, 1e-6
+_MAX_ITERATIONS = 15
+# Newton corrections are measured relative to the size of the mechanism, angles in rad.
+_DIVERGENCE_LIMIT = 0.5
+_CONVERGENCE_TOLERANCE = 1e-10
+# Below this size a correction also counts as converged once it stops decreasing: rounding of stiff
+# beams may prevent smaller ones.
+_STAGNATION_TOLERANCE = 1e-6
+_STAGNATION_RATIO = 0.1
 
 
 class CorrectorError(ArithmeticError):
-    """A step that does not converge; the message is why, a phrase."""
+    """The corrector did not converge; the message is a phrase without a full stop."""
 
 
 @dataclass(frozen=True)
 class EquilibriumPoint:
-    """An equilibrium.
+    """A point of an equilibrium path.
 
     Attributes
     ----------
-    x, mu
-        (q, lam) and the load factor.
+    system
+        The static equations it solves.
+    x
+        (q, lam), shape (n + m,).
+    mu
+        Load factor.
     iterations
-        Of Newton's method.
+        Newton iterations it took.
     """
 
     system: LoadedEquations = field(repr=False)
@@ -46,116 +54,120 @@ class EquilibriumPoint:
 
     @cached_property
     def stability(self) -> Stability:
-        """What the tangent stiffness says of it."""
+        """Stability of this equilibrium, computed on first access."""
         return assess_stability(self.system, self.x, self.system.tangent(self.x, self.mu))
 
 
 @dataclass
 class Corrector:
-    """Newton's method for one stage of loading; counts what it does."""
+    """Newton's method for one load stage; counts its iterations.
+
+    It solves F(x; mu) = 0, c(x, mu) = target by the bordered matrix [[F_x, F_mu], [c_x, c_mu]],
+    which is regular at limit points where F_x is not.
+    """
 
     system: LoadedEquations
     iterations: int = 0
 
     @cached_property
-    def travel(self) -> Travel:
-        """How far changes carry things."""
-        return Travel.of(self.system.equations)
+    def displacement_measure(self) -> DisplacementMeasure:
+        """Measure of how far a correction moves the bodies."""
+        return DisplacementMeasure.of(self.system.equations)
 
     @cached_property
     def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
-        """Pattern with a last row and column, and where the tangent and the last row are in it."""
+        """CSC pattern of the bordered matrix, and positions of F_x and the last row in its data."""
         pattern, size = self.system.pattern, self.system.pattern.shape[0]
-        column = column_indices(pattern)
-        own = np.arange(pattern.nnz) + column
-        last = np.append(pattern.indptr[1:] + np.arange(size), pattern.nnz + size + size)
+        tangent_positions = np.arange(pattern.nnz) + column_indices(pattern)
+        row_positions = np.append(pattern.indptr[1:] + np.arange(size), pattern.nnz + size + size)
         indptr = np.append(pattern.indptr + np.arange(size + 1), pattern.nnz + 2 * size + 1)
         indices = np.zeros(indptr[-1], np.int32)
-        indices[own], indices[last] = pattern.indices, size
+        indices[tangent_positions], indices[row_positions] = pattern.indices, size
         indices[indptr[size] :] = np.arange(size + 1)
-        found = (np.ones(len(indices)), indices, indptr)
-        return sp.csc_array(found, shape=(size + 1, size + 1)), own, last
+        bordered = sp.csc_array(
+            (np.ones(len(indices)), indices, indptr), shape=(size + 1, size + 1)
+        )
+        return bordered, tangent_positions, row_positions
 
     @cached_property
     def _solver(self) -> Factorization:
         return create_factorization(self._bordered[0])
 
     def _factorize(self, tangent: Array, by_factor: Array, row: tuple[Array, float]) -> None:
-        pattern, own, last = self._bordered
+        pattern, tangent_positions, row_positions = self._bordered
         size = len(by_factor)
         nonzeros = np.zeros(pattern.nnz)
-        nonzeros[own], nonzeros[last] = tangent, np.append(*row)
+        nonzeros[tangent_positions], nonzeros[row_positions] = tangent, np.append(*row)
         nonzeros[pattern.indptr[size] : -1] = by_factor
         try:
             self._solver.factorize(nonzeros)
         except SingularMatrixError:
             raise CorrectorError("the tangent stiffness is singular there") from None
 
-    def corrected(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
-        """The equilibrium near (x, mu) with this value of the control.
+    def correct(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
+        """Return the equilibrium near (x, mu) at which the control has the value `target`.
 
         Raises
         ------
-        StepError
-            If Newton's iteration does not end there.
+        CorrectorError
+            If Newton's method diverges, meets a singular matrix or takes too many iterations.
         """
-        before = np.inf
-        for k in range(_ITERATIONS):
-            residual, by_factor = self.system.residual(x, mu)
-            off = np.append(residual, control.value(x, mu) - target)
-            if not np.all(np.isfinite(off)):
+        last_size = np.inf
+        for k in range(_MAX_ITERATIONS):
+            forces, by_factor = self.system.residual(x, mu)
+            residual = np.append(forces, control.value(x, mu) - target)
+            if not np.all(np.isfinite(residual)):
                 raise CorrectorError("the forces are not finite there")
-            self._factorize(self.system.tangent(x, mu), by_factor, control.row(x, mu))
-            change = -self._solver.solve(off)
-            far = self._size(change)
-            if not far <= _FAR:
-                raise CorrectorError("Newton's iteration runs away")
+            self._factorize(self.system.tangent(x, mu), by_factor, control.gradient(x, mu))
+            change = -self._solver.solve(residual)
+            size = self.displacement_measure.farthest(change[: self.system.equations.n])
+            if not size <= _DIVERGENCE_LIMIT:
+                raise CorrectorError("Newton's method diverges")
             x, mu, self.iterations = x + change[:-1], mu + float(change[-1]), self.iterations + 1
-            if far <= _CLOSED or (far <= _ROUNDED and far > 0.1 * before):
+            stagnates = size <= _STAGNATION_TOLERANCE and size > _STAGNATION_RATIO * last_size
+            if size <= _CONVERGENCE_TOLERANCE or stagnates:
                 return EquilibriumPoint(self.system, x, mu, k + 1)
-            before = far
-        raise CorrectorError(f"Newton's iteration has not converged after {_ITERATIONS} steps")
+            last_size = size
+        raise CorrectorError(f"Newton's method has not converged in {_MAX_ITERATIONS} iterations")
 
-    def tangent(self, at: EquilibriumPoint, control: Control) -> PathDirection:
-        """The direction of the path by the control.
+    def path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection:
+        """Return the derivative of (x, mu) along the path by the control.
 
         Raises
         ------
-        StepError
+        CorrectorError
             If the control does not change along the path.
         """
-        x, mu = at.x, at.mu
+        x, mu = point.x, point.mu
         _, by_factor = self.system.residual(x, mu)
-        self._factorize(self.system.tangent(x, mu), by_factor, control.row(x, mu))
-        way = self._solved(np.append(np.zeros(len(x)), 1.0))
-        return PathDirection(way[:-1], float(way[-1]))
+        self._factorize(self.system.tangent(x, mu), by_factor, control.gradient(x, mu))
+        direction = self._solve(np.append(np.zeros(len(x)), 1.0))
+        return PathDirection(direction[:-1], float(direction[-1]))
 
-    def direction(self, at: EquilibriumPoint, control: Control) -> PathDirection | None:
-        """The same; None where the control does not change along the path."""
+    def try_path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection | None:
+        """Return `path_tangent`, or None where the control does not change along the path."""
         try:
-            return self.tangent(at, control)
+            return self.path_tangent(point, control)
         except CorrectorError:
             return None
 
-    def loaded(self, at: EquilibriumPoint, mode: Array) -> PathDirection:
-        """Where a growing factor leads from a point at which the stiffness loses a mode (n + m,).
+    def load_response(self, point: EquilibriumPoint, mode: Array) -> PathDirection:
+        """Return the response to a growing factor at a branch point, without the critical mode.
 
-        Without what goes along the mode itself, of which the equations say nothing.
+        `mode`, (n + m,), is the null vector of the tangent; the component along it is undetermined
+        by the equations and set to zero.
 
         Raises
         ------
-        StepError
-            If more than this mode is lost.
+        CorrectorError
+            If the tangent has more null vectors than this one.
         """
-        _, by_factor = self.system.residual(at.x, at.mu)
-        self._factorize(self.system.tangent(at.x, at.mu), mode, (mode, 0.0))
-        return PathDirection(self._solved(np.append(-by_factor, 0.0))[:-1], 1.0)
+        _, by_factor = self.system.residual(point.x, point.mu)
+        self._factorize(self.system.tangent(point.x, point.mu), mode, (mode, 0.0))
+        return PathDirection(self._solve(np.append(-by_factor, 0.0))[:-1], 1.0)
 
-    def _solved(self, right: Array) -> Array:
-        found = self._solver.solve(right)
-        if not np.all(np.isfinite(found)):
+    def _solve(self, right: Array) -> Array:
+        solution = self._solver.solve(right)
+        if not np.all(np.isfinite(solution)):
             raise CorrectorError("the tangent stiffness is singular there")
-        return found
-
-    def _size(self, change: Array) -> float:
-        return self.travel.farthest(change[: self.system.equations.n])
+        return solution

@@ -1,263 +1,259 @@
-"""Points of an equilibrium path, and what becomes critical between two of them."""
+"""Critical points of an equilibrium path, located between two of its points.
+
+The tangent stiffness is singular at a critical point: at a limit point the load factor turns, at a
+branch point (bifurcation) another path crosses, at a flutter point squared frequencies of forces
+without a potential become complex.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.path_controls import Control, PathDirection
-from beamdae.results.outcome import REACHED_END, Status
-
-# Of a stretch: how closely a point is found where Newton's method ends the search, and the
-# distances of points by which one is found where it cannot.
-_LANDED, _WIDTH = 1e-6, 1e-3
-# The same distances for a path that only touches another, of which near points might be; and what
-# is left of the eigenvalue, of its size at the ends.
-_APART, _TOUCHED = 0.1, 1e-2
-# How often one in which several things happen is halved.
-_SPLITS = 6
 
 Array = np.ndarray
 
 LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 
+# Positions in a segment are shares of it, from 0 to 1. Tolerance of searches where Newton's method
+# converges up to the point:
+_POSITION_TOLERANCE = 1e-6
+# Where it does not, at a singular point, the point is interpolated from four points this far apart.
+_SAMPLE_DISTANCE = 1e-3
+# The same distance where an eigenvalue touches zero without a change of sign: nearer points might
+# lie on the other path.
+_TOUCH_SAMPLE_DISTANCE = 0.1
+# An eigenvalue touches zero if it falls below this share of its size at the ends of the segment.
+_TOUCH_RATIO = 1e-2
+# Bisections of a segment in which several critical points may lie.
+_MAX_SPLITS = 6
+# Imaginary part up to which a root of the interpolating polynomial is real.
+_REAL_ROOT_TOLERANCE = 1e-6
+
 
 @dataclass(frozen=True)
-class PathCriticalPoint:
-    """A point at which the tangent stiffness loses a direction.
+class SegmentCriticalPoint:
+    """A critical point inside a segment of a path.
 
     Attributes
     ----------
+    position
+        Position in the segment, from 0 to 1.
+    point
+        The interpolated equilibrium.
     kind
-        `LIMIT`, where the load factor turns; `BRANCH`, where another path crosses; `FLUTTER`, where
-        eigenvalues of forces without a potential become complex.
-    place
-        Which point of the path it is.
+        `LIMIT`, `BRANCH` or `FLUTTER`.
     index
-        Which eigenvalue vanishes.
+        Number of eigenvalues below the one that vanishes.
     """
 
+    position: float
+    point: EquilibriumPoint
     kind: str
-    place: int
     index: int
-
-
-@dataclass
-class Path:
-    """Points of a path in the order they are found.
-
-    Attributes
-    ----------
-    size
-        Of the next step.
-    stuck
-        Whether it ended where no step converges.
-    """
-
-    points: list[EquilibriumPoint] = field(default_factory=list)
-    critical: list[PathCriticalPoint] = field(default_factory=list)
-    status: Status = REACHED_END
-    size: float = np.inf
-    stuck: bool = False
-
-    @property
-    def end(self) -> EquilibriumPoint:
-        """The last point."""
-        return self.points[-1]
-
-    @property
-    def branches(self) -> list[PathCriticalPoint]:
-        """Where other paths cross."""
-        return [one for one in self.critical if one.kind == BRANCH]
-
-    def add(self, stretch: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
-        """Add the end of a stretch, and before it what is critical on the way there."""
-        for found in critical:
-            self.critical.append(PathCriticalPoint(found.kind, len(self.points), found.index))
-            self.points.append(found.point)
-        self.points.append(stretch.end)
 
 
 @dataclass(frozen=True)
 class PathSegment:
-    """The path between two of its points, by the control of the step that was made.
+    """The path between two of its points, parametrized by the control of the step.
 
     Attributes
     ----------
-    values
-        Of the control at both points.
-    ways
-        The directions of the path at both points by the control, as far as it tells them.
+    corrector, control
+        What computes points in between.
+    begin, end
+        The two points.
+    control_values
+        The control at both points.
+    directions
+        The path tangents by the control at both points; None where it is not defined.
     """
 
     corrector: Corrector
     control: Control
     begin: EquilibriumPoint
     end: EquilibriumPoint
-    values: tuple[float, float]
-    ways: tuple[PathDirection, PathDirection | None]
+    control_values: tuple[float, float]
+    directions: tuple[PathDirection, PathDirection | None]
 
-    def at(self, share: float) -> EquilibriumPoint:
-        """A point between: 0 is the begin, 1 the end."""
-        a, b, (first, last) = self.begin, self.end, self.values
-        x, mu = a.x + share * (b.x - a.x), a.mu + share * (b.mu - a.mu)
-        return self.corrector.corrected(self.control, first + share * (last - first), x, mu)
+    def point_at(self, position: float) -> EquilibriumPoint:
+        """Return the equilibrium at a position from 0 (begin) to 1 (end)."""
+        a, b, (first, last) = self.begin, self.end, self.control_values
+        x, mu = a.x + position * (b.x - a.x), a.mu + position * (b.mu - a.mu)
+        return self.corrector.correct(self.control, first + position * (last - first), x, mu)
 
-    def up_to(self, aim: Control, target: float) -> PathSegment | None:
-        """The part of it up to a value of `aim`; None where that is not reached."""
-        off = [aim.value(point.x, point.mu) - target for point in (self.begin, self.end)]
+    def truncate(self, quantity: Control, target: float) -> PathSegment | None:
+        """Return the segment up to a value of `quantity`, or None if it is not reached."""
+        off = [quantity.value(point.x, point.mu) - target for point in (self.begin, self.end)]
         if off[0] * off[1] > 0.0 or off[0] == 0.0:
             return None
-        share = 1.0
+        position = 1.0
         if off[1] != 0.0:
 
-            def missed(share: float) -> float:
-                point = self.at(share)
-                return aim.value(point.x, point.mu) - target
+            def deviation(position: float) -> float:
+                point = self.point_at(position)
+                return quantity.value(point.x, point.mu) - target
 
-            share = brentq(missed, 0.0, 1.0, xtol=_LANDED)
-        near = self.at(share)
+            position = brentq(deviation, 0.0, 1.0, xtol=_POSITION_TOLERANCE)
+        near = self.point_at(position)
         try:
-            end = self.corrector.corrected(aim, target, near.x, near.mu)
+            end = self.corrector.correct(quantity, target, near.x, near.mu)
         except CorrectorError:
-            # Where the aim itself turns nothing is closer.
+            # The quantity has an extremum there: the search is as accurate as it gets.
             end = near
         value = self.control.value(end.x, end.mu)
-        after = self.corrector.direction(end, self.control)
-        return replace(self, end=end, values=(self.values[0], value), ways=(self.ways[0], after))
+        after = self.corrector.try_path_tangent(end, self.control)
+        return replace(
+            self,
+            end=end,
+            control_values=(self.control_values[0], value),
+            directions=(self.directions[0], after),
+        )
 
-    def critical(self, splits: int = _SPLITS) -> list[SegmentCriticalPoint]:
-        """What is critical in it, in order."""
-        counts = [point.stability.negative for point in (self.begin, self.end)]
+    def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
+        """Return the critical points in the segment, in the order of the path.
+
+        `splits` is the number of bisections left.
+        """
+        counts = [point.stability.negative_count for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
         if low < 0:
             return []
-        if not all(len(point.stability.values) for point in (self.begin, self.end)):
-            return self._flutter(counts) if low < high else []
-        found = [self._lost(index) for index in range(low, high)]
-        if low == high and self._turns():
-            found = [self._touched()]
-            if found[0] is not None and found[0].kind == LIMIT and splits:
-                # One direction is lost and one is found again.
-                return [one for half in self._halves() for one in half.critical(splits - 1)]
-        return sorted(filter(None, found), key=lambda one: one.share)
+        if not all(len(point.stability.eigenvalues) for point in (self.begin, self.end)):
+            return [self._locate_instability(counts)] if low < high else []
+        points = [self._locate_zero(index) for index in range(low, high)]
+        if low == high and self._load_turns():
+            points = [self._locate_touch()]
+            if points[0] is not None and points[0].kind == LIMIT and splits:
+                # An eigenvalue becomes negative and positive again: each half has one sign change.
+                return [
+                    one
+                    for half in self._halves()
+                    for one in half.locate_critical_points(splits - 1)
+                ]
+        return sorted(filter(None, points), key=lambda one: one.position)
 
     def _halves(self) -> tuple[PathSegment, PathSegment]:
-        middle, value = self._beside(0.5), 0.5 * sum(self.values)
-        way = self.corrector.direction(middle, self.control)
-        if way is None:
+        first, last = self.control_values
+        middle, value = self._point_near(0.5), 0.5 * (first + last)
+        direction = self.corrector.try_path_tangent(middle, self.control)
+        if direction is None:
             raise CorrectorError("paths cross there")
+        before, after = self.directions
         return (
-            replace(self, end=middle, values=(self.values[0], value), ways=(self.ways[0], way)),
-            replace(self, begin=middle, values=(value, self.values[1]), ways=(way, self.ways[1])),
+            replace(
+                self, end=middle, control_values=(first, value), directions=(before, direction)
+            ),
+            replace(
+                self, begin=middle, control_values=(value, last), directions=(direction, after)
+            ),
         )
 
-    def _flutter(self, counts: Sequence[int]) -> list[SegmentCriticalPoint]:
-        """Where the number of unstable directions changes without a potential."""
-        near = self._around(self._changed(counts[0]), None)
-        return [replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near]
+    def _locate_instability(self, counts: Sequence[int]) -> SegmentCriticalPoint:
+        """Return where the number of unstable modes changes under loads without a potential.
 
-    def _lost(self, index: int) -> SegmentCriticalPoint | None:
-        """Where an eigenvalue changes its sign, if it does."""
-        ends = [point.stability.value(index) for point in (self.begin, self.end)]
+        Modes that flutter come in pairs, so the number changes by two or more.
+        """
+        low, high = 0.0, 1.0
+        while high - low > _POSITION_TOLERANCE:
+            between = 0.5 * (low + high)
+            same = self._point_near(between).stability.negative_count == counts[0]
+            low, high = (between, high) if same else (low, between)
+        near = self._interpolate(0.5 * (low + high), None)
+        return replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near
+
+    def _locate_zero(self, index: int) -> SegmentCriticalPoint | None:
+        """Return where the eigenvalue with `index` smaller ones changes sign, or None."""
+        ends = [point.stability.eigenvalue(index) for point in (self.begin, self.end)]
         if not ends[0] * ends[1] < 0.0:
             return None
 
-        def left(point: EquilibriumPoint) -> float:
-            value = point.stability.value(index)
+        def eigenvalue(point: EquilibriumPoint) -> float:
+            value = point.stability.eigenvalue(index)
             if np.isnan(value):
                 raise CorrectorError("the stability of equilibria changes abruptly")
             return value
 
-        share = brentq(lambda share: left(self._beside(share)), 0.0, 1.0, xtol=_WIDTH)
-        return replace(self._around(share, left), index=index)
+        position = brentq(
+            lambda position: eigenvalue(self._point_near(position)), 0.0, 1.0, xtol=_SAMPLE_DISTANCE
+        )
+        return replace(self._interpolate(position, eigenvalue), index=index)
 
-    def _turns(self) -> bool:
-        """Whether the load factor begins to fall or to rise in it."""
-        rates = [0.0 if way is None else way.mu for way in self.ways]
+    def _load_turns(self) -> bool:
+        rates = [0.0 if direction is None else direction.mu for direction in self.directions]
         return rates[0] * rates[1] < 0.0
 
-    def _touched(self) -> SegmentCriticalPoint | None:
-        """Where the load factor turns and no direction is lost, as on a path that branches off.
+    def _locate_touch(self) -> SegmentCriticalPoint | None:
+        """Return where the load factor turns although no eigenvalue changes sign, or None.
 
-        There it crosses the one that it came from, or another, and an eigenvalue touches zero.
+        On a path that branches off another one, that is where both cross: an eigenvalue touches
+        zero there.
         """
 
-        def rate(point: EquilibriumPoint) -> float:
-            way = self.corrector.direction(point, self.control)
-            return 0.0 if way is None else way.mu
+        def load_rate(point: EquilibriumPoint) -> float:
+            direction = self.corrector.try_path_tangent(point, self.control)
+            return 0.0 if direction is None else direction.mu
 
-        begin, end = (0.0 if way is None else way.mu for way in self.ways)
-        first = self._around(begin / (begin - end), rate, _APART)
-        near = self._around(first.share, rate, _APART)
-        told = near.point.stability
-        place = int(np.argmin(np.abs(told.values)))
-        index = place - int(np.sum(told.values < 0.0)) + told.negative
-        ends = [abs(point.stability.value(index)) for point in (self.begin, self.end)]
-        if not abs(told.values[place]) <= _TOUCHED * max(ends):
+        begin, end = (0.0 if direction is None else direction.mu for direction in self.directions)
+        first = self._interpolate(begin / (begin - end), load_rate, _TOUCH_SAMPLE_DISTANCE)
+        near = self._interpolate(first.position, load_rate, _TOUCH_SAMPLE_DISTANCE)
+        stability = near.point.stability
+        place = int(np.argmin(np.abs(stability.eigenvalues)))
+        smaller = int(np.sum(stability.eigenvalues < 0.0))
+        index = place - smaller + stability.negative_count
+        ends = [abs(point.stability.eigenvalue(index)) for point in (self.begin, self.end)]
+        if not abs(stability.eigenvalues[place]) <= _TOUCH_RATIO * max(ends):
             return None
-        aside = (self._beside(near.share + far) for far in (-_APART, _APART))
-        before, after = (point.stability.negative for point in aside)
+        distances = (-_TOUCH_SAMPLE_DISTANCE, _TOUCH_SAMPLE_DISTANCE)
+        neighbors = (self._point_near(near.position + distance) for distance in distances)
+        before, after = (point.stability.negative_count for point in neighbors)
         return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
 
-    def _beside(self, share: float) -> EquilibriumPoint:
-        """A point between, or close by where paths cross and Newton's method has no hold."""
-        for aside in (0.0, _WIDTH, -_WIDTH):
+    def _point_near(self, position: float) -> EquilibriumPoint:
+        """Return the point at a position, or close to it where the bordered matrix is singular."""
+        for offset in (0.0, _SAMPLE_DISTANCE, -_SAMPLE_DISTANCE):
             try:
-                return self.at(share + aside)
-            except CorrectorError as problem:
-                told = problem
-        raise told
+                return self.point_at(position + offset)
+            except CorrectorError as error:
+                last_error = error
+        raise last_error
 
-    def _changed(self, count: int) -> float:
-        """Where the number of unstable directions is no longer this one."""
-        low, high = 0.0, 1.0
-        while high - low > _LANDED:
-            between = 0.5 * (low + high)
-            same = self._beside(between).stability.negative == count
-            low, high = (between, high) if same else (low, between)
-        return 0.5 * (low + high)
-
-    def _around(
-        self, share: float, left: Callable[[EquilibriumPoint], float] | None, width: float = _WIDTH
+    def _interpolate(
+        self,
+        position: float,
+        function: Callable[[EquilibriumPoint], float] | None,
+        distance: float = _SAMPLE_DISTANCE,
     ) -> SegmentCriticalPoint:
-        """The point at which something vanishes, near a share; None: there it is.
+        """Return the point near `position` at which `function` vanishes; None: at `position`.
 
-        From four points around it: at the point itself, where paths cross, the equations do not
-        say how far a point is along the other one.
+        Interpolated from four points around it, since Newton's method does not converge at branch
+        points: the tangent there is singular even when bordered.
         """
-        shares = share + width * np.array([-1.5, -0.5, 0.5, 1.5])
-        points = [self._beside(at) for at in shares]
-        if left is not None:
-            share = _root(shares, [left(point) for point in points], share)
+        positions = position + distance * np.array([-1.5, -0.5, 0.5, 1.5])
+        points = [self._point_near(sample) for sample in positions]
+        if function is not None:
+            position = _nearest_root(positions, [function(point) for point in points], position)
+        # Lagrange polynomials at the position.
         weights = [
-            np.prod([(share - b) / (a - b) for b in shares if b != a]) for a in shares.tolist()
+            np.prod([(position - b) / (a - b) for b in positions if b != a])
+            for a in positions.tolist()
         ]
         x = np.einsum("i,ij->j", weights, [point.x for point in points])
         factors = np.array([point.mu for point in points])
-        rates = np.diff(factors)
-        kind = LIMIT if rates[0] * rates[-1] < 0.0 else BRANCH
+        changes = np.diff(factors)
+        kind = LIMIT if changes[0] * changes[-1] < 0.0 else BRANCH
         point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
-        return SegmentCriticalPoint(share, point, kind, 0)
+        return SegmentCriticalPoint(position, point, kind, 0)
 
 
-def _root(places: Array, values: Sequence[float], near: float) -> float:
-    """The zero of the polynomial through these values that is nearest to a place."""
-    unit = places[1] - places[0]
-    roots = np.roots(np.polyfit((places - near) / unit, values, len(places) - 1))
-    real = roots[np.abs(roots.imag) < 1e-6].real
+def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
+    """Return the root nearest to `near` of the polynomial through these values, or `near`."""
+    unit = positions[1] - positions[0]
+    roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
+    real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real
     return near + unit * float(real[np.argmin(np.abs(real))]) if len(real) else near
-
-
-@dataclass(frozen=True)
-class SegmentCriticalPoint:
-    """A critical point of a stretch: where, what, of which kind, and which eigenvalue vanishes."""
-
-    share: float
-    point: EquilibriumPoint
-    kind: str
-    index: int

@@ -1,4 +1,4 @@
-"""Which loads of a mechanism a factor scales, and its static equations under such a factor."""
+"""Proportional loading: load stages of a mechanism and its static equations under a load factor."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.initial_conditions import time_on_branch
-from beamdae.equations.starts.reduced_equations import Reduced, reduced
+from beamdae.equations.starts.reduced_equations import (
+    ReducedEquations,
+    remove_redundant_constraints,
+)
 from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
-from beamdae.parts.initial_state import AS_DRAWN
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -31,37 +32,37 @@ _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one
 
 
 def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
-    """Names of the loads that are brought up together, one stage after the other.
+    """Return the names of the loads of each stage; see `equilibrium` for `loads`.
 
     Raises
     ------
     BeamdaeError
-        If a name is unknown, comes twice, or is that of a part that does more than push.
+        If a name is unknown, is given twice, or names a part that does more than apply forces.
     """
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
-        found = tuple(part.name for part in active if part.is_load)
-        if _is_heavy(mechanism):
-            found = (*found, GRAVITY)
-        return (found,) if found else ()
-    given = require_sequence("equilibrium", "loads", loads, _LOADS_DESCRIPTION)
-    if all(isinstance(name, str) for name in given):
-        given = [given] if given else []
+        default = tuple(part.name for part in active if part.is_load)
+        if _has_gravity(mechanism):
+            default = (*default, GRAVITY)
+        return (default,) if default else ()
+    items = require_sequence("equilibrium", "loads", loads, _LOADS_DESCRIPTION)
+    if all(isinstance(name, str) for name in items):
+        items = [items] if items else []
     stages = tuple(
         tuple(require_sequence("equilibrium", "loads", stage, _LOADS_DESCRIPTION))
-        for stage in given
+        for stage in items
     )
     names = [name for stage in stages for name in stage]
     for name in names:
         _require_load(mechanism, name)
         if names.count(name) > 1:
-            raise BeamdaeError(f"equilibrium: loads must name {short_repr(name)} once.")
+            raise BeamdaeError(f"equilibrium: loads must name {short_repr(name)} only once.")
     if not all(stages):
-        raise BeamdaeError("equilibrium: loads must not hold a stage without loads.")
+        raise BeamdaeError("equilibrium: loads must not contain an empty stage.")
     return stages
 
 
-def _is_heavy(mechanism: Mechanism) -> bool:
+def _has_gravity(mechanism: Mechanism) -> bool:
     return mechanism.gravity_laws is not None or bool(np.any(mechanism.gravity))
 
 
@@ -70,207 +71,225 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
         raise BeamdaeError(
             f"equilibrium: loads must be {_LOADS_DESCRIPTION}, got {short_repr(name)}."
         )
-    if name == GRAVITY and _is_heavy(mechanism):
+    if name == GRAVITY and _has_gravity(mechanism):
         return
     if name == GRAVITY and name not in mechanism.parts:
-        raise BeamdaeError("equilibrium: loads name 'gravity', of which the mechanism has none.")
+        raise BeamdaeError(
+            "equilibrium: loads contain 'gravity', but the mechanism has no gravity."
+        )
     if name not in mechanism.parts:
         known = (*mechanism.parts, GRAVITY)
-        raise BeamdaeError(f"equilibrium: loads, no part {short_repr(name)}{suggest(name, known)}.")
+        raise BeamdaeError(
+            f"equilibrium: loads contain {short_repr(name)}, but no part has this name"
+            f"{suggest(name, known)}."
+        )
     part = mechanism.parts[name]
     if len(part.coordinates) or part.constraints():
         raise BeamdaeError(
-            f"equilibrium: loads must name parts that state forces alone, {name} is a "
+            f"equilibrium: loads must name parts that only apply forces, {name} is a "
             f"{type(part).__name__}."
         )
 
 
 @dataclass(frozen=True)
 class LoadedEquations:
-    """Static equations under a load factor mu: (1 - mu) of those without a load, mu of those with.
+    """Static equations R(x; mu) = (1 - mu) R_unloaded(x) + mu R_loaded(x) of one load stage.
 
-    Unknowns are x = (q, lam).
+    The unknowns are x = (q, lam).
 
     Attributes
     ----------
-    without, under
-        The static equations without the loads that mu scales and with all of them. The same where
-        nothing is scaled.
+    unloaded, loaded
+        The static equations without the loads of the stage and with all of them; the same object
+        where no load is scaled.
     """
 
-    without: StaticEquations
-    under: StaticEquations
+    unloaded: StaticEquations
+    loaded: StaticEquations
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations of motion under the whole load."""
-        return self.under.equations
+        """The equations of motion under the full load."""
+        return self.loaded.equations
 
     @property
-    def is_scaled(self) -> bool:
-        """Whether there is a load to scale."""
-        return self.without is not self.under
+    def has_scaled_loads(self) -> bool:
+        """Whether the load factor scales anything."""
+        return self.unloaded is not self.loaded
 
     @cached_property
-    def _where(self) -> tuple[sp.csc_array, Array, Array]:
-        """Pattern of the tangent, and where in it are the entries of both."""
-        one, other = self.without.pattern, self.under.pattern
-        both = sp.csc_array(one + other)
-        both.sort_indices()
+    def _union_pattern(self) -> tuple[sp.csc_array, Array, Array]:
+        """CSC pattern of both tangents, and the positions of the entries of either in its data."""
+        one, other = self.unloaded.pattern, self.loaded.pattern
+        union = sp.csc_array(one + other)
+        union.sort_indices()
         size = one.shape[0]
-        keys = column_indices(both).astype(np.int64) * size + both.indices
-        where = [
+        keys = column_indices(union).astype(np.int64) * size + union.indices
+        positions = [
             np.searchsorted(keys, column_indices(x).astype(np.int64) * size + x.indices)
             for x in (one, other)
         ]
-        return both, where[0], where[1]
+        return union, positions[0], positions[1]
 
     @property
     def pattern(self) -> sp.csc_array:
         """CSC pattern of the tangent."""
-        return self._where[0]
+        return self._union_pattern[0]
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
-        """The residual (n + m,) and its derivative by mu."""
+        """Return the residual (n + m,) and its derivative by mu."""
         n = self.equations.n
-        under = self.under.residual(x[:n], x[n:])
-        if not self.is_scaled:
-            return under, np.zeros_like(under)
-        without = self.without.residual(x[:n], x[n:])
-        # Where a load is small to a large factor what it does not change is left as it is.
-        change = under - without
-        return without + mu * change, change
+        loaded = self.loaded.residual(x[:n], x[n:])
+        if not self.has_scaled_loads:
+            return loaded, np.zeros_like(loaded)
+        unloaded = self.unloaded.residual(x[:n], x[n:])
+        # Written as a change: entries without loads then do not depend on mu by rounding.
+        change = loaded - unloaded
+        return unloaded + mu * change, change
 
     def tangent(self, x: Array, mu: float) -> Array:
-        """Non-zeros of the derivative of the residual by x on `pattern`."""
+        """Return the non-zeros, on `pattern`, of the derivative of the residual by x."""
         n = self.equations.n
-        both, at_without, at_under = self._where
-        found = np.zeros(both.nnz)
-        found[at_under] = self.under.tangent(x[:n], x[n:])
-        if self.is_scaled:
-            without = np.zeros(both.nnz)
-            without[at_without] = self.without.tangent(x[:n], x[n:])
-            found = without + mu * (found - without)
-        return found
+        union, unloaded_positions, loaded_positions = self._union_pattern
+        tangent = np.zeros(union.nnz)
+        tangent[loaded_positions] = self.loaded.tangent(x[:n], x[n:])
+        if self.has_scaled_loads:
+            unloaded = np.zeros(union.nnz)
+            unloaded[unloaded_positions] = self.unloaded.tangent(x[:n], x[n:])
+            tangent = unloaded + mu * (tangent - unloaded)
+        return tangent
 
-    def tangent_of_motion(self, state: State, mu: float) -> Tangent:
-        """The matrices of the equations of motion under the factor."""
-        under = compute_tangent(self.equations, self.under.time, state)
-        if not self.is_scaled:
-            return under
-        without = compute_tangent(self.without.equations, self.without.time, state)
-        shares = {
-            name: (1.0 - mu) * getattr(without, name) + mu * getattr(under, name)
+    def motion_tangent(self, state: State, mu: float) -> Tangent:
+        """Return the linearized equations of motion under the load factor."""
+        loaded = compute_tangent(self.equations, self.loaded.time, state)
+        if not self.has_scaled_loads:
+            return loaded
+        unloaded = compute_tangent(self.unloaded.equations, self.unloaded.time, state)
+        interpolated = {
+            name: (1.0 - mu) * getattr(unloaded, name) + mu * getattr(loaded, name)
             for name in ("damping", "stiffness", "reactions", "residual")
         }
-        return under._replace(**shares)
+        return loaded._replace(**interpolated)
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
-        """The tangent of these non-zeros."""
-        own = (nonzeros, self.pattern.indices, self.pattern.indptr)
-        return sp.csc_array(own, shape=self.pattern.shape)
+        """Return the tangent with these non-zeros as a sparse matrix."""
+        data = (nonzeros, self.pattern.indices, self.pattern.indptr)
+        return sp.csc_array(data, shape=self.pattern.shape)
 
-    def at(self, mu: float) -> FixedFactorEquations:
-        """The static equations under a factor that stays."""
+    def at_factor(self, mu: float) -> FixedFactorEquations:
+        """Return the static equations under a fixed load factor."""
         return FixedFactorEquations(self, mu)
 
 
 @dataclass(frozen=True)
 class FixedFactorEquations:
-    """Static equations under a load factor that stays, see `equations.relaxation`."""
+    """Static equations under a fixed load factor, as relaxation takes them."""
 
     system: LoadedEquations
     mu: float
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations of motion, whose inertia they share."""
+        """The equations of motion, which supply the inertia."""
         return self.system.equations
 
     @property
     def time(self) -> Array:
         """(t, branch)."""
-        return self.system.under.time
+        return self.system.loaded.time
 
     def residual(self, q: Array, lam: Array) -> Array:
-        """(F + G^T lam, g)."""
+        """Return (F + G^T lam, g), shape (n + m,)."""
         return self.system.residual(np.append(q, lam), self.mu)[0]
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Its tangent."""
+        """Return the derivative of the residual by (q, lam)."""
         return self.system.matrix(self.system.tangent(np.append(q, lam), self.mu))
 
 
 @dataclass(frozen=True)
 class Loading:
-    """A mechanism whose loads are brought up in stages.
+    """A mechanism with the static equations of its load stages.
 
     Attributes
     ----------
-    whole
-        Equations of all parts, with what is observed.
+    full_equations
+        Equations of all parts, with the observables and redundant constraints.
     stages
-        Names of the loads of each, none where nothing is scaled.
+        Names of the loads of each stage; empty where nothing is scaled.
     systems
         The static equations of each stage; one where nothing is scaled.
-    held
-        Which multipliers of the whole those of the stages are.
-    spared
-        What was left out of constraints that follow from others, if anything.
+    multiplier_rows
+        Index in the full equations of each multiplier of the stages.
+    reduction
+        Elimination of redundant constraints, or None.
     """
 
-    whole: EquationsOfMotion
+    full_equations: EquationsOfMotion
     stages: Stages
     systems: tuple[LoadedEquations, ...]
-    held: Array
-    spared: Reduced | None
+    multiplier_rows: Array
+    reduction: ReducedEquations | None
 
-    def reactions(self, q: Array, lam: Array) -> Array:
-        """Multipliers of all constraints, of rows of positions and of those of the stages."""
-        if self.spared is not None:
-            times = np.tile(self.systems[0].under.time, (len(q), 1))
-            return self.spared.reactions(times, q, lam)
-        found = np.zeros((len(lam), self.whole.m))
-        found[:, self.held] = lam
-        return found
+    def full_multipliers(self, q: Array, lam: Array) -> Array:
+        """Return the multipliers of all constraints, given rows of q and of multipliers."""
+        if self.reduction is not None:
+            times = np.tile(self.systems[0].loaded.time, (len(q), 1))
+            return self.reduction.restore_reactions(times, q, lam)
+        multipliers = np.zeros((len(lam), self.full_equations.m))
+        multipliers[:, self.multiplier_rows] = lam
+        return multipliers
 
 
-def build_loading(model: Any, whole: EquationsOfMotion, loads: Any, t: float) -> Loading:
-    """The equations of every stage of loading; `model` is a mechanism, or what has no parts."""
-    time = time_on_branch(whole, t)
+def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: float) -> Loading:
+    """Return the static equations of every load stage of a model.
+
+    Parameters
+    ----------
+    model
+        The mechanism, or a constrained system or equations, which have no named loads.
+    full_equations
+        The equations of motion of the model.
+    loads
+        See `equilibrium`.
+    t
+        Time [s] at which laws are read.
+    """
+    time = time_on_branch(full_equations, t)
     if not isinstance(model, Mechanism):
         if loads is not None:
             raise BeamdaeError(
-                "equilibrium: loads can be named of a Mechanism only, what is stated by "
-                "expressions is under its loads as they are."
+                "equilibrium: loads can be named only for a Mechanism; a constrained system is "
+                "solved under all of its loads."
             )
         stages: Stages = ()
-        models = [whole]
+        models = [full_equations]
     else:
         stages = resolve_load_stages(model, loads)
-        scaled = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
-        models = [equations_of_motion(_remove_loads(model, names)) for names in scaled]
-    spared = reduced(models[-1], time) if whole.redundant else None
-    if spared is not None:
-        models = [_remove_redundant(each, time) for each in models]
+        remaining = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
+        models = [equations_of_motion(_remove_loads(model, names)) for names in remaining]
+    reduction = None
+    if full_equations.redundant:
+        reduction = remove_redundant_constraints(models[-1], time)
+    if reduction is not None:
+        reductions = [remove_redundant_constraints(each, time) for each in models]
+        models = [
+            each if reduced is None else reduced.equations
+            for each, reduced in zip(models, reductions, strict=True)
+        ]
     static = [StaticEquations(each, time) for each in models]
     pairs = pairwise(static) if stages else [(static[0], static[0])]
     systems = tuple(LoadedEquations(*pair) for pair in pairs)
-    rows = {name: k for k, name in enumerate(whole.lam_names)}
-    held = np.array([rows[name] for name in models[-1].lam_names], int)
-    return Loading(whole, stages, systems, held, spared)
-
-
-def _remove_redundant(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
-    found = reduced(equations, time)
-    return equations if found is None else found.equations
+    rows = {name: k for k, name in enumerate(full_equations.lam_names)}
+    multiplier_rows = np.array([rows[name] for name in models[-1].lam_names], int)
+    return Loading(full_equations, stages, systems, multiplier_rows, reduction)
 
 
 def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
-    """The mechanism without some loads, and without what is inactive at the start of a run."""
+    """Return the mechanism without some loads and without parts inactive at the start."""
     rest = copy(mechanism)
-    away = names | mechanism.inactive
-    rest.parts = {name: part for name, part in rest.parts.items() if name not in away}
+    removed = names | mechanism.inactive
+    rest.parts = {name: part for name, part in rest.parts.items() if name not in removed}
     rest.observables, rest.events, rest.inactive, rest.start = {}, [], set(), AS_DRAWN
     if GRAVITY in names:
         rest.gravity, rest.gravity_laws = np.zeros(2), None

@@ -1,4 +1,4 @@
-"""What says how far a step along an equilibrium path goes: load, displacement or arc length."""
+"""Controls of a step along an equilibrium path: load, displacement or arc length."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ Array = np.ndarray
 
 
 class Control(Protocol):
-    """A quantity of (x, mu), x = (q, lam), that is given in each step."""
+    """A function of x = (q, lam) and the load factor mu whose value each step prescribes."""
 
     def value(self, x: Array, mu: float) -> float:
-        """What is given."""
+        """Return the control at (x, mu)."""
 
-    def row(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Its derivatives by x and by mu."""
+    def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
+        """Return the derivatives by x, shape (n + m,), and by mu."""
 
 
 @dataclass(frozen=True)
 class LoadControl:
-    """The load factor itself."""
+    """Load control: the load factor itself."""
 
     def value(self, x: Array, mu: float) -> float:
-        """The factor."""
+        """Return mu."""
         return mu
 
-    def row(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Its derivatives."""
+    def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
+        """Return (0, 1)."""
         return np.zeros_like(x), 1.0
 
 
 @dataclass(frozen=True)
-class ColumnControl:
-    """An observed column, a function of positions.
+class DisplacementControl:
+    """Displacement control: an observed column that is a function of positions.
 
     Attributes
     ----------
     equations
-        Those that observe it.
+        The equations that observe the column.
     observable, column
-        Which column of which.
+        The observable, and the index of the column in it.
     time
         (t, branch).
     """
@@ -58,67 +58,62 @@ class ColumnControl:
     time: Array
 
     @classmethod
-    def of(cls, equations: EquationsOfMotion, name: str, time: Array) -> ColumnControl:
-        """The column of that name, with or without its unit.
+    def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> DisplacementControl:
+        """Return the control of the column `name`, given with or without its unit.
 
         Raises
         ------
         BeamdaeError
-            If there is none, or it does not follow from positions.
+            If there is no such column, or it depends on velocities or reactions.
         """
-        known: dict[str, tuple[Observable, int]] = {}
+        positions: dict[str, tuple[Observable, int]] = {}
         for observable in equations.observables:
             for k, header in enumerate(observable.headers):
-                told = Header.of(header)
-                if observable.rows.stop > observable.rows.start or told.suffix.endswith("_dot"):
+                has_reactions = observable.rows.stop > observable.rows.start
+                if has_reactions or Header.of(header).suffix.endswith("_dot"):
                     continue
-                known[header] = known[header.rpartition(" [")[0]] = (observable, k)
-        if name not in known:
-            places = ", ".join(x for x in known if not x.endswith("]")) or "none is observed"
+                positions[header] = positions[header.rpartition(" [")[0]] = (observable, k)
+        if name not in positions:
+            names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(
-                f"equilibrium: there is no observed position {short_repr(name)}{suggest(name, known)}, "
-                f"of {places}."
+                f"equilibrium: to names no observed position, got {short_repr(name)}"
+                f"{suggest(name, positions)}; the observed positions are: {names}."
             )
-        return cls(equations, *known[name], time)
-
-    @property
-    def header(self) -> str:
-        """Of the column."""
-        return self.observable.headers[self.column]
+        return cls(equations, *positions[name], time)
 
     @cached_property
-    def _gradient(self):  # type: ignore[no-untyped-def]
+    def _position_derivative(self):  # type: ignore[no-untyped-def]
         return self.observable.function.derivative(1)
 
-    def _inputs(self, x: Array) -> tuple[Array, ...]:
+    def _arguments(self, x: Array) -> tuple[Array, ...]:
         o = self.observable
         local = np.asarray(o.operator @ x[: self.equations.n])[None]
-        held = np.zeros((1, o.rows.stop - o.rows.start))
-        return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], held
+        reactions = np.zeros((1, o.rows.stop - o.rows.start))
+        return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], reactions
 
     def value(self, x: Array, mu: float) -> float:
-        """The column."""
-        return float(self.observable.function(*self._inputs(x))[0, self.column])
+        """Return the column in its unit."""
+        return float(self.observable.function(*self._arguments(x))[0, self.column])
 
-    def row(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Its derivatives."""
-        found = np.zeros_like(x)
-        rows = self._gradient(*self._inputs(x)).reshape(-1, len(self.observable.columns))
-        found[: self.equations.n] = self.observable.operator.T @ rows[:, self.column]
-        return found, 0.0
+    def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
+        """Return the derivatives of the column by x and mu; the latter is zero."""
+        by_x = np.zeros_like(x)
+        rows = self._position_derivative(*self._arguments(x))
+        by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]
+        by_x[: self.equations.n] = self.observable.operator.T @ by_local
+        return by_x, 0.0
 
 
 @dataclass(frozen=True)
-class ArcControl:
-    """The way along a direction from a point of the path: pseudo arc length (Keller 1977).
+class ArcLengthControl:
+    """Pseudo-arc-length control: distance along a direction from a point (Keller 1977).
 
     Attributes
     ----------
     x, mu
-        The point.
+        The point from which the distance is measured.
     along, along_mu
-        The direction with the weights of the norm, such that the way along the direction itself is
-        one.
+        Weights of x and mu, scaled so that a step by the direction itself has length one.
     """
 
     x: Array
@@ -127,73 +122,73 @@ class ArcControl:
     along_mu: float
 
     def value(self, x: Array, mu: float) -> float:
-        """How far along."""
+        """Return the distance along the direction."""
         return float(self.along @ (x - self.x) + self.along_mu * (mu - self.mu))
 
-    def row(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Its derivatives."""
+    def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
+        """Return the weights."""
         return self.along, self.along_mu
 
 
 @dataclass(frozen=True)
 class PathDirection:
-    """A direction of a path, or a way along it, of x = (q, lam) and of the factor."""
+    """A direction of the path or an increment along it, in x = (q, lam) and the load factor."""
 
     x: Array
     mu: float
 
-    def times(self, factor: float) -> PathDirection:
-        """So many times as far."""
+    def scale(self, factor: float) -> PathDirection:
+        """Return the direction times `factor`."""
         return PathDirection(factor * self.x, factor * self.mu)
 
-    def besides(self, other: PathDirection) -> PathDirection:
-        """It and another, one after the other."""
+    def add(self, other: PathDirection) -> PathDirection:
+        """Return the sum of two directions."""
         return PathDirection(self.x + other.x, self.mu + other.mu)
 
 
 @dataclass(frozen=True)
 class StepNorm:
-    """Sizes of steps: of positions their natural ones, of the factor its own.
+    """Norms and inner products of path increments, dimensionless; multipliers do not count.
 
     Attributes
     ----------
     scale
-        Natural sizes of the coordinates.
+        Natural sizes of the coordinates, (n,).
     factor
-        The change of the factor that counts as much as a motion as large as the mechanism.
+        Change of the load factor that counts as much as a motion by the size of the mechanism.
     """
 
     scale: Array
     factor: float
 
-    def largest(self, x: Array, mu: float = 0.0) -> float:
-        """The largest share of a change in its size."""
-        moved = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
-        return max(moved, abs(mu) / self.factor)
+    def max_norm(self, x: Array, mu: float = 0.0) -> float:
+        """Return the largest component relative to its natural size."""
+        by_position = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
+        return max(by_position, abs(mu) / self.factor)
 
-    def row(self, way: PathDirection) -> tuple[Array, float]:
-        """What gives, times another way, the product of both."""
-        along = np.zeros_like(way.x)
-        along[: len(self.scale)] = way.x[: len(self.scale)] / self.scale**2
-        return along, way.mu / self.factor**2
+    def dual(self, direction: PathDirection) -> tuple[Array, float]:
+        """Return the row vector whose product with an increment is the inner product."""
+        along = np.zeros_like(direction.x)
+        along[: len(self.scale)] = direction.x[: len(self.scale)] / self.scale**2
+        return along, direction.mu / self.factor**2
 
-    def product(self, one: PathDirection, other: PathDirection) -> float:
-        """The product of two ways: zero at right angles, of one with itself its length squared."""
-        along, along_mu = self.row(one)
+    def inner_product(self, one: PathDirection, other: PathDirection) -> float:
+        """Return the inner product of two directions."""
+        along, along_mu = self.dual(one)
         return float(along @ other.x + along_mu * other.mu)
 
     def cosine(self, one: PathDirection, other: PathDirection) -> float:
-        """Of the angle between two ways."""
-        sizes = self.product(one, one) * self.product(other, other)
-        return self.product(one, other) / float(np.sqrt(sizes))
+        """Return the cosine of the angle between two directions."""
+        sizes = self.inner_product(one, one) * self.inner_product(other, other)
+        return self.inner_product(one, other) / float(np.sqrt(sizes))
 
-    def across(self, way: PathDirection, other: PathDirection) -> PathDirection:
-        """The part of a way that is at right angles to another."""
-        share = self.product(other, way) / self.product(other, other)
-        return way.besides(other.times(-share))
+    def orthogonal_part(self, direction: PathDirection, other: PathDirection) -> PathDirection:
+        """Return the part of `direction` that is orthogonal to `other`."""
+        share = self.inner_product(other, direction) / self.inner_product(other, other)
+        return direction.add(other.scale(-share))
 
-    def arc(self, x: Array, mu: float, way: PathDirection) -> ArcControl:
-        """Control of the way along a direction."""
-        one = self.product(way, way)
-        along, along_mu = self.row(way)
-        return ArcControl(x, mu, along / one, along_mu / one)
+    def arc_length_control(self, x: Array, mu: float, direction: PathDirection) -> ArcLengthControl:
+        """Return the control of the distance from (x, mu) along `direction`."""
+        squared_length = self.inner_product(direction, direction)
+        along, along_mu = self.dual(direction)
+        return ArcLengthControl(x, mu, along / squared_length, along_mu / squared_length)

@@ -1,4 +1,4 @@
-"""The path of a loading, stage by stage: where it begins, how it is followed, why it ended."""
+"""Equilibrium path of all load stages: settings, initial equilibrium, continuation, diagnosis."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.statics.continuation import ContinuationSettings, follow_path, switch_branch
+from beamdae.analysis.statics.continuation import (
+    ContinuationSettings,
+    Path,
+    follow_path,
+    switch_branch,
+)
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_points import Path
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.path_controls import (
-    ColumnControl,
     Control,
+    DisplacementControl,
     LoadControl,
-    PathDirection,
     StepNorm,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -34,18 +37,39 @@ from beamdae.errors import (
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import Status
 
-LOAD, DISPLACEMENT, ARC = "load", "displacement", "arc length"
+Array = np.ndarray
+
+LOAD, DISPLACEMENT, ARC_LENGTH = "load", "displacement", "arc length"
+
+# Default steps by load and displacement, relative to the distance to the farthest target.
+_LOAD_STEP_RATIO = 0.1
+_DISPLACEMENT_STEP_RATIO = 0.05
+# Default step by arc length, in natural sizes; where a column is the target, also at most this
+# share of the motion needed to reach it.
+_ARC_STEP = 0.05
+_MAX_SHARE_OF_NEEDED_MOTION = 0.25
+# Least motion by the first load step, in natural sizes, that the norm of arc length assumes.
+_MIN_LOAD_STEP_MOTION = 1e-3
+# Least distance to a target, of the load factor or in the unit of the column.
+_MIN_REACH = 1e-12
+# Farthest motion, in natural sizes, by which Newton's method may find the unloaded equilibrium;
+# beyond it, relaxation decides.
+_MAX_INITIAL_MOTION = 0.05
+# Share of the lowest stiffness below which a failed path is diagnosed as close to a limit point.
+_SOFT_RATIO = 0.2
+# Relative difference up to which two coordinates of a mode move by the same amount.
+_EQUAL_MOTION_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class PathSettings:
-    """What was asked for, checked.
+    """Validated arguments of `equilibrium`.
 
     Attributes
     ----------
     column
-        The observed column that `targets` are values of; "": the load factor.
-    targets, control, step, switch, most
+        Name of the observed column that `targets` are values of; "": the load factor.
+    targets, control, step, switch, max_points
         See `equilibrium`.
     """
 
@@ -54,16 +78,18 @@ class PathSettings:
     control: str
     step: float | None
     switch: tuple[int, ...]
-    most: int
+    max_points: int
 
     @classmethod
-    def of(cls, to: Any, control: Any, step: Any, switch: Any, most: Any) -> PathSettings:
-        """Checked settings.
+    def from_arguments(
+        cls, to: Any, control: Any, step: Any, switch: Any, max_points: Any
+    ) -> PathSettings:
+        """Validate the arguments.
 
         Raises
         ------
         BeamdaeError
-            Naming the setting that is wrong.
+            Naming the invalid argument.
         """
         name, column, values = "equilibrium", "", to
         if isinstance(to, Mapping):
@@ -73,84 +99,73 @@ class PathSettings:
                     f"its value such as {{'tip.y': -0.1}}, got {short_repr(to)}."
                 )
             ((column, values),) = to.items()
-        listed = (
-            [values]
-            if as_real(values) is not None
-            else require_sequence(name, "to", values, "numbers")
-        )
-        targets = tuple(require_finite(name, "to", value) for value in listed)
+        is_number = as_real(values) is not None
+        items = [values] if is_number else require_sequence(name, "to", values, "numbers")
+        targets = tuple(require_finite(name, "to", value) for value in items)
         if not targets:
-            raise BeamdaeError("equilibrium: to must hold at least one number.")
+            raise BeamdaeError("equilibrium: to must contain at least one number.")
         switch = _parse_switches(switch)
         if control is None:
-            control = ARC if switch else DISPLACEMENT if column else LOAD
-        require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC))
-        fits = {LOAD: not column and not switch, DISPLACEMENT: bool(column) and not switch}
-        if not fits.get(control, True):
-            instead = "'arc length'" if switch else "'displacement'" if column else "'load'"
+            control = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
+        require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC_LENGTH))
+        is_possible = {
+            LOAD: not column and not switch,
+            DISPLACEMENT: bool(column) and not switch,
+            ARC_LENGTH: True,
+        }
+        if not is_possible[control]:
+            alternative = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
             raise BeamdaeError(
-                f"equilibrium: control={control!r} does not go with these to and switch, take "
-                f"control={instead}."
+                f"equilibrium: control={control!r} does not work with these to and switch; use "
+                f"control={alternative!r}."
             )
         size = None if step is None else require_positive(name, "step", step)
-        return cls(
-            column, targets, control, size, switch, require_count(name, "most_points", most, 2)
-        )
+        max_points = require_count(name, "most_points", max_points, 2)
+        return cls(column, targets, control, size, switch, max_points)
 
     @property
-    def told(self) -> dict[str, Any]:
-        """As plain values."""
+    def description(self) -> dict[str, Any]:
+        """The settings as plain values, as `Equilibrium.settings` records them."""
         to = list(self.targets)
-        told = {"to": {self.column: to} if self.column else to, "control": self.control}
-        return {**told, "step": self.step, "switch": list(self.switch)}
+        return {
+            "to": {self.column: to} if self.column else to,
+            "control": self.control,
+            "step": self.step,
+            "switch": list(self.switch),
+        }
 
-    def of_stage(self) -> PathSettings:
-        """What is asked for of a stage before the last: all of its load."""
-        return PathSettings("", (1.0,), LOAD, None, (), self.most)
+    def for_earlier_stage(self) -> PathSettings:
+        """Return the settings of a stage before the last: its full load, by load control."""
+        return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
 
 def _parse_switches(switch: Any) -> tuple[int, ...]:
-    """Branch points to leave at, one after the other; none where that is 0."""
-    what = "a whole number or several"
-    listed = (
-        [switch]
-        if as_real(switch) is not None
-        else require_sequence("equilibrium", "switch", switch, what)
-    )
-    sides = [require_finite("equilibrium", "switch", side) for side in listed]
-    if sides == [0.0]:
+    """Return the signed numbers of the branch points at which to switch; none for 0."""
+    expected = "a whole number or several"
+    is_number = as_real(switch) is not None
+    items = [switch] if is_number else require_sequence("equilibrium", "switch", switch, expected)
+    numbers = [require_finite("equilibrium", "switch", number) for number in items]
+    if numbers == [0.0]:
         return ()
-    found = [require_count("equilibrium", "switch", abs(side), 1) for side in sides]
-    return tuple(k if side > 0.0 else -k for k, side in zip(found, sides, strict=True))
-
-
-Array = np.ndarray
-
-# Steps to the farthest target; by arc length in natural sizes, and of what has to move at least.
-_OF_LOAD, _OF_DISPLACEMENT, _OF_ARC, _OF_LEAST = 0.1, 0.05, 0.05, 0.25
-# What a tenth of the load moves, if it moves less: by arc length it counts for that.
-_MOVED = 1e-3
-# A way to a target is as long at least, of the factor or the column.
-_LEAST_REACH = 1e-12
-# What Newton's method may move to close joints and to balance what is not scaled.
-_NEAR = 0.05
-# What is left of the softest motion before a limit load.
-_SOFT = 0.2
-# Coordinates whose motions differ by less move alike.
-_ALIKE = 1e-6
+    counts = [require_count("equilibrium", "switch", abs(number), 1) for number in numbers]
+    return tuple(k if number > 0.0 else -k for k, number in zip(counts, numbers, strict=True))
 
 
 class EquilibriumPath(NamedTuple):
-    """A path of all stages.
+    """The equilibria of all load stages.
 
     Attributes
     ----------
-    points, factors
-        The points, and the load factors of all stages at each.
+    points
+        The equilibria.
+    factors
+        Load factor of every stage at each point, (points, stages).
     critical
-        With rows of the whole path.
+        Critical points; their rows refer to `points`.
+    status
+        How the path ended.
     iterations
-        Of Newton's method, with those that led nowhere.
+        Newton iterations, failed steps included.
     """
 
     points: list[EquilibriumPoint]
@@ -160,25 +175,28 @@ class EquilibriumPath(NamedTuple):
     iterations: int
 
 
-def trace_path(loading: Loading, q: Array, asked: PathSettings) -> EquilibriumPath:
-    """The path from the unloaded mechanism, near to positions `q`, to what was asked for.
+def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
+    """Return the path from the unloaded equilibrium near `q` to the targets.
 
     Raises
     ------
     BeamdaeError
-        If nothing comes to rest without the load.
+        If no equilibrium without the load is found, or there is no load to reach a column by.
     """
-    if not loading.stages and asked.column:
+    if not loading.stages and settings.column:
         raise BeamdaeError(
-            f"equilibrium: there is no load to bring {asked.column} to a value by; add one."
+            f"equilibrium: no load can bring {settings.column} to a value; add a load."
         )
     points: list[EquilibriumPoint] = []
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
-    aim = _target_control(loading, asked)
+    last_control: Control = LoadControl()
+    if settings.column:
+        time = loading.systems[0].loaded.time
+        last_control = DisplacementControl.from_name(loading.full_equations, settings.column, time)
     status, iterations = Status("ok", "reached the end"), 0
     for k, system in enumerate(loading.systems):
-        last = k == len(loading.systems) - 1
+        is_last = k == len(loading.systems) - 1
         corrector = Corrector(system)
         begin = (
             _find_unloaded_equilibrium(corrector, q)
@@ -186,11 +204,11 @@ def trace_path(loading: Loading, q: Array, asked: PathSettings) -> EquilibriumPa
             else EquilibriumPoint(system, points[-1].x, 0.0)
         )
         path = Path([begin])
-        if system.is_scaled:
-            _follow_stage(
-                corrector, path, asked if last else asked.of_stage(), aim if last else LoadControl()
-            )
-        # A stage begins where the one before it ended.
+        if system.has_scaled_loads and is_last:
+            _follow_stage(corrector, path, settings, last_control)
+        elif system.has_scaled_loads:
+            _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
+        # A stage begins at the last point of the one before, which its first point replaces.
         first = len(points) - (k > 0)
         del points[first:], factors[first:]
         points += path.points
@@ -198,198 +216,176 @@ def trace_path(loading: Loading, q: Array, asked: PathSettings) -> EquilibriumPa
         for point in path.points:
             factors.append(row.copy())
             factors[-1][k : k + 1] = point.mu
-        critical += [
-            CriticalPoint(
-                one.kind,
-                first + one.place,
-                path.points[one.place].mu,
-                _mode_coordinate(system.equations, path.points[one.place], one.index),
-            )
-            for one in path.critical
-        ]
+        for one in path.critical:
+            point = path.points[one.row]
+            coordinate = ""
+            if len(point.stability.eigenvalues):
+                mode = point.stability.mode(one.index)
+                coordinate = _dominant_coordinate(system.equations, mode)
+            critical.append(CriticalPoint(one.kind, first + one.row, point.mu, coordinate))
         iterations += corrector.iterations
-        status = _end_status(path, system, asked if last else None)
+        status = _end_status(path, system, settings.control if is_last else LOAD)
         if not status.success:
             break
-    told = np.array(factors).reshape(len(points), len(loading.stages))
-    return EquilibriumPath(points, told, tuple(critical), status, iterations)
-
-
-def _target_control(loading: Loading, asked: PathSettings) -> Control:
-    if not asked.column:
-        return LoadControl()
-    return ColumnControl.of(loading.whole, asked.column, loading.systems[0].under.time)
+    all_factors = np.array(factors).reshape(len(points), len(loading.stages))
+    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations)
 
 
 def _find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
-    """Equilibrium without the load: near to where it is drawn, or else by relaxation."""
+    """Return the equilibrium without the load: by Newton's method if near, else by relaxation."""
     system = corrector.system
     x = np.append(q, np.zeros(system.equations.m))
     try:
-        found = corrector.corrected(LoadControl(), 0.0, x, 0.0)
-        if corrector.travel.farthest((found.x - x)[: len(q)]) <= _NEAR:
-            return found
+        point = corrector.correct(LoadControl(), 0.0, x, 0.0)
+        motion = corrector.displacement_measure.farthest((point.x - x)[: len(q)])
+        if motion <= _MAX_INITIAL_MOTION:
+            return point
     except CorrectorError:
         pass
-    return _relax(corrector, q, 0.0 if system.is_scaled else 1.0)
+    return _relax(corrector, q, 0.0 if system.has_scaled_loads else 1.0)
 
 
 def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
-    found = np.concatenate(relax_to_equilibrium(corrector.system.at(mu), q))
-    return EquilibriumPoint(corrector.system, found, mu)
+    x = np.concatenate(relax_to_equilibrium(corrector.system.at_factor(mu), q))
+    return EquilibriumPoint(corrector.system, x, mu)
 
 
-def _follow_stage(corrector: Corrector, path: Path, asked: PathSettings, aim: Control) -> None:
-    """Follow the path of one stage, and go over to another where that is asked for."""
-    begin, targets = path.end, list(asked.targets)
-    stepping = _choose_steps(corrector, begin, asked, aim)
-    if asked.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
-        t = corrector.system.under.time[0]
+def _follow_stage(
+    corrector: Corrector, path: Path, settings: PathSettings, control: Control
+) -> None:
+    """Follow the path of one stage, switching branches where the settings say so."""
+    begin, targets = path.end, list(settings.targets)
+    steps = _choose_steps(corrector, begin, settings, control)
+    if settings.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
+        t = corrector.system.loaded.time[0]
         path.status = Status("failed", f"the loads that are scaled are zero at t = {t:g} s")
         return
-    if begin.stability.free:
-        _follow_from_mechanism(corrector, path, stepping, targets)
+    if begin.stability.free_count:
+        _follow_from_mechanism(corrector, path, steps, targets)
         return
-    way = None
+    direction = None
     try:
-        for switch in asked.switch:
-            if not _follow_to_branch_point(
-                corrector, path, replace(stepping, leave_at=abs(switch)), targets, way
-            ):
+        for switch in settings.switch:
+            before = len(path.branch_points)
+            to_branch_point = replace(steps, stop_at_branch_point=abs(switch))
+            follow_path(corrector, path, to_branch_point, targets, direction)
+            count = len(path.branch_points) - before
+            if path.status.success and count < abs(switch):
+                sentence = f"the path has no branch point {abs(switch)}, only {count}"
+                path.status = Status("failed", sentence)
+            if not path.status.success:
                 return
-            way = switch_branch(corrector, path, stepping, np.sign(switch))
-    except CorrectorError as problem:
-        path.status = Status("failed", str(problem))
+            direction = switch_branch(corrector, path, steps, np.sign(switch))
+    except CorrectorError as error:
+        path.status = Status("failed", str(error))
         return
-    follow_path(corrector, path, stepping, targets, way)
-
-
-def _follow_to_branch_point(
-    corrector: Corrector,
-    path: Path,
-    stepping: ContinuationSettings,
-    targets: Sequence[float],
-    way: PathDirection | None,
-) -> bool:
-    """Follow a path up to the branch point at which it is left, if there is one."""
-    before = len(path.branches)
-    follow_path(corrector, path, stepping, targets, way)
-    count = len(path.branches) - before
-    if path.status.success and count < stepping.leave_at:
-        told = f"there is no branch point {stepping.leave_at} on the way, of {count}"
-        path.status = Status("failed", told)
-    return path.status.success
+    follow_path(corrector, path, steps, targets, direction)
 
 
 def _choose_steps(
-    corrector: Corrector, begin: EquilibriumPoint, asked: PathSettings, aim: Control
+    corrector: Corrector, begin: EquilibriumPoint, settings: PathSettings, control: Control
 ) -> ContinuationSettings:
-    """How far steps go."""
+    """Return the settings of the continuation, with default step sizes."""
     scale = corrector.system.equations.position_scales
-    reach = max(abs(target - aim.value(begin.x, begin.mu)) for target in asked.targets)
-    reach = max(reach, _LEAST_REACH)
-    by_load = isinstance(aim, LoadControl)
-    load = _OF_LOAD * (reach if by_load else 1.0)
-    if asked.control != ARC:
-        step = asked.step or (load if by_load else _OF_DISPLACEMENT * reach)
-        load = step if by_load else load
-        return ContinuationSettings(aim, False, step, load, StepNorm(scale, np.inf), asked.most)
-    step = _OF_ARC
+    initial_value = control.value(begin.x, begin.mu)
+    reach = max(abs(target - initial_value) for target in settings.targets)
+    reach = max(reach, _MIN_REACH)
+    by_load = isinstance(control, LoadControl)
+    load_step = _LOAD_STEP_RATIO * (reach if by_load else 1.0)
+    if settings.control != ARC_LENGTH:
+        step = settings.step or (load_step if by_load else _DISPLACEMENT_STEP_RATIO * reach)
+        load_step = step if by_load else load_step
+        norm = StepNorm(scale, np.inf)
+        return ContinuationSettings(control, False, step, load_step, norm, settings.max_points)
+    step = _ARC_STEP
     if not by_load:
-        # What has to move at least for the column to get there.
-        row = np.abs(aim.row(begin.x, begin.mu)[0][: len(scale)]) @ scale
-        step = min(step, _OF_LEAST * reach / max(row, _LEAST_REACH))
-    way = corrector.direction(begin, LoadControl())
-    moved = 0.0 if way is None else StepNorm(scale, np.inf).largest(way.x)
-    # Where paths cross they do so at an angle if a load counts no more than what it moves.
-    norm = StepNorm(scale, 1.0 / max(moved, _MOVED / load))
-    return ContinuationSettings(aim, True, asked.step or step, load, norm, asked.most)
+        # Change of the column by a motion of all coordinates by their natural sizes.
+        sensitivity = np.abs(control.gradient(begin.x, begin.mu)[0][: len(scale)]) @ scale
+        step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
+    direction = corrector.try_path_tangent(begin, LoadControl())
+    motion = 0.0 if direction is None else StepNorm(scale, np.inf).max_norm(direction.x)
+    # A load counts no more than the motion it causes: paths then cross at an angle.
+    norm = StepNorm(scale, 1.0 / max(motion, _MIN_LOAD_STEP_MOTION / load_step))
+    return ContinuationSettings(
+        control, True, settings.step or step, load_step, norm, settings.max_points
+    )
 
 
 def _follow_from_mechanism(
-    corrector: Corrector, path: Path, stepping: ContinuationSettings, targets: Sequence[float]
+    corrector: Corrector, path: Path, steps: ContinuationSettings, targets: Sequence[float]
 ) -> None:
-    """Follow the path of a mechanism that is free to move without the load: relax it under some."""
+    """Follow a path from an unloaded mechanism that is free to move, by relaxation under load."""
     e, begin = corrector.system.equations, path.end
-    if not isinstance(stepping.aim, LoadControl):
+    if not isinstance(steps.target_control, LoadControl):
         path.status = Status(
             "failed",
-            f"{_freest_coordinate(e, begin)} is free to move without stiffness where nothing is loaded, no path "
-            "leads away from there; name in loads= what moves it, or give to= a load factor",
+            f"{free_coordinate(e, begin)} is free to move without stiffness while unloaded, so no "
+            "path starts there; name in loads= what moves it, or set to= to a load factor",
         )
         return
     try:
         for k, target in enumerate(targets):
-            first = path.end.mu + np.sign(target - path.end.mu) * min(
-                stepping.load, abs(target - path.end.mu)
-            )
-            near = _relax(corrector, path.end.x[: e.n], float(first))
-            if not near.stability.free:
-                # It rests anywhere without the load: no path leads from there to here.
-                path.points[-1] = near
-                follow_path(corrector, path, stepping, targets[k:])
+            remaining = target - path.end.mu
+            first = path.end.mu + np.sign(remaining) * min(steps.max_load_step, abs(remaining))
+            point = _relax(corrector, path.end.x[: e.n], float(first))
+            if not point.stability.free_count:
+                # The unloaded position is arbitrary, so the path begins at this point instead.
+                path.points[-1] = point
+                follow_path(corrector, path, steps, targets[k:])
                 return
             path.points.append(_relax(corrector, path.end.x[: e.n], target))
-    except BeamdaeError as problem:
-        path.status = Status("failed", str(problem).rstrip("."))
+    except BeamdaeError as error:
+        path.status = Status("failed", str(error).rstrip("."))
 
 
-def _freest_coordinate(e: EquationsOfMotion, at: EquilibriumPoint) -> str:
-    """The coordinate that moves most without stiffness."""
-    values = at.stability.values
-    return _dominant_coordinate(e, at.stability.modes[:, int(np.argmin(np.abs(values)))])
+def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
+    """Return the coordinate that dominates the motion without stiffness, or ""."""
+    stability = point.stability
+    if not stability.free_count:
+        return ""
+    softest = int(np.argmin(np.abs(stability.eigenvalues)))
+    return _dominant_coordinate(e, stability.modes[:, softest])
 
 
 def _dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
-    moved = np.abs(mode / e.position_scales)
-    alike = np.flatnonzero(moved >= (1.0 - _ALIKE) * np.max(moved)).tolist()
-    # Of those that move alike but for rounding an angle tells more than what it carries along.
-    return e.q_names[min(alike, key=lambda k: (e.coordinates[k].unit != "rad", k))]
+    size = np.abs(mode / e.position_scales)
+    largest = np.flatnonzero(size >= (1.0 - _EQUAL_MOTION_TOLERANCE) * np.max(size)).tolist()
+    # Of equal motions, an angle describes the mode better than the points it moves.
+    return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _mode_coordinate(e: EquationsOfMotion, at: EquilibriumPoint, index: int) -> str:
-    return _dominant_coordinate(e, at.stability.mode(index)) if len(at.stability.values) else ""
-
-
-def free_coordinate(e: EquationsOfMotion, at: EquilibriumPoint) -> str:
-    """The coordinate that moves most in a motion that nothing resists, or nothing."""
-    return _freest_coordinate(e, at) if at.stability.free else ""
-
-
-def _end_status(path: Path, system: LoadedEquations, asked: PathSettings | None) -> Status:
-    """Why the path ended, with the last factor that converged."""
+def _end_status(path: Path, system: LoadedEquations, control: str) -> Status:
+    """Return the status of a path; if it failed, with the last load factor and a remedy."""
     if path.status.success:
         return path.status
-    end, told = path.end, path.status.sentence
-    sentence = f"{told}; the last load factor that converged is {end.mu:.6g}"
-    if path.stuck:
-        control = LOAD if asked is None else asked.control
+    sentence = f"{path.status.sentence}; the last load factor that converged is {path.end.mu:.6g}"
+    if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
     return Status(path.status.kind, sentence)
 
 
 def _remedy(path: Path, e: EquationsOfMotion, control: str) -> str:
-    """What may help, the end of a sentence."""
+    """Return the end of a sentence: the likely reason why no step converges, and what to do."""
     if control == DISPLACEMENT and len(path.points) == 1:
-        return ", as where the loads do not move what they should"
+        return ", as if the loads do not move the prescribed column"
     if control == DISPLACEMENT:
-        return ", control='arc length' goes on where a displacement turns back"
+        return ", control='arc length' continues where a displacement turns back"
     if control != LOAD:
         return ""
     if len(path.points) == 1:
-        return ", a millionth of a step is too much: the loads may be larger than meant"
-    end = path.end
-    before, now = (_lowest_positive_stiffness(point) for point in (path.points[0], end))
-    if not 0.0 < now < _SOFT * before:
-        return ", control='arc length' goes on where a load can rise no more"
-    coordinate = _dominant_coordinate(e, end.stability.mode(end.stability.negative))
+        return ", a millionth of a step is too much: the loads may be larger than intended"
+    before, now = (_lowest_positive_eigenvalue(point) for point in (path.points[0], path.end))
+    if not 0.0 < now < _SOFT_RATIO * before:
+        return ", control='arc length' continues where a load can rise no further"
+    stability = path.end.stability
+    coordinate = _dominant_coordinate(e, stability.mode(stability.negative_count))
     return (
-        f", where {coordinate} has lost {1.0 - now / before:.0%} of the stiffness against it, as "
-        "before a limit load: control='arc length' goes on"
+        f", where {coordinate} has lost {1.0 - now / before:.0%} of its stiffness, as before a "
+        "limit point: control='arc length' continues past it"
     )
 
 
-def _lowest_positive_stiffness(at: EquilibriumPoint) -> float:
-    """The least eigenvalue that is positive."""
-    positive = at.stability.values[at.stability.values > 0.0]
+def _lowest_positive_eigenvalue(point: EquilibriumPoint) -> float:
+    eigenvalues = point.stability.eigenvalues
+    positive = eigenvalues[eigenvalues > 0.0]
     return float(positive[0]) if len(positive) else 0.0

@@ -1,4 +1,4 @@
-"""Static equilibrium of a mechanism under loads that are brought up by a factor."""
+"""Static equilibrium of a mechanism under proportional loading: `bd.equilibrium`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.statics.load_scaling import Loading, build_loading
+from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_tracing import PathSettings, free_coordinate, trace_path
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, require_finite
-from beamdae.linear.factorizations import single_threaded
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
@@ -20,9 +20,9 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _NAME = "equilibrium"
-_WITHOUT_FRICTION = (
-    "friction follows the speed of sliding and holds nothing at rest: this is where the mechanism "
-    "rests without it."
+_FRICTION_WARNING = (
+    "friction depends on the sliding velocity and is zero at rest; this equilibrium is the one "
+    "without friction."
 )
 
 
@@ -37,62 +37,66 @@ def equilibrium(
     t: float = 0.0,
     start: Any = None,
 ) -> Equilibrium:
-    """Where a mechanism rests under its loads: its equilibria as these are brought up by a factor.
+    """Compute static equilibria of a mechanism along a path of growing loads.
 
-    Solves F(t, q, 0, 0; mu) + G^T lam = 0, g(t, q) = 0 along a path that begins at mu = 0 (load
-    stepping), by Newton's method with the exact tangent and cut-back. Laws, drivers and moving
-    loads are read at the time `t`; dampers and friction do nothing at rest (friction follows the
-    speed of sliding, what it would hold by sticking slides). Stability is that under loads that
-    stay: by the signs of the tangent stiffness in the motions that the joints allow, and where
-    loads have no potential (follower loads) by the eigenvalues with the mass matrix.
+    Solves F(t, q, 0, 0; mu) + G^T lam = 0, g(t, q) = 0 along a path that begins at the load factor
+    mu = 0, by Newton's method with the exact tangent; steps that fail are cut back. Laws, drivers
+    and moving loads are evaluated at the time `t`. Dampers and friction forces vanish at rest.
+
+    Stability refers to loads that stay: it follows from the inertia (the number of negative
+    eigenvalues) of the tangent stiffness in the motions that the joints allow. Where loads have no
+    potential (follower loads), it follows from the eigenvalues with the mass matrix.
 
     Parameters
     ----------
     model
         A model function (with its defaults), a mechanism, a constrained system or equations. The
-        latter two have no loads by name: they are brought to rest as they are.
+        latter two have no named loads and are solved under their full load.
     loads
-        Which loads the factor scales: names of parts that state forces alone, and "gravity".
-        Default: every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. Lists
-        of names are stages, one after the other, each from 0 to 1; `to` is of the last. What is not
-        named acts in full from the beginning.
+        Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
+        every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
+        defines stages, each raised from 0 to 1 after the previous one; `to` refers to the last.
+        Loads that are not named act in full from the beginning.
     to
-        The load factor to go to, or several one after the other; or {"tip.y": value}, the value (or
-        several) of an observed position that the path is to be followed to. Each is a row of the
-        path.
+        Load factor to reach, or several in turn; or {"tip.y": value}, the value (or several) of an
+        observed position. Each target is a row of the path.
     control
-        What is given in each step: "load", the factor (default); "displacement", the column of
-        `to`, which passes limit loads (default where `to` names one); or "arc length" (Keller,
-        1977), which passes turning points of the displacement as well, and goes on and never back.
+        Quantity prescribed in each step. "load": the load factor (default). "displacement": the
+        column of `to`, which passes limit points (default where `to` names a column). "arc length":
+        pseudo-arc length (Keller 1977), which passes limit points and turning points of the
+        displacement.
     step
-        The largest step: of the factor (default a tenth of the way), of the column (a twentieth),
-        or by arc length of the motion, relative to the size of the mechanism or in rad (0.05).
+        Largest step. With "load": of mu, defaults to 0.1 of the distance to the farthest target.
+        With "displacement": in the unit of the column, defaults to 0.05 of that distance. With
+        "arc length": of the motion relative to the size of the mechanism, or in rad, defaults to
+        0.05.
     switch
-        Leave the path at this branch point, the first is 1, on to the path that crosses it there,
-        by arc length; negative: to the other side. Several: the next is counted on that path.
+        Number of the branch point, counted from 1, at which to switch to the crossing path, by
+        arc length; negative numbers select the opposite side. A list switches repeatedly, each
+        number counted on the current path. 0: never.
     most_points
-        Where the path ends whatever it has reached.
+        Maximum number of points.
     t
-        Time [s] at which laws are read.
+        Time [s] at which laws are evaluated.
     start
-        Positions to begin near, by name as in `simulate`, or the end of another path; default the
-        model's own.
+        Positions near which the path begins, by name as in `simulate`, or the `Equilibrium` at the
+        end of another path. Defaults to the start of the model.
 
     Returns
     -------
     Equilibrium
-        Also where the path ended early: `status` says why, and the path up to there is kept.
+        The path. If it ended early, `status` gives the reason and the path ends there.
 
     Raises
     ------
     BeamdaeError
-        If the model or a setting is wrong, or nothing comes to rest even without the load.
+        If the model or an argument is invalid, or no equilibrium without the load is found.
 
     Warns
     -----
     BeamdaeWarning
-        Of a path that did not reach its end, with the last factor that did and the reason, and of
-        what is not to be trusted as it stands, see `Equilibrium.warnings`.
+        If the path ended early, with the last load factor that converged and the reason, and for
+        each of `Equilibrium.warnings`.
 
     Examples
     --------
@@ -112,51 +116,45 @@ def equilibrium(
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
     t = require_finite(_NAME, "t", t)
-    asked = PathSettings.of(to, control, step, switch, most_points)
-    whole, q = _begin(model, start)
-    loading = build_loading(model, whole, loads, t)
+    settings = PathSettings.from_arguments(to, control, step, switch, most_points)
+    equations, q = _initial_positions(model, start)
+    loading = build_loading(model, equations, loads, t)
     with single_threaded:
-        found = _result(loading, q, asked, information)
-    told = list(found.warnings)
-    if not found.status.success:
-        told.insert(0, f"{information.get('name', _NAME)}: {found.status.sentence}.")
-    for sentence in told:
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
-    return found
+        path = trace_path(loading, q, settings)
+        states = np.array([point.x for point in path.points])
+        positions, multipliers = states[:, : equations.n], states[:, equations.n :]
+        has_friction = any(term.rows is not None for term in equations.forces)
+        result = Equilibrium(
+            equations,
+            float(loading.systems[0].loaded.time[0]),
+            path.status,
+            loading.stages,
+            path.factors,
+            positions,
+            loading.full_multipliers(positions, multipliers),
+            np.array([point.stability.unstable_count for point in path.points]),
+            path.critical,
+            {**settings.description, "iterations": path.iterations},
+            information,
+            (_FRICTION_WARNING,) if has_friction else (),
+            free_coordinate(equations, path.points[-1]),
+        )
+    messages = list(result.warnings)
+    if not result.status.success:
+        messages.insert(0, f"{information.get('name', _NAME)}: {result.status.sentence}.")
+    for message in messages:
+        warnings.warn(message, BeamdaeWarning, stacklevel=2)
+    return result
 
 
-def _begin(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
-    """The equations of the whole model, and positions to begin near."""
+def _initial_positions(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
+    """Return the equations of the whole model and the positions near which the path begins."""
     if isinstance(start, Equilibrium):
-        whole = as_equations(_NAME, model, AS_DRAWN)
-        return whole, start.starting().starting(whole).q0
+        equations = as_equations(_NAME, model, AS_DRAWN)
+        return equations, start.starting().starting(equations).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:
         start = require_start(_NAME, start, ", or another equilibrium")
-    whole = as_equations(_NAME, model, AS_DRAWN if start == EQUILIBRIUM else start)
-    return whole, whole.q0
-
-
-def _result(
-    loading: Loading, q: Array, asked: PathSettings, information: dict[str, Any]
-) -> Equilibrium:
-    e, time = loading.whole, loading.systems[0].under.time
-    found = trace_path(loading, q, asked)
-    states = np.array([point.x for point in found.points])
-    rubs = any(term.rows is not None for term in e.forces)
-    return Equilibrium(
-        e,
-        float(time[0]),
-        found.status,
-        loading.stages,
-        found.factors,
-        states[:, : e.n],
-        loading.reactions(states[:, : e.n], states[:, e.n :]),
-        np.array([point.stability.unstable for point in found.points]),
-        found.critical,
-        {**asked.told, "iterations": found.iterations},
-        information,
-        (_WITHOUT_FRICTION,) if rubs else (),
-        free_coordinate(e, found.points[-1]),
-    )
+    equations = as_equations(_NAME, model, AS_DRAWN if start == EQUILIBRIUM else start)
+    return equations, equations.q0
