@@ -1,4 +1,4 @@
-"""Plane curves by their curvature: clothoids and the like."""
+"""Plane curves given by their curvature, such as clothoids."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.curves.plane_curves import ARC_LENGTH_GAUSS, ARC_LENGTH_INTERVALS
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -21,24 +22,30 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
-_INTERVALS = 400
-_GAUSS = np.polynomial.legendre.leggauss(8)
+_MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines do not resolve sharper turns
 
 
 @dataclass(frozen=True)
 class IntrinsicCurve:
-    """Curve of a given curvature by arc length, as by Cesàro's equation.
+    """Curve given by its curvature as a function of arc length (Cesàro's equation).
 
     Parameters
     ----------
     law
-        Arc length s [m] -> signed curvature [1/m], positive to the left; smooth.
+        Smooth function of arc length s [m] that returns the signed curvature [1/m], positive to the
+        left.
     length
         Arc length [m].
     start
-        Where it begins [m].
+        Start point (x, y) [m].
     angle
-        Its tangent there [rad].
+        Angle of the tangent at the start [rad].
+
+    Raises
+    ------
+    BeamdaeError
+        If the law fails, is not finite, or turns the curve by more than 0.5 rad within 1/400 of its
+        length.
 
     Examples
     --------
@@ -65,30 +72,30 @@ class IntrinsicCurve:
                 f"IntrinsicCurve: law must be a function of s, got {short_repr(self.law)}."
             )
         turn = float(np.max(np.abs(np.diff(self.tangent_angle(self._grid)))))
-        if not turn < 0.5:
+        if not turn < _MAX_TURN_PER_INTERVAL:
             raise BeamdaeError(
-                f"IntrinsicCurve: law must give a curvature by which the curve turns gradually, it "
-                f"turns by {turn:.3g} rad within 1/{_INTERVALS} of its length."
+                "IntrinsicCurve: the tangent must turn gradually, but with this law it turns by "
+                f"{turn:.3g} rad within 1/{ARC_LENGTH_INTERVALS} of its length."
             )
 
     @cached_property
     def _grid(self) -> Array:
-        return np.linspace(0.0, self.length, _INTERVALS + 1)
+        return np.linspace(0.0, self.length, ARC_LENGTH_INTERVALS + 1)
 
     def _curvature_at(self, s: float) -> float:
         try:
             value = self.law(s)
         except Exception as problem:
             raise BeamdaeError(
-                f"IntrinsicCurve: law must give a number for every s in [0, {self.length:g}], at "
+                f"IntrinsicCurve: law must return a number for every s in [0, {self.length:g}]; at "
                 f"s = {s:.6g} it failed, {format_exception(problem)}."
             ) from problem
         return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)
 
     @cached_property
     def _splines(self) -> tuple[Any, Any]:
-        """Curvature and tangent angle."""
-        # Here, for it takes as long to import as a short run, and few models have such curves.
+        """Splines of curvature and tangent angle."""
+        # Imported here because it takes as long as a short run and few models need it.
         from scipy.interpolate import make_interp_spline
 
         values = np.array([self._curvature_at(s) for s in self._grid.tolist()])
@@ -96,27 +103,30 @@ class IntrinsicCurve:
         return curvature, curvature.antiderivative()
 
     @cached_property
-    def _places(self) -> Array:
-        """Points at the grid."""
-        steps = self._stretches(self._grid[:-1], self._grid[1:])
+    def _grid_points(self) -> Array:
+        """Points (n, 2) at the grid."""
+        steps = self._integrate_tangent(self._grid[:-1], self._grid[1:])
         return np.concatenate([[self.start], self.start + np.cumsum(steps, axis=0)])
 
-    def _stretches(self, a: Array, b: Array) -> Array:
-        nodes, weights = _GAUSS
+    def _integrate_tangent(self, a: Array, b: Array) -> Array:
+        """Return the vectors (..., 2) from arc lengths a to b by Gauss quadrature."""
+        nodes, weights = ARC_LENGTH_GAUSS
         half = 0.5 * (b - a)
         angle = self.tangent_angle(0.5 * (a + b)[..., None] + half[..., None] * nodes)
         return half[..., None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], -1)
 
     def point(self, s: Any) -> Array:
-        """Points (..., 2) [m] at arc lengths s [m]."""
+        """Return points (..., 2) [m] at arc lengths s [m]."""
         s = np.asarray(s, float)
-        before = np.clip(np.searchsorted(self._grid, s, side="right") - 1, 0, _INTERVALS - 1)
-        return self._places[before] + self._stretches(self._grid[before], s)
+        interval = np.clip(
+            np.searchsorted(self._grid, s, side="right") - 1, 0, ARC_LENGTH_INTERVALS - 1
+        )
+        return self._grid_points[interval] + self._integrate_tangent(self._grid[interval], s)
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the tangent [rad] at s."""
+        """Return the angle of the tangent [rad] at arc lengths s [m]."""
         return self.angle + self._splines[1](np.asarray(s, float))
 
     def curvature(self, s: Any) -> Array:
-        """Signed curvature [1/m] at s."""
+        """Return the signed curvature [1/m] at arc lengths s [m]."""
         return self._splines[0](np.asarray(s, float))

@@ -19,11 +19,18 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
+# Largest tangent angle of an arc [rad]; beyond it, rounding of the angle distorts the curve.
 _MAX_ANGLE = 1e6
+_ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of the ends of a segment
+_CIRCLE_TOLERANCE = 1e-12  # relative to the circumference; rounding of a full circle
+
+# Quadrature of curves without a closed arc length: intervals, Gauss points and weights in each.
+ARC_LENGTH_INTERVALS = 400
+ARC_LENGTH_GAUSS = np.polynomial.legendre.leggauss(8)
 
 
 def rotate_points(points: Array, angle: Any) -> Array:
-    """Points or vectors (..., 2) turned counter-clockwise by `angle` [rad]."""
+    """Return points or vectors (..., 2) rotated counter-clockwise by `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = points[..., 0], points[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -31,28 +38,29 @@ def rotate_points(points: Array, angle: Any) -> Array:
 
 @runtime_checkable
 class PlaneCurve(Protocol):
-    """What a beam asks of its reference curve; every method takes arc lengths of any shape."""
+    """Interface of a beam's reference curve; all methods accept arc lengths of any shape."""
 
     @property
     def length(self) -> float:
         """Total arc length [m]."""
 
     def point(self, s: Any) -> Array:
-        """Points (..., 2) [m] at arc lengths s [m]."""
+        """Return points (..., 2) [m] at arc lengths s [m]."""
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the tangent [rad] at s, continuous along the curve."""
+        """Return the angle of the tangent [rad] at s, continuous along the curve."""
 
     def curvature(self, s: Any) -> Array:
-        """Signed curvature 1/R = d angle / ds [1/m], positive to the left (eq. 2)."""
+        """Return the signed curvature 1/R = d angle / ds [1/m], positive to the left (eq. 2)."""
 
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
-    """Return `curve` if it is a plane curve by arc length."""
-    # A class has the methods, too.
+    """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
+    # A curve class, not an instance, has these methods as well.
     if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
-            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got {short_repr(curve)}."
+            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got "
+            f"{short_repr(curve)}."
         )
     require_positive(part, "the length of its curve", curve.length)
     return curve
@@ -60,7 +68,26 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
 
 @dataclass(frozen=True)
 class Line:
-    """Straight segment from `start` to `end`, two points of the drawing [m]."""
+    """Straight line between two points.
+
+    Parameters
+    ----------
+    start
+        Start point (x, y) [m].
+    end
+        End point (x, y) [m].
+
+    Raises
+    ------
+    BeamdaeError
+        If both points are the same.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.Line((0.0, 0.0), (3.0, 4.0)).length
+    5.0
+    """
 
     start: tuple[float, float]
     end: tuple[float, float]
@@ -80,26 +107,40 @@ class Line:
         return float(np.hypot(*np.subtract(self.end, self.start)))
 
     def point(self, s: Any) -> Array:
-        """Points (..., 2) [m] at arc lengths s [m]."""
-        share = np.asarray(s, float)[..., None] / self.length
-        return np.asarray(self.start, float) + share * np.subtract(self.end, self.start)
+        """Return points (..., 2) [m] at arc lengths s [m]."""
+        fraction = np.asarray(s, float)[..., None] / self.length
+        return np.asarray(self.start, float) + fraction * np.subtract(self.end, self.start)
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the tangent [rad] at s."""
+        """Return the angle of the tangent [rad] at arc lengths s [m]."""
         dx, dy = np.subtract(self.end, self.start)
         return np.full(np.shape(s), np.arctan2(dy, dx))
 
     def curvature(self, s: Any) -> Array:
-        """Signed curvature [1/m] at s."""
+        """Return the signed curvature [1/m] at arc lengths s [m]."""
         return np.zeros(np.shape(s))
 
 
 @dataclass(frozen=True)
 class Arc:
-    """Circular arc of given `radius` and `length` [m] leaving `start` at the tangent `angle` [rad].
+    """Circular arc, of at most one full circle.
 
-    A positive radius bends to the left (counter-clockwise), a negative one to the right; at
-    most one full circle.
+    Parameters
+    ----------
+    radius
+        Radius [m]; a positive arc bends to the left (counter-clockwise), a negative one to the
+        right.
+    length
+        Arc length [m].
+    start
+        Start point (x, y) [m].
+    angle
+        Angle of the tangent at the start [rad].
+
+    Raises
+    ------
+    BeamdaeError
+        If the radius is zero, or the arc longer than a full circle.
 
     Examples
     --------
@@ -126,37 +167,53 @@ class Arc:
             raise BeamdaeError("Arc: radius must not be zero.")
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
-                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, rounding bends the curve beyond, "
-                f"got {self.angle:g}."
+                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, beyond which rounding distorts the "
+                f"curve, got {self.angle:g}."
             )
         circle = 2.0 * np.pi * abs(self.radius)
-        if self.length > circle * (1.0 + 1e-12):
+        if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
             raise BeamdaeError(
-                f"Arc: a length of {self.length:g} m folds the curve onto itself, "
+                f"Arc: a length of {self.length:g} m folds the curve onto itself; "
                 f"at most one full circle of {circle:g} m is allowed."
             )
 
     def point(self, s: Any) -> Array:
-        """Points (..., 2) [m] at arc lengths s [m]."""
+        """Return points (..., 2) [m] at arc lengths s [m]."""
         half = 0.5 * np.asarray(s, float) / self.radius
-        # The chord, not differences of sines: an almost straight arc has a huge radius.
+        # Chord length and direction: differences of sines cancel for arcs of huge radius.
         along = np.stack([np.cos(self.angle + half), np.sin(self.angle + half)], axis=-1)
         return np.asarray(self.start, float) + (2.0 * self.radius * np.sin(half))[..., None] * along
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the tangent [rad] at s."""
+        """Return the angle of the tangent [rad] at arc lengths s [m]."""
         return self.angle + np.asarray(s, float) / self.radius
 
     def curvature(self, s: Any) -> Array:
-        """Signed curvature [1/m] at s."""
+        """Return the signed curvature [1/m] at arc lengths s [m]."""
         return np.full(np.shape(s), 1.0 / self.radius)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """The part of a `curve` from arc length `start` to arc length `end` [m].
+    """Part of a curve, such as for one of several beams that are welded together.
 
-    For a beam cut into several that are welded together.
+    Parameters
+    ----------
+    curve
+        The whole curve.
+    start, end
+        Arc lengths at the ends of the part [m].
+
+    Raises
+    ------
+    BeamdaeError
+        Unless 0 <= start < end <= length of the curve.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.Segment(bd.Line((0.0, 0.0), (2.0, 0.0)), 0.5, 2.0).length
+    1.5
     """
 
     curve: PlaneCurve
@@ -170,8 +227,8 @@ class Segment:
             start=require_finite("Segment", "start", self.start),
             end=require_finite("Segment", "end", self.end),
         )
-        whole = self.curve.length
-        if not -1e-9 * whole <= self.start < self.end <= whole * (1.0 + 1e-9):
+        whole, slack = self.curve.length, _ARC_LENGTH_TOLERANCE
+        if not -slack * whole <= self.start < self.end <= whole * (1.0 + slack):
             raise BeamdaeError(
                 f"Segment: start and end must ascend within [0, {whole:.12g}] m, "
                 f"got {self.start:.12g} and {self.end:.12g}."
@@ -184,17 +241,17 @@ class Segment:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Those of the whole curve."""
+        """Facts about the whole curve."""
         return getattr(self.curve, "facts", {})
 
     def point(self, s: Any) -> Array:
-        """Points (..., 2) [m] at arc lengths s [m]."""
+        """Return points (..., 2) [m] at arc lengths s [m]."""
         return self.curve.point(self.start + np.asarray(s, float))
 
     def tangent_angle(self, s: Any) -> Array:
-        """Angle of the tangent [rad] at s."""
+        """Return the angle of the tangent [rad] at arc lengths s [m]."""
         return self.curve.tangent_angle(self.start + np.asarray(s, float))
 
     def curvature(self, s: Any) -> Array:
-        """Signed curvature [1/m] at s."""
+        """Return the signed curvature [1/m] at arc lengths s [m]."""
         return self.curve.curvature(self.start + np.asarray(s, float))

@@ -1,4 +1,4 @@
-"""Plane curves without a closed arc length: parabolas, any y = f(x), points."""
+"""Plane curves without a closed arc length: parabolas, functions y = f(x), measured points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.curves.plane_curves import PlaneCurve, rotate_points
+from beamdae.curves.plane_curves import (
+    ARC_LENGTH_GAUSS,
+    ARC_LENGTH_INTERVALS,
+    PlaneCurve,
+    rotate_points,
+)
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -26,164 +31,115 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
-# Second differences of the curvature from point to point, over the curvature, as root mean squares:
-# 0.03 to 0.8 of 40 to 8 points of smooth curves, 1 to 3.7 where noise is most of the curvature.
+_FUNCTION_SAMPLES = 601
+# Distance of the spline from a function between two samples, over their distance, that is accepted.
+# At a kink where the slope changes by 1 it is some hundredths.
+_MAX_INTERPOLATION_ERROR = 1e-3
+
+_MIN_POINTS = 4  # of a cubic spline
+
+# Newton corrections of the curve parameter of an arc length.
+_PARAMETER_ITERATIONS = 3
+# Smallest over largest speed of the parameter; a cusp is below.
+_MIN_SPEED_RATIO = 1e-8
+# Cosines of the angle between successive tangents, and successive steps between points, below which
+# the curve folds back.
+_MIN_TANGENT_COSINE = 0.5
+_MIN_STEP_COSINE = -0.5
+
+# Root mean square of the second differences of the curvature from point to point, over that of the
+# curvature: 0.03 to 0.8 for 40 to 8 points of smooth curves, 1 to 3.7 where the curvature is mostly
+# noise.
 _MAX_CURVATURE_JUMP = 1.0
-# Curvature times length of curves that are straight but for rounding.
-_STRAIGHT_CURVATURE = 1e-6
-# Knots to tell a curvature from its jumps by.
-_MIN_INNER_KNOTS = 4
+_STRAIGHT_CURVATURE = (
+    1e-6  # curvature times length below which a curve is straight but for rounding
+)
+_MIN_INNER_KNOTS = 4  # needed to distinguish a curvature from its jumps
 _DISTANCE_SAMPLES = 2001
 
 
-def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
-    """The smoothing spline that misses points by `noise` [m] in each coordinate."""
-    # Here, for it takes as long to import as a short run, and few models have such curves.
-    from scipy.interpolate import BSpline, splprep
-
-    count = len(points)
-    with warnings.catch_warnings():
-        # Of noise too small for its iterations; how far points lie from the curve is a fact.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        (knots, values, degree), _ = splprep(points.T, u=parameter, s=2.0 * count * noise**2, k=3)
-    spline = BSpline(knots, np.stack(values, axis=-1), degree)
-    if not np.all(np.isfinite(spline.c)):
-        raise BeamdaeError(f"Curve: noise {noise:g} m is too large for its points.")
-    return spline
-
-
-def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Distances of points from a curve [m], and its largest curvature [1/m]."""
-    s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
-    on_curve, tangent = curve.point(s), curve.tangent_angle(s)
-    away = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
-    return {
-        "root mean square distance of its points [m]": float(np.sqrt(np.mean(away**2))),
-        "largest distance of its points [m]": float(away.max()),
-        "largest curvature [1/m]": float(np.abs(curve.curvature(s)).max()),
-    }
-
-
-def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Of a point from the tangent of the nearest of the candidates."""
-    nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
-    apart = p - on_curve[nearest]
-    if nearest in (0, len(on_curve) - 1):
-        return float(np.hypot(*apart))
-    return abs(float(-np.sin(tangent[nearest]) * apart[0] + np.cos(tangent[nearest]) * apart[1]))
-
-
-def warn_about_curvature_jumps(spline: Any, length: float) -> None:
-    """Warn of points whose noise is most of the curvature of the spline through them."""
-    # The second and the last but one point are no knots, and at the ends nothing holds the spline.
-    at = np.unique(spline.t)[1:-1]
-    if len(at) < _MIN_INNER_KNOTS:
-        return
-    d1, d2 = spline(at, 1), spline(at, 2)
-    speed = np.linalg.norm(d1, axis=-1)
-    curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / speed**3
-    size = float(np.sqrt(np.mean(curvature**2)))
-    if size * length < _STRAIGHT_CURVATURE:
-        return
-    jumping = float(np.sqrt(np.mean(np.diff(curvature, 2) ** 2))) / size
-    if jumping > _MAX_CURVATURE_JUMP:
-        sentence = (
-            f"Curve: the curvature of the spline through its points jumps by {jumping:.2g} times "
-            "its size from point to point, as that of points that scatter or are too few does; "
-            "give noise= [m], by how much they scatter, or more points."
-        )
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
-
-
-_INTERVALS = 400
-_FUNCTION_SAMPLES = 601
-# What the spline may miss a function by between two samples, over their distance: at a kink of the
-# slope by 1 it is some hundredths.
-_MAX_INTERPOLATION_ERROR = 1e-3
-_GAUSS = np.polynomial.legendre.leggauss(8)
-
-
-def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
-    """The spline of this degree through points."""
-    # Here, for it takes as long to import as a short run, and few models have such curves.
-    from scipy.interpolate import make_interp_spline
-
-    return make_interp_spline(parameter, points, k=degree)
-
-
 class _SplineCurve:
-    """Arc length, angle and curvature of a curve given by `_spline`: parameter -> (x, y).
+    """Arc length, tangent angle and curvature of a curve defined by a spline.
 
-    The arc length is integrated by Gauss quadrature on fine intervals; the parameter of an arc
-    length is found from that table and two Newton corrections.
+    `_spline` maps a parameter to (x, y). The arc length is integrated by Gauss quadrature on fine
+    intervals. The parameter of an arc length is interpolated in that table and corrected by
+    Newton's method.
     """
 
     _spline: Any
 
     @cached_property
-    def _table(self) -> tuple[Array, Array]:
+    def _arc_length_table(self) -> tuple[Array, Array]:
+        """Parameters and their arc lengths."""
         knots = np.unique(self._spline.t)
-        grid = np.unique(np.concatenate([np.linspace(knots[0], knots[-1], _INTERVALS + 1), knots]))
-        lengths = self._stretches(grid[:-1], grid[1:])
+        uniform = np.linspace(knots[0], knots[-1], ARC_LENGTH_INTERVALS + 1)
+        grid = np.unique(np.concatenate([uniform, knots]))
+        lengths = self._integrate_speed(grid[:-1], grid[1:])
         return grid, np.concatenate([[0.0], np.cumsum(lengths)])
 
-    def _stretches(self, a: Array, b: Array) -> Array:
-        nodes, weights = _GAUSS
+    def _integrate_speed(self, a: Array, b: Array) -> Array:
+        """Return the arc lengths from parameters a to b by Gauss quadrature."""
+        nodes, weights = ARC_LENGTH_GAUSS
         half = 0.5 * (b - a)
-        at = 0.5 * (a + b)[..., None] + half[..., None] * nodes
-        speed = np.linalg.norm(self._spline(at, 1), axis=-1)
+        parameters = 0.5 * (a + b)[..., None] + half[..., None] * nodes
+        speed = np.linalg.norm(self._spline(parameters, 1), axis=-1)
         return half * (speed @ weights)
 
-    def _check_regular(self, part: str) -> None:
-        grid, _ = self._table
+    def _require_regular(self, part: str) -> None:
+        """Refuse a curve with a cusp or a sharp turn."""
+        grid, _ = self._arc_length_table
         tangent = self._spline(grid, 1)
         speed = np.linalg.norm(tangent, axis=-1)
-        if not np.all(np.isfinite(speed)) or speed.min() <= 1e-8 * speed.max():
-            at = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
+        if not np.all(np.isfinite(speed)) or speed.min() <= _MIN_SPEED_RATIO * speed.max():
+            x, y = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself or has a cusp near "
-                f"({at[0]:.6g}, {at[1]:.6g}), it must run on in one direction."
+                f"{part}: the curve folds onto itself or has a cusp near ({x:.6g}, {y:.6g}); it "
+                "must run on in one direction."
             )
-        turn = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
-        if turn.min() < 0.5:
-            at = self._spline(grid[int(np.argmin(turn))])
+        cosine = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
+        if cosine.min() < _MIN_TANGENT_COSINE:
+            x, y = self._spline(grid[int(np.argmin(cosine))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself near ({at[0]:.6g}, {at[1]:.6g}), "
-                "its tangent must turn gradually."
+                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}); its tangent must "
+                "turn gradually."
             )
 
     def _parameter(self, s: Any) -> Array:
-        grid, table = self._table
+        """Return the spline parameter at arc lengths s [m]."""
+        grid, table = self._arc_length_table
         s = np.clip(np.asarray(s, float), 0.0, table[-1])
         interval = np.clip(np.searchsorted(table, s, side="right") - 1, 0, grid.size - 2)
         tau = np.interp(s, table, grid)
-        for _ in range(3):
-            at = table[interval] + self._stretches(grid[interval], tau)
-            tau = tau - (at - s) / np.linalg.norm(self._spline(tau, 1), axis=-1)
+        for _ in range(_PARAMETER_ITERATIONS):
+            arc_length = table[interval] + self._integrate_speed(grid[interval], tau)
+            tau = tau - (arc_length - s) / np.linalg.norm(self._spline(tau, 1), axis=-1)
         return tau
 
     @property
     def length(self) -> float:
-        return float(self._table[1][-1])
+        """Total arc length [m]."""
+        return float(self._arc_length_table[1][-1])
 
     def point(self, s: Any) -> Array:
+        """Return points (..., 2) [m] at arc lengths s [m]."""
         return self._spline(self._parameter(s))
 
     @cached_property
-    def _unwrapped(self) -> Array:
-        """Angle of the tangent at the parameters of the table, continuous."""
-        dense = self._spline(self._table[0], 1)
-        return np.unwrap(np.arctan2(dense[:, 1], dense[:, 0]))
+    def _continuous_angles(self) -> Array:
+        """Angle of the tangent at the parameters of the table, without jumps by 2 pi."""
+        tangent = self._spline(self._arc_length_table[0], 1)
+        return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
     def tangent_angle(self, s: Any) -> Array:
+        """Return the angle of the tangent [rad] at arc lengths s [m]."""
         tau = self._parameter(s)
-        here = self._spline(tau, 1)
-        wrapped = np.arctan2(here[..., 1], here[..., 0])
-        return wrapped + 2.0 * np.pi * np.round(
-            (np.interp(tau, self._table[0], self._unwrapped) - wrapped) / (2.0 * np.pi)
-        )
+        tangent = self._spline(tau, 1)
+        principal = np.arctan2(tangent[..., 1], tangent[..., 0])
+        continuous = np.interp(tau, self._arc_length_table[0], self._continuous_angles)
+        return principal + 2.0 * np.pi * np.round((continuous - principal) / (2.0 * np.pi))
 
     def curvature(self, s: Any) -> Array:
+        """Return the signed curvature [1/m] at arc lengths s [m]."""
         tau = self._parameter(s)
         d1, d2 = self._spline(tau, 1), self._spline(tau, 2)
         cross = d1[..., 0] * d2[..., 1] - d1[..., 1] * d2[..., 0]
@@ -192,10 +148,31 @@ class _SplineCurve:
 
 @dataclass(frozen=True)
 class Parabola(_SplineCurve):
-    """Parabola y = 4 d x (l - x) / l^2 of span l and rise d [m] (eq. 26).
+    """Parabola y = 4 d x (l - x) / l^2 (eq. 26).
 
-    It starts at `start`; `angle` [rad] is the direction of its chord. A positive rise lies to
-    the left of the chord, a negative one to the right.
+    Parameters
+    ----------
+    span
+        Length l of the chord [m].
+    rise
+        Distance d of the vertex from the chord [m]; positive to the left of the chord, negative to
+        the right.
+    start
+        Start point (x, y) [m].
+    angle
+        Angle of the chord [rad].
+
+    Raises
+    ------
+    BeamdaeError
+        If the span is not positive, or the vertex so sharp that the curve folds onto itself.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> rod = bd.Parabola(span=4.0, rise=1.0)
+    >>> rod.point(0.5 * rod.length).round(9)
+    array([2., 1.])
     """
 
     span: float
@@ -211,7 +188,7 @@ class Parabola(_SplineCurve):
             start=require_point("Parabola", "start", self.start),
             angle=require_finite("Parabola", "angle", self.angle),
         )
-        self._check_regular("Parabola")
+        self._require_regular("Parabola")
 
     @cached_property
     def _spline(self) -> Any:
@@ -223,27 +200,37 @@ class Parabola(_SplineCurve):
 
 @dataclass(frozen=True)
 class Curve(_SplineCurve):
-    """Any smooth curve: y = f(x) over an interval, or a spline through points.
+    """Smooth curve: a function y = f(x) over an interval, or a spline through points.
 
     Parameters
     ----------
     function
-        Callable y = f(x) [m] of the drawing; needs `x`.
+        Smooth function y = f(x) [m]; needs `x`.
     x
-        The interval (x_start, x_end) [m]; the curve runs from the first to the second.
+        Interval (x_start, x_end) [m]; the curve runs from the first to the second.
     points
-        Points (n, 2) [m], n >= 4, joined by a cubic spline over the chord length.
+        At least 4 points, shape (n, 2) [m], joined by a cubic spline over the chord length.
     noise
-        By how much measured points scatter about the curve: the standard deviation of x and of y
-        [m]. The spline is then the smoothest that passes them at that distance in the mean
-        (Dierckx 1993); without it the curvature of the curve is mostly that of the noise.
+        Standard deviation of x and of y of measured points [m]. The spline is then the smoothest
+        whose root mean square distance from the points equals the noise (Dierckx 1993). Without it
+        the curvature of a curve through measured points is mostly noise.
+
+    Raises
+    ------
+    BeamdaeError
+        If the function is not smooth or not finite, or the curve folds onto itself.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the curvature of the spline through the points is mostly noise.
 
     Examples
     --------
     >>> import numpy as np
     >>> import beamdae as bd
     >>> wave = bd.Curve(lambda x: 0.1 * np.sin(x), x=(0.0, 3.0))
-    >>> drawn = bd.Curve(points=[(0.0, 0.0), (0.5, 0.1), (1.0, 0.1), (1.5, 0.0)])
+    >>> measured = bd.Curve(points=[(0.0, 0.0), (0.5, 0.1), (1.0, 0.1), (1.5, 0.0)])
     """
 
     function: Callable[[float], float] | None = None
@@ -257,29 +244,29 @@ class Curve(_SplineCurve):
         if self.noise is not None:
             set_fields(self, noise=require_positive("Curve", "noise", self.noise))
             if self.points is None:
-                raise BeamdaeError("Curve: noise is that of points, a function has none.")
+                raise BeamdaeError("Curve: noise applies to points; leave it out with a function.")
         if self.function is not None and not callable(self.function):
             raise BeamdaeError(
                 f"Curve: function must be a function of x, got {short_repr(self.function)}."
             )
-        # What is too large for a curve is told by a sentence.
+        # Overflows end in an error of `_require_regular`.
         with np.errstate(over="ignore", invalid="ignore"):
-            self._check_regular("Curve")
+            self._require_regular("Curve")
             if self.function is not None:
-                self._check_smooth()
+                self._require_smooth_function()
             elif self.noise is None:
                 warn_about_curvature_jumps(self._spline, self.length)
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """How far the points of a measured curve lie from it, and how sharply it bends."""
+        """Distances of the points from the curve and its largest curvature; empty for functions."""
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
     @cached_property
     def _spline(self) -> Any:
-        return self._through_points() if self.function is None else self._of_function()
+        return self._point_spline() if self.function is None else self._function_spline()
 
-    def _of_function(self) -> Any:
+    def _function_spline(self) -> Any:
         assert self.function is not None
         if self.x is None:
             raise BeamdaeError("Curve: a function needs its interval x=(x_start, x_end).")
@@ -288,65 +275,142 @@ class Curve(_SplineCurve):
             raise BeamdaeError(
                 f"Curve: the interval x must not be empty, got {short_repr(self.x)}."
             )
-        share = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
+        parameter = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
         x = np.linspace(x_start, x_end, _FUNCTION_SAMPLES)
-        y = np.array([self._height(xi) for xi in x.tolist()])
-        return _interpolating_spline(share, np.stack([x, y], axis=-1), 5)
+        y = np.array([self._evaluate_function(xi) for xi in x.tolist()])
+        return _interpolating_spline(parameter, np.stack([x, y], axis=-1), 5)
 
-    def _check_smooth(self) -> None:
+    def _require_smooth_function(self) -> None:
+        """Refuse a function that the spline does not follow between the samples."""
         knots = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
-        between = self._spline(0.5 * (knots[:-1] + knots[1:]))
-        missed = np.abs(between[:, 1] - [self._height(x) for x in between[:, 0].tolist()])
-        worst = int(np.argmax(missed))
-        if missed[worst] > _MAX_INTERPOLATION_ERROR * abs(between[1, 0] - between[0, 0]):
+        midpoints = self._spline(0.5 * (knots[:-1] + knots[1:]))
+        exact = [self._evaluate_function(x) for x in midpoints[:, 0].tolist()]
+        error = np.abs(midpoints[:, 1] - exact)
+        worst = int(np.argmax(error))
+        if error[worst] > _MAX_INTERPOLATION_ERROR * abs(midpoints[1, 0] - midpoints[0, 0]):
             raise BeamdaeError(
-                "Curve: the function must be smooth, it has a kink, a jump, an almost vertical "
-                f"tangent or too short a wave near x = {between[worst, 0]:.6g}; beams that meet in "
-                "a kink are joined by a Weld."
+                "Curve: the function must be smooth, but it has a kink, a jump, an almost vertical "
+                f"tangent or a very short wave near x = {midpoints[worst, 0]:.6g}; join beams that "
+                "meet in a kink by a Weld."
             )
 
-    def _height(self, x: float) -> float:
+    def _evaluate_function(self, x: float) -> float:
         assert self.function is not None
         try:
-            y = self.function(x)
+            value = self.function(x)
         except Exception as problem:
             raise BeamdaeError(
                 f"Curve: the function must return a number for every x in {short_repr(self.x)}, "
                 f"but at x = {x:.6g} it failed: {format_exception(problem)}."
             ) from problem
-        found = as_real(y)
-        if found is None:
+        y = as_real(value)
+        if y is None:
             raise BeamdaeError(
-                f"Curve: the function must return a number, at x = {x:.6g} it is {short_repr(y)}."
+                f"Curve: the function must return a number, at x = {x:.6g} it is "
+                f"{short_repr(value)}."
             )
-        if not np.isfinite(found):
+        if not np.isfinite(y):
             raise BeamdaeError(f"Curve: the function must be finite, at x = {x:.6g} it is not.")
-        return found
+        return y
 
-    def _through_points(self) -> Any:
-        wanted = "at least 4 pairs (x, y)"
-        given = require_sequence("Curve", "points", self.points, wanted)
-        if len(given) < 4:
-            raise BeamdaeError(f"Curve: points must be {wanted}, got {len(given)}.")
-        points = np.array([require_point("Curve", f"point {k}", xy) for k, xy in enumerate(given)])
-        step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
-        if step.min() == 0.0:
-            at = points[int(np.argmin(step))]
-            raise BeamdaeError(f"Curve: the point ({at[0]:g}, {at[1]:g}) comes twice in a row.")
-        parameter = np.concatenate([[0.0], np.cumsum(step)])
+    def _point_spline(self) -> Any:
+        expected = f"at least {_MIN_POINTS} pairs (x, y)"
+        pairs = require_sequence("Curve", "points", self.points, expected)
+        if len(pairs) < _MIN_POINTS:
+            raise BeamdaeError(f"Curve: points must be {expected}, got {len(pairs)}.")
+        points = np.array([require_point("Curve", f"point {k}", xy) for k, xy in enumerate(pairs)])
+        distances = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+        if distances.min() == 0.0:
+            x, y = points[int(np.argmin(distances))]
+            raise BeamdaeError(f"Curve: the point ({x:g}, {y:g}) comes twice in a row.")
+        parameter = np.concatenate([[0.0], np.cumsum(distances)])
         if self.noise is not None:
             return fit_smoothing_spline(parameter, points, self.noise)
-        self._check_reversal(points)
+        self._require_one_direction(points)
         return _interpolating_spline(parameter, points, 3)
 
     @staticmethod
-    def _check_reversal(points: Array) -> None:
+    def _require_one_direction(points: Array) -> None:
         step = np.diff(points, axis=0)
-        along = np.einsum("ij,ij->i", step[:-1], step[1:])
-        along /= np.linalg.norm(step[:-1], axis=1) * np.linalg.norm(step[1:], axis=1)
-        if along.min() < -0.5:
-            at = points[int(np.argmin(along)) + 1]
+        cosine = np.einsum("ij,ij->i", step[:-1], step[1:])
+        cosine /= np.linalg.norm(step[:-1], axis=1) * np.linalg.norm(step[1:], axis=1)
+        if cosine.min() < _MIN_STEP_COSINE:
+            x, y = points[int(np.argmin(cosine)) + 1]
             raise BeamdaeError(
-                f"Curve: the curve folds onto itself at the point ({at[0]:g}, {at[1]:g}), "
-                "it must run on in one direction."
+                f"Curve: the curve folds onto itself at the point ({x:g}, {y:g}); it must run on "
+                "in one direction."
             )
+
+
+def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
+    """Return the spline of this degree through points (n, 2)."""
+    # Imported here because it takes as long as a short run and few models need it.
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(parameter, points, k=degree)
+
+
+def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
+    """Return the smoothing spline whose root mean square error in each coordinate is `noise` [m].
+
+    Raises
+    ------
+    BeamdaeError
+        If the noise is too large for the points.
+    """
+    # Imported here because it takes as long as a short run and few models need it.
+    from scipy.interpolate import BSpline, splprep
+
+    count = len(points)
+    with warnings.catch_warnings():
+        # splprep warns if the noise is too small for its iterations; `Curve.facts` reports the
+        # distances.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        (knots, values, degree), _ = splprep(points.T, u=parameter, s=2.0 * count * noise**2, k=3)
+    spline = BSpline(knots, np.stack(values, axis=-1), degree)
+    if not np.all(np.isfinite(spline.c)):
+        raise BeamdaeError(f"Curve: noise {noise:g} m is too large for its points.")
+    return spline
+
+
+def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
+    """Return distances of points from a curve [m], and its largest curvature [1/m]."""
+    s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
+    on_curve, tangent = curve.point(s), curve.tangent_angle(s)
+    distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
+    return {
+        "root mean square distance of its points [m]": float(np.sqrt(np.mean(distances**2))),
+        "largest distance of its points [m]": float(distances.max()),
+        "largest curvature [1/m]": float(np.abs(curve.curvature(s)).max()),
+    }
+
+
+def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
+    """Return the distance of a point from the tangent at the nearest sample of the curve."""
+    nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
+    dx, dy = p - on_curve[nearest]
+    if nearest in (0, len(on_curve) - 1):
+        return float(np.hypot(dx, dy))
+    return abs(float(-np.sin(tangent[nearest]) * dx + np.cos(tangent[nearest]) * dy))
+
+
+def warn_about_curvature_jumps(spline: Any, length: float) -> None:
+    """Warn if the curvature of the spline through points is mostly noise."""
+    # The second and the last but one point are no knots, and at the ends the spline is free.
+    knots = np.unique(spline.t)[1:-1]
+    if len(knots) < _MIN_INNER_KNOTS:
+        return
+    d1, d2 = spline(knots, 1), spline(knots, 2)
+    speed = np.linalg.norm(d1, axis=-1)
+    curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / speed**3
+    size = float(np.sqrt(np.mean(curvature**2)))
+    if size * length < _STRAIGHT_CURVATURE:
+        return
+    jump = float(np.sqrt(np.mean(np.diff(curvature, 2) ** 2))) / size
+    if jump > _MAX_CURVATURE_JUMP:
+        message = (
+            f"Curve: the curvature of the spline through its points jumps by {jump:.2g} times "
+            "its size from point to point, as for points that scatter or are too few; give noise= "
+            "[m], their standard deviation, or more points."
+        )
+        warnings.warn(message, BeamdaeWarning, stacklevel=4)

@@ -640,7 +640,7 @@ def test_beam_refuses_what_it_cannot_use():
         ({"continuity": "smooth"}, "continuity must be one of 'cartesian', 'local', got 'smooth'"),
         (
             {"elements_shape": "straight", "continuity": "local"},
-            "straight elements meet at kinks, continuity must be 'cartesian'",
+            "straight elements meet at kinks; continuity must be 'cartesian'",
         ),
         ({"frame": "mean"}, "frame must be one of 'tangent', 'chord', got 'mean'"),
         ({"elements": 0}, "elements must be a whole number of at least 1, got 0"),

@@ -112,7 +112,7 @@ def test_gentle_curves_are_not_warned_of():
     ("make", "message"),
     [
         (lambda: bd.Curve(points=measured(0.0), noise=0.0), "Curve: noise must be positive, got 0"),
-        (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise is that of points"),
+        (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise applies to points"),
     ],
 )
 def test_refusals(make, message):
