@@ -215,13 +215,13 @@ _MAX_NAME_LENGTH = 100
 
 
 def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it is a text that can name a part, a coordinate or an observable.
+    """Return `name` if it can name a part, a coordinate or an observable.
 
-    Names head the columns of tables, as "name.what [unit]".
+    Names become column headers of tables, as "name.x [m]".
     """
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {short_repr(name)}.")
-    # Spreadsheets take what begins with one of these signs for a formula.
+    # Spreadsheets read a cell that begins with one of these signs as a formula.
     if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
         raise BeamdaeError(
             f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "

@@ -1,4 +1,4 @@
-"""Attachments: material points of bodies, where parts meet."""
+"""Attachments: material points of bodies, to which joints, loads and observables refer."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ from beamdae.symbolic.statements import SX, Piece
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Attachment:
-    """A material point of a body, named by where it sits in the reference drawing.
+    """Material point of a body, given by its place in the reference drawing.
 
     Attributes
     ----------
     body
-        The body it belongs to.
+        Part it belongs to.
     point
-        Its place (x, y) in the reference drawing [m].
+        Position (x, y) in the reference drawing [m].
     inclination
         Angle of the section (or the body) there in the reference drawing [rad].
     operator
-        Rows that pick its local coordinates from those of the body.
+        Sparse matrix that selects its local coordinates from those of the body.
     kinematics
-        Local coordinates -> (position in the inertial frame, turn since the reference drawing); a
-        `Formula` if what is joined to it or observed of it shall be built but once.
+        Function of the local coordinates that returns (position in the inertial frame [m], rotation
+        since the reference drawing [rad]). With a `Formula` joints, loads and observables of equal
+        points share one kernel.
     has_angle
-        Whether it turns; a particle does not.
+        False for a particle.
     s
-        Arc length [m] of the section, on a beam.
+        Arc length of the section [m], on a beam.
     """
 
     body: Any
@@ -82,31 +83,31 @@ class Attachment:
 
     @property
     def piece(self) -> Piece:
-        """Where the local coordinates come from."""
+        """Its local coordinates, as statements refer to them."""
         return Piece(self.body, self.operator, self.s)
 
     @property
     def checked_kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
-        """Its kinematics: the formula, or a function that says what is wrong with it."""
-        return self.kinematics if isinstance(self.kinematics, Formula) else self._moved
+        """Kinematics with errors of a user's function reported by the name of the attachment."""
+        return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
-        """Position (x, y) in the inertial frame [m] from the local coordinates."""
-        return self._moved(q)[0]
+        """Return the position (x, y) in the inertial frame [m] from the local coordinates."""
+        return self._evaluate(q)[0]
 
-    def turn(self, q: SX) -> SX:
-        """Rotation of the section since the reference drawing [rad] from the local coordinates."""
-        return self._moved(q)[1]
+    def rotation(self, q: SX) -> SX:
+        """Return the rotation since the reference drawing [rad] from the local coordinates."""
+        return self._evaluate(q)[1]
 
-    def _moved(self, q: SX) -> tuple[SX, SX]:
+    def _evaluate(self, q: SX) -> tuple[SX, SX]:
         try:
-            position, turn = self.kinematics(q)
+            position, rotation = self.kinematics(q)
         except Exception as problem:
             raise BeamdaeError(
-                f"{self}: its kinematics must give a position and a turn, it failed, "
-                f"{format_exception(problem)}."
+                f"{self}: its kinematics must return a position and a rotation, but it failed "
+                f"({format_exception(problem)})."
             ) from problem
-        return position, turn
+        return position, rotation
 
     def __repr__(self) -> str:
         return f"{self.body.name} at ({self.point[0]:.6g}, {self.point[1]:.6g})"
@@ -122,19 +123,19 @@ def require_attachment(part: str, name: str, value: Any) -> Attachment:
 
 
 def require_angle(part: str, attachment: Attachment) -> None:
-    """Refuse a particle where an angle is held, driven or loaded."""
+    """Raise an error if an attachment is a particle, which has no angle."""
     if not attachment.has_angle:
         raise BeamdaeError(f"{part}: {attachment} is a particle and has no angle.")
 
 
 def require_movable(part: str, attachment: Attachment) -> None:
-    """Refuse a load on what does not move: it would do nothing."""
+    """Raise an error if an attachment cannot move, so that a load on it has no effect."""
     if not attachment.size:
         raise BeamdaeError(f"{part}: {attachment} does not move, it must act on a body that does.")
 
 
 def rotate(angle: Any, vector: Any) -> SX:
-    """The plane vector turned by `angle` [rad]."""
+    """Return a plane vector rotated by `angle` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 

@@ -1,4 +1,4 @@
-"""Actions of events: switch parts, change the law of a driver, throw back what meets."""
+"""Actions of events: switch joints and forces, change the law of a driver, impact."""
 
 from __future__ import annotations
 
@@ -15,42 +15,55 @@ from beamdae.symbolic.statements import Quantity
 
 
 def activate(*parts: Part, as_is: bool = False) -> Switch:
-    """Have joints and forces act from an event on, as `do` of it.
+    """Return an action that activates joints and forces, for `do` of an event.
 
-    A joint has to be closed where it becomes active. With `as_is` it holds what it finds: a driver
-    goes on from the angle or travel reached, a link keeps the length it has, a guide the offset, a
-    gear the phase; a weld or a hinge holds the point of `b` where it is on the body of `a`. Then
-    `reaction` is the force at the point of `b`; `reaction_on("a")` is without its moment about the
-    point of `a`.
+    A joint must be closed where it becomes active. With `as_is` it keeps the gap it has at the
+    event: a driver continues from the angle or travel reached, a link keeps its length, a guide its
+    offset, a gear its phase; a weld or a hinge keeps the point of `b` where it is on the body of
+    `a`. Then `reaction` is the force at the point of `b`, and `reaction_on("a")` does not include
+    its moment about the point of `a`.
+
+    Parameters
+    ----------
+    *parts
+        Joints and forces.
+    as_is
+        Keep the gap of joints at the event.
+
+    Raises
+    ------
+    BeamdaeError
+        If `as_is` is true and a part has no gap.
     """
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
             if not isinstance(part, KinematicConstraint) or part.gap is None:
                 raise BeamdaeError(
-                    f"{part.name}: it cannot hold what it finds, as_is=True is for joints that "
-                    f"hold angles, travels or points, got {short_repr(part)}."
+                    f"{part.name}: as_is=True is for joints with a gap between positions or "
+                    f"angles, got {short_repr(part)}."
                 )
         return Switch(on=names, as_is=names)
     return Switch(on=names)
 
 
 def deactivate(*parts: Part) -> Switch:
-    """Have joints and forces act no longer from an event on, as `do` of it."""
+    """Return an action that deactivates joints and forces, for `do` of an event."""
     return Switch(off=_part_names("deactivate", parts))
 
 
 def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
-    """Have a driver follow another law from an event on, as `do` of it.
+    """Return an action that gives a driver another law, for `do` of an event.
 
     Parameters
     ----------
     driver
-        An inactive one becomes active.
+        Driver; an inactive one becomes active.
     law
-        Angle [rad] or travel [m] since the event, a law of the time since the event [s]: it goes on
-        from what the driver has reached, whatever law(0) is. 0 holds it there. A rate at 0 that is
-        not that of the motion changes velocities at once, by impulses that are told.
+        Angle [rad] or travel [m] since the event, a law of the time since the event [s]. It is
+        added to the value the driver has reached, whatever law(0) is; 0 holds the driver there. If
+        its rate at 0 differs from that of the motion, velocities jump, and the impulses are listed
+        in `Solution.events`.
 
     Examples
     --------
@@ -66,7 +79,7 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     """
     if not (isinstance(driver, DrivenJoint) and driver.is_relative):
         raise BeamdaeError(
-            "change_law: it is for a Driver or a TranslationalDriver, whose law is relative, got "
+            "change_law: driver must be a Driver or a TranslationalDriver, got "
             f"{short_repr(driver)}."
         )
     law = as_law(f"change_law of {driver.name}", law)
@@ -74,21 +87,20 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
 
 
 def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
-    """Throw back what meets, as `do` of an event: velocities change at once.
+    """Return an action that makes velocities jump as in an impact, for `do` of an event.
 
     By Newton's law of restitution the rate of the gap after the impact is -`restitution` times the
-    one before. Velocities and impulses P solve M (v+ - v-) = -G^T P with all active joints, which
-    hold theirs; without friction. The energy it takes is booked as dissipated, impulses are told in
+    rate before. Velocities and impulses P solve M (v+ - v-) = -G^T P, without friction; active
+    joints stay closed. The energy lost counts as dissipated, and the impulses are listed in
     `Solution.events`.
 
     Parameters
     ----------
     on
-        A gap that closes, a quantity of one column such as `surface.gap(point)`: nothing happens
-        where it opens. Or a joint that is inactive, a stop: what it would hold is thrown back, from
-        either side.
+        Gap that closes, a quantity of one column such as `surface.gap(point)`; an opening gap has
+        no impact. Or an inactive joint that acts as a stop: its gap rebounds from either side.
     restitution
-        From 0, nothing comes back, to 1, without loss.
+        Coefficient of restitution, 0 (plastic) to 1 (elastic).
 
     Examples
     --------
@@ -101,12 +113,12 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     if isinstance(on, Quantity):
         if len(on.columns) != 1 or on.joint is not None:
             raise BeamdaeError(
-                "impact: a gap must be a quantity of one column that follows from positions, such "
+                "impact: a gap must be a quantity of one column that depends on positions, such "
                 f"as surface.gap(point), got {', '.join(x.header for x in on.columns)}."
             )
     elif not isinstance(on, Joint):
         raise BeamdaeError(
-            f"impact: it must be on a gap, such as surface.gap(point), or on a joint, "
+            f"impact: on must be a gap, such as surface.gap(point), or a joint, "
             f"got {short_repr(on)}."
         )
     restitution = require_finite("impact", "restitution", restitution)
@@ -115,8 +127,8 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     return Impact(on, restitution)
 
 
-def _part_names(what: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
+def _part_names(call: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
     for part in parts:
         if not isinstance(part, Part):
-            raise BeamdaeError(f"{what}: expected joints and forces, got {short_repr(part)}.")
+            raise BeamdaeError(f"{call}: expected joints and forces, got {short_repr(part)}.")
     return tuple(part.name for part in parts)

@@ -1,4 +1,4 @@
-"""Events: what a run watches for, and what it does then."""
+"""Events: a quantity crosses a value, and the actions that follow."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from beamdae.errors import (
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import Quantity
 
-# Signs of the rate at which a quantity goes through its value; 0: either.
+# Sign of the rate of a quantity at the crossing; 0: any.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
 
 
 @dataclass(frozen=True)
 class Switch:
-    """Joints and forces, by name, that become active or inactive.
+    """Activation and deactivation of joints and forces, by name.
 
     Attributes
     ----------
     on, off
-        Which become active, and which inactive.
+        Parts that become active, and inactive.
     as_is
-        Those of the former that hold what they find.
+        Joints among `on` that keep the gap they have at the event.
     laws
-        Laws of the time since the event [s] that some of those follow from there on.
+        Joints among `on` with the law they follow from then on, of the time since the event [s].
     """
 
     on: tuple[str, ...] = ()
@@ -42,7 +42,7 @@ class Switch:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Velocities that change at once, by Newton's restitution, see `impact`."""
+    """Jump of velocities by Newton's law of restitution, see `impact`."""
 
     on: Any
     restitution: float
@@ -52,38 +52,37 @@ Action = Switch | Impact
 
 
 def select_switches(do: Any) -> tuple[Switch, ...]:
-    """The switches among what an event does."""
+    """Return the switches among the actions of an event."""
     return tuple(x for x in do if isinstance(x, Switch)) if isinstance(do, tuple) else ()
 
 
 def select_impacts(do: Any) -> tuple[Impact, ...]:
-    """The impacts among what an event does."""
+    """Return the impacts among the actions of an event."""
     return tuple(x for x in do if isinstance(x, Impact)) if isinstance(do, tuple) else ()
 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A quantity goes through a value, in a direction.
+    """Crossing of a value by a quantity, and the actions that follow.
 
-    A quantity that touches its value and turns back, that begins with it, or that keeps it, does
-    not cross it.
+    A quantity that touches the value and turns back, starts at it or stays at it does not cross it.
 
     Parameters
     ----------
     what
-        An observed column, such as "tip.y", or a quantity of one column.
+        Observed column, such as "tip.y", or a quantity of one column.
     crosses
-        The value [unit of the column].
+        Value [unit of the column].
     direction
         "up", "down" or "both".
     do
-        "stop": the run ends there; "record": it goes on; activate(part, ...),
-        deactivate(part, ...), change_law(driver, law), impact(gap) or a list of these: it goes on
-        with these joints and forces, or without, and with other velocities. A joint that becomes
-        active is closed there, or holds what it finds; velocities change at once to what it allows,
-        by impulses told in `Solution.events`, and the energy this takes counts as dissipated.
+        "stop" ends the run, "record" lists the event and continues. The actions
+        `activate(part, ...)`, `deactivate(part, ...)`, `change_law(driver, law)` and `impact(gap)`,
+        or a list of them, change the mechanism. A joint that becomes active must be closed, unless
+        it is activated as it is; velocities jump to values it allows. The impulses are listed in
+        `Solution.events`, and the energy lost counts as dissipated.
     name
-        What it is called in results; default: what crosses which value.
+        Name in results; default: "<column> crosses <value>".
     """
 
     what: Any
@@ -96,12 +95,12 @@ class Event:
         part = "event" if self.name is None else require_name("event", self.name)
         if not isinstance(self.what, (str, Quantity)):
             raise BeamdaeError(
-                f"{part}: it must watch an observed column, named such as 'tip.y', or a quantity "
-                f"of one column, got {short_repr(self.what)}."
+                f"{part}: the first argument must be the name of an observed column, such as "
+                f"'tip.y', or a quantity of one column, got {short_repr(self.what)}."
             )
         crosses = require_finite(part, "crosses", self.crosses)
         if self.name is None and not isinstance(self.what, str):
-            raise BeamdaeError("event: one that watches a quantity needs a name=.")
+            raise BeamdaeError("event: an event of a quantity has no name; give name=.")
         require_choice(part, "direction", self.direction, tuple(DIRECTIONS))
         do = (self.do,) if isinstance(self.do, Action) else self.do
         if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):
@@ -111,5 +110,5 @@ class Event:
                 f"{part}: do must be 'stop', 'record', activate(...), deactivate(...), "
                 f"change_law(...) or impact(...), got {short_repr(self.do)}."
             )
-        named = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
-        set_fields(self, crosses=crosses, name=named)
+        name = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
+        set_fields(self, crosses=crosses, name=name)

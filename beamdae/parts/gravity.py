@@ -1,4 +1,4 @@
-"""Gravity as a law of time: what parts state of a constant one, with laws in its place."""
+"""Gravity as a law of time: weights of parts under an acceleration that varies."""
 
 from __future__ import annotations
 
@@ -18,65 +18,84 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class GravityLaws:
-    """Both components of gravity over time.
+    """Components of gravity over time.
 
-    The weight is the work of a load then: under a gravity that changes there is no potential.
+    The weight then counts as a load: a gravity that varies has no potential.
     """
 
     laws: tuple[Law, Law]
     name: str = "gravity"
-    # By the identity of a kernel, which is kept with what came of it.
-    _made: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
+    # By identity of the original kernel, which is stored as well so that no other takes its identity.
+    _kernels: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
 
     def statements(
         self, forces: Callable[[Array], Sequence[ForceStatement]]
     ) -> list[ForceStatement]:
-        """The forces of a part, a function of a constant gravity, under the laws."""
-        none, x, y = (forces(np.array(g)) for g in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-        return [self._statement(*said) for said in zip(none, x, y, strict=True)]
+        """Return the forces of a part under the laws.
+
+        Parameters
+        ----------
+        forces
+            Its forces as a function of a constant gravity, shape (2,) [m/s^2].
+        """
+        weightless, unit_x, unit_y = (
+            forces(np.array(gravity)) for gravity in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+        )
+        return [
+            self._statement(*statements)
+            for statements in zip(weightless, unit_x, unit_y, strict=True)
+        ]
 
     def _statement(
-        self, none: ForceStatement, x: ForceStatement, y: ForceStatement
+        self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
     ) -> ForceStatement:
-        """One statement; its data are linear in gravity."""
-        slopes = x.data - none.data, y.data - none.data
+        """Return one statement under the laws; its data are linear in gravity."""
+        slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:
-            return none
-        key = (id(none.kernel), tuple(rows.tolist()))
-        if key not in self._made:
-            self._made[key] = none.kernel, self._kernel(none.kernel, rows)
-        numbers = np.array([n for _, law in self._formulas for n in law], float)
-        own = np.repeat(numbers[:, None], none.count, axis=1)
-        data = np.concatenate([none.data, slopes[0][rows], slopes[1][rows], own])
-        return ForceStatement(none.part, self._made[key][1], none.pieces, data)
+            return weightless
+        key = (id(weightless.kernel), tuple(rows.tolist()))
+        if key not in self._kernels:
+            self._kernels[key] = weightless.kernel, self._kernel(weightless.kernel, rows)
+        law_numbers = np.array([n for _, numbers in self._formulas for n in numbers], float)
+        law_data = np.repeat(law_numbers[:, None], weightless.count, axis=1)
+        data = np.concatenate([weightless.data, slopes[0][rows], slopes[1][rows], law_data])
+        return ForceStatement(weightless.part, self._kernels[key][1], weightless.pieces, data)
 
     @property
     def _formulas(self) -> list[tuple[Callable[[SX], SX], tuple[float, ...]]]:
-        """Each law, and its numbers if it is a formula."""
-        found = [law.formula for law in self.laws]
-        return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in found]
+        """Each law with its numbers, which are empty if it is not a formula."""
+        formulas = [law.formula for law in self.laws]
+        return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
 
     def _kernel(self, kernel: ForceKernel, rows: Array) -> ForceKernel:
-        old, count = kernel.local, len(rows)
-        numbers = sum(len(own) for _, own in self._formulas)
-        local = Local(old.size, old.n_data + 2 * count + numbers)
-        along, first = [], old.n_data + 2 * count
-        for formula, own in self._formulas:
+        """Return the kernel with the laws in place of the gravity in these rows of its data.
+
+        Its data are those of the kernel without gravity, the slopes of `rows` by gx, the slopes by
+        gy, and the numbers of the laws.
+        """
+        old, n_rows = kernel.local, len(rows)
+        n_law_numbers = sum(len(numbers) for _, numbers in self._formulas)
+        local = Local(old.size, old.n_data + 2 * n_rows + n_law_numbers)
+        gravity: list[SX] = []
+        first = old.n_data + 2 * n_rows
+        for formula, numbers in self._formulas:
             law: Any = formula
             if isinstance(formula, Formula):
-                law = Formula(formula.kind, local.data[first : first + len(own)])
-            first += len(own)
-            along.append(law(local.time))
-        still = SX(local.data[: old.n_data])
-        given = SX(still)
+                law = Formula(formula.kind, local.data[first : first + len(numbers)])
+            first += len(numbers)
+            gravity.append(law(local.time))
+        weightless_data = SX(local.data[: old.n_data])
+        data = SX(weightless_data)
         for k, row in enumerate(rows.tolist()):
-            slopes = (local.data[old.n_data + k], local.data[old.n_data + count + k])
-            given[row] += slopes[0] * along[0] + slopes[1] * along[1]
+            slope_x, slope_y = local.data[old.n_data + k], local.data[old.n_data + n_rows + k]
+            data[row] += slope_x * gravity[0] + slope_y * gravity[1]
         symbols = [old.time, old.q, old.v, old.a, old.data]
-        moving = [local.time, local.q, local.v, local.a]
-        free = ca.substitute(kernel.outputs, symbols, [*moving, still])
-        force = ca.substitute([kernel.force], symbols, [*moving, given])[0]
-        power = ca.dot(free[0] - force, local.v)
-        powers = free[2] + ca.vertcat(power, 0)
-        return ForceKernel(local, force, free[1], powers, reused=kernel.reused)
+        motion = [local.time, local.q, local.v, local.a]
+        weightless_force, energies, powers = ca.substitute(
+            kernel.outputs, symbols, [*motion, weightless_data]
+        )
+        force = ca.substitute([kernel.force], symbols, [*motion, data])[0]
+        weight_power = ca.dot(weightless_force - force, local.v)
+        powers = powers + ca.vertcat(weight_power, 0)
+        return ForceKernel(local, force, energies, powers, reused=kernel.reused)

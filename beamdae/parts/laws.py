@@ -1,4 +1,4 @@
-"""Laws of time: smooth pieces between known breakpoints."""
+"""Laws of time: smooth pieces between known breakpoints, and the checks of users' functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from beamdae.errors import (
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX
 
-# Operations by which a formula can jump or kink where no integrator would stop.
+# Operations that jump or kink, where an integrator would not stop.
 _NONSMOOTH_OPERATIONS = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in (
@@ -45,19 +45,14 @@ _NONSMOOTH_OPERATIONS = {
         "FMAX",
     )
 }
-
-
-def require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
-    """Refuse a piece that jumps or kinks where no integrator would stop."""
-    used = {function.instruction_id(i) for i in range(function.n_instructions())}
-    rough = [name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in used]
-    if rough:
-        raise BeamdaeError(
-            f"{part}: {describe_law(piece)} must be smooth, but it uses {', '.join(rough)}; "
-            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
-        )
-
-
+# Times after the start [s] at which the expression of a law is compared with its function.
+_SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
+# Largest difference there, relative to the largest value.
+_SAMPLE_TOLERANCE = 1e-6
+# Adaptive integrators take at least this many steps per time scale of a law: through a table, steps
+# are no longer than its shortest interval.
+MIN_STEPS_PER_TIME_SCALE = 4.0
+_MIN_TABLE_ROWS = 3
 _BRANCHES_ON_TIME = (
     "but it decides by the value of t (if, while, and, or, min, max); give its pieces to "
     "bd.piecewise((end time, law), ..., last law)"
@@ -68,99 +63,19 @@ _NEEDS_NUMBER = (
 )
 
 
-def describe_law(piece: Callable[[Any], Any]) -> str:
-    """'the law', with the name of its function if that has one."""
-    name = getattr(piece, "__name__", "<lambda>")
-    return "the law" if "<" in name else f"the law {name}"
-
-
-def evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
-    """What a piece makes of the symbol t, as an expression if it is a number or expression."""
-    with warnings.catch_warnings():
-        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
-        # like give the same scalar expression before and after it.
-        warnings.simplefilter("ignore", FutureWarning)
-        value = piece(t)
-    found = as_real(value)
-    if found is not None:
-        return SX(found)
-    if getattr(value, "ndim", None) == 0:
-        value = value.item()
-    return SX(value) if isinstance(value, (SX, ca.DM)) else value
-
-
-def _evaluate_number(piece: Callable[[Any], Any], t: float) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return piece(t)
-
-
-def _require_time_formula(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
-    """Refuse a piece that does not make one expression of the symbol t."""
-    wanted = f"{part}: {describe_law(piece)} must be a formula in t"
-    try:
-        value = evaluate_piece(piece, t)
-    except Exception as problem:
-        try:
-            _evaluate_number(piece, start)
-        except Exception as own:
-            raise BeamdaeError(
-                f"{wanted} that gives a number, but it failed at t = {start:g}, {format_exception(own)}."
-            ) from own
-        # Of bool() on a symbol; nothing else tells it from other failures.
-        decides = "truth value" in str(problem)
-        raise BeamdaeError(
-            f"{wanted}, {_BRANCHES_ON_TIME if decides else _NEEDS_NUMBER}."
-        ) from None
-    if not isinstance(value, SX) or value.shape != (1, 1):
-        raise BeamdaeError(
-            f"{part}: {describe_law(piece)} must return one number, got {short_repr(value)}."
-        )
-    strange = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
-    if strange:
-        raise BeamdaeError(
-            f"{part}: {describe_law(piece)} must depend on t alone, not on {', '.join(strange[:3])}."
-        )
-
-
-# Times [s] after the start at which a law is asked for numbers.
-_SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
-
-
-def require_numeric_agreement(
-    part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
-) -> None:
-    """Refuse a formula that loses what the function does: float(t) is nan of a symbol."""
-    times = start + np.array(_SAMPLE_TIMES)
-    try:
-        by_number = np.array([as_real(_evaluate_number(piece, t)) for t in times.tolist()], float)
-    except Exception:
-        # It takes symbols alone, or no time so late.
-        return
-    known = np.isfinite(by_number)
-    by_formula = np.array([float(function([t, t])) for t in times[known]])
-    size = np.max(np.abs(by_number[known]), initial=0.0)
-    # What is not a number is not near.
-    if not np.all(np.abs(by_formula - by_number[known]) <= 1e-6 * size):
-        raise BeamdaeError(
-            f"{part}: {describe_law(piece)} must be a formula in t, {_NEEDS_NUMBER}."
-        )
-
-
 @dataclass(frozen=True)
 class Law:
-    """A function of time with breakpoints.
+    """Function of time with breakpoints.
 
     Attributes
     ----------
     pieces
-        Functions of t, smooth each, valid between neighboring breakpoints.
+        Smooth functions of t, each valid between neighboring breakpoints.
     breakpoints
-        Ascending times [s] at which one piece hands over to the next; integrators stop and restart
-        there.
+        Ascending times [s] between the pieces; integrators stop and restart there.
     time_scale
-        Shortest time [s] over which the law changes, or None: an adaptive integrator keeps its
-        steps below it.
+        Shortest time [s] over which the law changes, or None. Steps of adaptive integrators are at
+        most a quarter of it.
     """
 
     pieces: tuple[Callable[[Any], Any], ...]
@@ -187,36 +102,59 @@ class Law:
             set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
 
     def __call__(self, time: SX) -> SX:
-        """The law at time[0], on the branch that time[1] lies in."""
-        return _select_branch(self.pieces, self.breakpoints, time)
+        """Return the value at time[0] of the piece that is valid at time[1]."""
+        return _select_piece(self.pieces, self.breakpoints, time)
 
     @property
     def formula(self) -> Callable[[SX], SX]:
-        """The law as a `Formula`, if its pieces are such; otherwise the law itself."""
-        # A class of the user's own may make something else of the pieces.
+        """The law as a `Formula` if all its pieces are formulas, otherwise the law itself."""
+        # A subclass may evaluate its pieces in another way.
         if type(self) is not Law or not all(isinstance(piece, Formula) for piece in self.pieces):
             return self
         pieces: Any = self.pieces
-        kind = _Pieces(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))
-        own = (number for piece in pieces for number in piece.numbers)
-        return Formula(kind, (*self.breakpoints, *own))
+        kind = _PiecewiseKind(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))
+        piece_numbers = (number for piece in pieces for number in piece.numbers)
+        return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """The law at a time [s], of a law whose pieces take numbers."""
+        """Return the value at a time [s] if all pieces accept numbers."""
         return float(self.pieces[bisect_right(self.breakpoints, t)](t))
 
 
-def _select_branch(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
-    """What the pieces give at time[0], on the branch that time[1] lies in."""
-    value = evaluate_piece(pieces[-1], time[0])
+def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
+    """Return the value at time[0] of the piece that is valid at time[1]."""
+    value = _evaluate_piece(pieces[-1], time[0])
     for k in range(len(pieces) - 2, -1, -1):
-        value = ca.if_else(time[1] < breakpoints[k], evaluate_piece(pieces[k], time[0]), value)
+        value = ca.if_else(time[1] < breakpoints[k], _evaluate_piece(pieces[k], time[0]), value)
     return value
 
 
+def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
+    """Return a piece at the symbol t, as an SX if it is a number or an expression."""
+    with warnings.catch_warnings():
+        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
+        # like give the same scalar expression before and after it.
+        warnings.simplefilter("ignore", FutureWarning)
+        value = piece(t)
+    number = as_real(value)
+    if number is not None:
+        return SX(number)
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()
+    return SX(value) if isinstance(value, (SX, ca.DM)) else value
+
+
 @dataclass(frozen=True)
-class _Pieces:
-    """The kind of laws whose pieces are of these kinds; the breakpoints are the first numbers."""
+class _PiecewiseKind:
+    """Kind of laws with pieces of these kinds; their numbers are the breakpoints, then the pieces'.
+
+    Attributes
+    ----------
+    kinds
+        Kinds of the pieces.
+    counts
+        Number of numbers of each piece.
+    """
 
     kinds: tuple[Callable[..., Any], ...]
     counts: tuple[int, ...]
@@ -226,12 +164,12 @@ class _Pieces:
         for kind, count in zip(self.kinds, self.counts, strict=True):
             pieces.append(Formula(kind, numbers[first : first + count]))
             first += count
-        return _select_branch(pieces, numbers, time)
+        return _select_piece(pieces, numbers, time)
 
 
 @dataclass(frozen=True)
-class _ShiftedPiece:
-    """A kind that begins at a time, the first of its numbers."""
+class _ShiftedKind:
+    """Kind of laws that begin at a time, the first of their numbers."""
 
     kind: Callable[..., Any]
 
@@ -240,21 +178,33 @@ class _ShiftedPiece:
 
 
 def shift_law(law: Law, since: float) -> Law:
-    """A law of the time since `since` [s]."""
+    """Return a law of the time since `since` [s]."""
 
-    def moved(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
-            return Formula(_ShiftedPiece(piece.kind), (since, *piece.numbers))
+            return Formula(_ShiftedKind(piece.kind), (since, *piece.numbers))
         return lambda t: piece(t - since)
 
-    pieces = tuple(moved(piece) for piece in law.pieces)
+    pieces = tuple(shift_piece(piece) for piece in law.pieces)
     return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
-    """Turn a number or any function of t into a law, or say what is wrong with it.
+    """Return the law of a number or of a function of t.
 
-    `start` is the first time [s] it will be asked for.
+    Parameters
+    ----------
+    part
+        Name of the part, for messages.
+    value
+        A number, a function of t or a `Law`.
+    start
+        First time [s] at which the law is evaluated.
+
+    Raises
+    ------
+    BeamdaeError
+        If a function is not a smooth formula in t, or its value at the start is not finite.
     """
     if isinstance(value, Law):
         law = value
@@ -264,36 +214,23 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         number = require_finite(part, "law", value)
         law = Law((Formula(_constant, (number,)),))
     if isinstance(law.formula, Formula):
-        first = law.at(start)
+        initial_value = law.at(start)
     else:
-        function = _law_function(part, law, start)
+        time = SX.sym("t", 2)
+        for piece in law.pieces:
+            _require_formula_in_time(part, piece, time[0], start)
+        function = ca.Function("law", [time], [law(time)])
         if law is not value:
-            require_numeric_agreement(part, value, function, start)
-            require_smooth(part, value, function)
-        first = float(function([start, start]))
-    if not np.isfinite(first):
+            _require_numeric_agreement(part, value, function, start)
+            _require_smooth(part, value, function)
+        initial_value = float(function([start, start]))
+    if not np.isfinite(initial_value):
         raise BeamdaeError(
-            f"{part}: {describe_law(law.pieces[0])} must be finite, at t = {start:g} it is {first}."
+            f"{part}: {_law_label(law.pieces[0])} must be finite, at t = {start:g} it is "
+            f"{initial_value}."
         )
-    require_finite(part, f"{describe_law(law.pieces[0])} at t = {start:g}", first)
+    require_finite(part, f"{_law_label(law.pieces[0])} at t = {start:g}", initial_value)
     return law
-
-
-def _law_function(part: str, law: Law, start: float) -> ca.Function:
-    """The law as a function of (t, branch)."""
-    time = SX.sym("t", 2)
-    for piece in law.pieces:
-        _require_time_formula(part, piece, time[0], start)
-    return ca.Function("law", [time], [law(time)])
-
-
-def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
-    """Law amplitude * sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
-    amplitude = require_finite("sine", "amplitude", amplitude)
-    frequency = require_positive("sine", "frequency", frequency)
-    phase = require_finite("sine", "phase", phase)
-    omega = 2.0 * np.pi * frequency
-    return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
 
 
 def _constant(t: Any, numbers: Any) -> Any:
@@ -302,6 +239,25 @@ def _constant(t: Any, numbers: Any) -> Any:
 
 def _sine(t: Any, numbers: Any) -> Any:
     return numbers[0] * np.sin(numbers[1] * t + numbers[2])
+
+
+def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
+    """Return the law amplitude * sin(2 pi frequency t + phase).
+
+    Parameters
+    ----------
+    amplitude
+        In the unit of the quantity it drives.
+    frequency
+        [Hz].
+    phase
+        [rad].
+    """
+    amplitude = require_finite("sine", "amplitude", amplitude)
+    frequency = require_positive("sine", "frequency", frequency)
+    phase = require_finite("sine", "phase", phase)
+    omega = 2.0 * np.pi * frequency
+    return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
 
 
 def _accelerating_angle(t: Any, numbers: Any) -> Any:
@@ -313,27 +269,40 @@ def _steady_angle(t: Any, numbers: Any) -> Any:
 
 
 def run_up(speed: float, duration: float) -> Law:
-    """Angle of a smooth run-up to a constant angular speed.
+    """Return the angle [rad] of a smooth run-up to a constant angular speed.
 
     Eq. (28) of the paper:
     speed / duration * (t^2/2 + (duration/2 pi)^2 (cos(2 pi t/duration) - 1)) up to t = duration,
-    then speed * (t - duration/2); speed in rad/s, duration in s.
+    then speed * (t - duration/2).
+
+    Parameters
+    ----------
+    speed
+        Final angular speed [rad/s].
+    duration
+        Duration of the run-up [s].
     """
     speed = require_finite("run_up", "speed", speed)
     duration = require_positive("run_up", "duration", duration)
     omega = 2.0 * np.pi / duration
-    rising = Formula(_accelerating_angle, (speed / duration, omega))
-    risen = Formula(_steady_angle, (speed, 0.5 * duration))
-    return Law((rising, risen), (duration,), duration)
+    acceleration = Formula(_accelerating_angle, (speed / duration, omega))
+    steady = Formula(_steady_angle, (speed, 0.5 * duration))
+    return Law((acceleration, steady), (duration,), duration)
 
 
 def piecewise(*pieces: Any) -> Law:
-    """Laws one after the other: (end time, law), (end time, law), ..., last law.
+    """Return a law of several pieces: (end time, law), (end time, law), ..., last law.
 
-    `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on. Every law sees the same t.
+    `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on. All pieces are functions of
+    the same t.
+
+    Raises
+    ------
+    BeamdaeError
+        If the end times do not ascend, or a piece has breakpoints itself.
     """
     if not pieces:
-        raise BeamdaeError("piecewise: give at least one law.")
+        raise BeamdaeError("piecewise: it has no pieces; give at least one law.")
     ends: list[float] = []
     laws: list[Law] = []
     for entry in pieces[:-1]:
@@ -346,42 +315,126 @@ def piecewise(*pieces: Any) -> Law:
     if any(b <= a for a, b in pairwise(ends)):
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
     if any(law.breakpoints for law in laws):
-        raise BeamdaeError("piecewise: a piece must be smooth, it must not be piecewise itself.")
+        raise BeamdaeError(
+            "piecewise: a piece must be smooth, but one is piecewise itself; list its pieces "
+            "instead."
+        )
     scales = [law.time_scale for law in laws if law.time_scale is not None]
     scale = min(scales) if scales else None
     return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
 
 
-def _require_numbers(name: str, values: Any) -> np.ndarray:
-    given = require_sequence("table", name, values, "a list of numbers")
-    return np.array([require_finite("table", name, value) for value in given])
-
-
 def table(times: Any, values: Any) -> Law:
-    """Natural cubic spline through a table, constant outside it."""
+    """Return the natural cubic spline through a table, constant outside it.
+
+    Parameters
+    ----------
+    times
+        Ascending times [s], at least 3.
+    values
+        Values there, as many.
+    """
     t, y = _require_numbers("times", times), _require_numbers("values", values)
-    if t.shape != y.shape or len(t) < 3:
+    if t.shape != y.shape or len(t) < _MIN_TABLE_ROWS:
         raise BeamdaeError(
-            "table: times and values must be lists of the same length, at least 3, got "
-            f"{len(t)} and {len(y)}."
+            "table: times and values must be lists of the same length, at least "
+            f"{_MIN_TABLE_ROWS}, got {len(t)} and {len(y)}."
         )
     shortest = float(np.min(np.diff(t)))
     if shortest <= 0.0:
         raise BeamdaeError("table: times must ascend.")
-    require_positive("table", "the shortest stretch between its times", shortest)
-    # Here, for it takes as long to import as a short run, and few models have tables.
+    require_positive("table", "the shortest interval between times", shortest)
+    # Imported here because the import takes as long as a short run, and few models have tables.
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(t, y, bc_type="natural")
     inner = [float(x) for x in t[1:-1]]
 
-    def inside(at: Any) -> Any:
+    def interpolate(at: Any) -> Any:
         start = ca.pw_const(at, inner, t[:-1])
         return sum(ca.pw_const(at, inner, spline.c[k]) * (at - start) ** (3 - k) for k in range(4))
 
     first, last = float(y[0]), float(y[-1])
     return Law(
-        (lambda at: first, inside, lambda at: last),
+        (lambda at: first, interpolate, lambda at: last),
         (float(t[0]), float(t[-1])),
-        4.0 * shortest,
+        MIN_STEPS_PER_TIME_SCALE * shortest,
     )
+
+
+def _require_numbers(name: str, values: Any) -> np.ndarray:
+    entries = require_sequence("table", name, values, "a list of numbers")
+    return np.array([require_finite("table", name, value) for value in entries])
+
+
+def _law_label(piece: Callable[[Any], Any]) -> str:
+    """Return "the law", with the name of its function if that has one."""
+    name = getattr(piece, "__name__", "<lambda>")
+    return "the law" if "<" in name else f"the law {name}"
+
+
+def _evaluate_number(piece: Callable[[Any], Any], t: float) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return piece(t)
+
+
+def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
+    """Raise an error if a piece does not return one expression of the symbol t."""
+    requirement = f"{part}: {_law_label(piece)} must be a formula in t"
+    try:
+        value = _evaluate_piece(piece, t)
+    except Exception as symbolic_error:
+        try:
+            _evaluate_number(piece, start)
+        except Exception as numeric_error:
+            raise BeamdaeError(
+                f"{requirement} that returns a number, but it failed at t = {start:g} "
+                f"({format_exception(numeric_error)})."
+            ) from numeric_error
+        # Text of CasADi for bool() of a symbol; the type of the exception is a general one.
+        branches = "truth value" in str(symbolic_error)
+        raise BeamdaeError(
+            f"{requirement}, {_BRANCHES_ON_TIME if branches else _NEEDS_NUMBER}."
+        ) from None
+    if not isinstance(value, SX) or value.shape != (1, 1):
+        raise BeamdaeError(
+            f"{part}: {_law_label(piece)} must return one number, got {short_repr(value)}."
+        )
+    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
+    if other_symbols:
+        raise BeamdaeError(
+            f"{part}: {_law_label(piece)} must depend on t alone, not on "
+            f"{', '.join(other_symbols[:3])}."
+        )
+
+
+def _require_numeric_agreement(
+    part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
+) -> None:
+    """Raise an error if expression and function differ: float(t) of a symbol is nan."""
+    times = start + np.array(_SAMPLE_TIMES)
+    try:
+        expected = np.array([as_real(_evaluate_number(piece, t)) for t in times.tolist()], float)
+    except Exception:
+        # The function accepts symbols only, or is not defined at so late a time.
+        return
+    is_finite = np.isfinite(expected)
+    values = np.array([float(function([t, t])) for t in times[is_finite]])
+    size = np.max(np.abs(expected[is_finite]), initial=0.0)
+    # A nan fails this comparison.
+    if not np.all(np.abs(values - expected[is_finite]) <= _SAMPLE_TOLERANCE * size):
+        raise BeamdaeError(f"{part}: {_law_label(piece)} must be a formula in t, {_NEEDS_NUMBER}.")
+
+
+def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
+    """Raise an error if a piece jumps or kinks, where an integrator would not stop."""
+    operations = {function.instruction_id(i) for i in range(function.n_instructions())}
+    nonsmooth = [
+        name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in operations
+    ]
+    if nonsmooth:
+        raise BeamdaeError(
+            f"{part}: {_law_label(piece)} must be smooth, but it uses {', '.join(nonsmooth)}; "
+            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
+        )

@@ -1,4 +1,4 @@
-"""What the user builds: named parts, joined and observed; knows nothing of time stepping."""
+"""Mechanism: named parts under gravity, with observables and events."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _ALLOWED = (
 
 
 def require_start(part: str, start: Any, more: str = "") -> Any:
-    """Return `start` if it is one that can be asked for; `more` is what may be besides."""
+    """Return `start` if it is valid; `more` names further options in the message."""
     if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
         return start
     if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
@@ -47,8 +47,8 @@ def require_start(part: str, start: Any, more: str = "") -> Any:
 
 
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"
-# Names of parts in its short text.
-_IN_SHORT = 6
+# Number of parts named in the repr of a mechanism.
+_MAX_NAMES_IN_REPR = 6
 P = TypeVar("P", bound=Part)
 
 
@@ -58,15 +58,15 @@ class Mechanism(HasOrigin):
     Parameters
     ----------
     gravity
-        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. Under a law, weight is
-        booked as the work of a load; a potential of gravity there is of numbers alone.
+        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. Under laws the weight
+        counts as a load, because gravity then has no potential.
     start
         "as drawn"; "equilibrium" under the loads at t = 0, at rest; or positions and velocities by
-        name, {"part.coordinate": value, "part.coordinate_dot": value}, the others follow by the
-        joints.
+        name, {"part.coordinate": value, "part.coordinate_dot": value}, from which the others follow
+        by the joints.
     redundant
-        What becomes of constraints that follow from others: "refuse", or "minimum norm": they are
-        spared, and of all reactions that balance the forces the least are told.
+        Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
+        from the equations and returns the reactions of smallest norm that balance the forces.
 
     Examples
     --------
@@ -82,9 +82,9 @@ class Mechanism(HasOrigin):
         start: str | Mapping[str, float] = "as drawn",
         redundant: str = REFUSE,
     ) -> None:
-        changing = [callable(x) for x in require_pair("Mechanism", "gravity", gravity)]
+        components = require_pair("Mechanism", "gravity", gravity)
         self.gravity_laws: GravityLaws | None = None
-        if any(changing):
+        if any(callable(component) for component in components):
             x, y = (as_law("Mechanism.gravity", component) for component in gravity)
             self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
         self.gravity = np.array(require_point("Mechanism", "gravity", gravity))
@@ -97,8 +97,10 @@ class Mechanism(HasOrigin):
         self.inactive: set[str] = set()
 
     def __repr__(self) -> str:
-        named = [*islice(self.parts, _IN_SHORT), *["..."] * (len(self.parts) > _IN_SHORT)]
-        return f"<Mechanism of {len(self.parts)} parts{': ' * bool(named)}{', '.join(named)}>"
+        names = list(islice(self.parts, _MAX_NAMES_IN_REPR))
+        if len(self.parts) > _MAX_NAMES_IN_REPR:
+            names.append("...")
+        return f"<Mechanism of {len(self.parts)} parts{': ' * bool(names)}{', '.join(names)}>"
 
     def add(self, part: P) -> P:
         """Add a body, joint, point mass or load and return it.
@@ -106,16 +108,18 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If it is no part, the name is taken or an attachment's body has not been added.
+            If it is not a part, its name is taken or the body of an attachment has not been added.
         """
         if not isinstance(part, Part):
             raise BeamdaeError(
-                "Mechanism: only parts can be added, subclasses of beamdae.Part, "
+                "Mechanism: only parts (subclasses of beamdae.Part) can be added, "
                 f"got {short_repr(part)}."
             )
         name = require_name(type(part).__name__, getattr(part, "name", None))
         if name in self.parts or name == self.ground.name:
-            raise BeamdaeError(f"Mechanism: the name {name!r} is taken, every part needs its own.")
+            raise BeamdaeError(
+                f"Mechanism: the name {name!r} is taken; give each part another one."
+            )
         for body in part.bodies:
             self._require_member(name, body)
         self.parts[name] = part
@@ -124,10 +128,11 @@ class Mechanism(HasOrigin):
     def observe(self, name: str, what: Attachment | Quantity) -> None:
         """Add columns to the results: the motion of an attachment, or any other quantity.
 
-        An attachment gives name.x [m], name.y [m], name.angle [rad] and their rates.
+        The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] and
+        their rates.
         """
         require_name("Mechanism.observe", name)
-        # The time, and what the energy ledger begins its columns with.
+        # "t" is the column of the time, "energy" the prefix of those of the energy ledger.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
         quantity = as_quantity(name, what)
@@ -145,7 +150,7 @@ class Mechanism(HasOrigin):
         do: Any = "stop",
         name: str | None = None,
     ) -> Event:
-        """Watch for an event: what an observed column or a quantity crosses; see `Event`.
+        """Add an event, the crossing of a value by an observed column or a quantity; see `Event`.
 
         Examples
         --------
@@ -156,15 +161,17 @@ class Mechanism(HasOrigin):
         >>> impact = mech.when("ball.y", crosses=0.0, direction="down", do="stop", name="impact")
         """
         event = Event(what, crosses, direction, do, name)
-        for used in (what, *(x.on for x in select_impacts(event.do))):
-            owners = [piece.owner for piece in used.pieces] if isinstance(used, Quantity) else []
-            for owner in [used] if isinstance(used, Part) else owners:
-                self._require_member(str(event.name), owner)
+        for source in (what, *(x.on for x in select_impacts(event.do))):
+            if isinstance(source, Part):
+                self._require_member(str(event.name), source)
+            elif isinstance(source, Quantity):
+                for piece in source.pieces:
+                    self._require_member(str(event.name), piece.owner)
         self.events.append(event)
         return event
 
     def deactivate(self, *parts: Part) -> None:
-        """Have joints and forces not act until an event makes them active; see `Event`."""
+        """Make joints and forces inactive until an event activates them; see `Event`."""
         for part in parts:
             if not isinstance(part, Part):
                 raise BeamdaeError(
@@ -174,19 +181,19 @@ class Mechanism(HasOrigin):
             self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:
-        """The part of that name."""
+        """Return the part of that name."""
         if not isinstance(name, str) or name not in self.parts:
             raise BeamdaeError(f"Mechanism: no part {short_repr(name)}{suggest(name, self.parts)}.")
         return self.parts[name]
 
     def check(self, **settings: Any) -> Any:
-        """What it is and what is wrong with it, see `beamdae.check`."""
+        """Return its size and the problems of the model, see `beamdae.check`."""
         import beamdae
 
         return beamdae.check(self, **settings)
 
     def draw(self) -> Any:
-        """Its drawing with names, joints, supports and loads, see `beamdae.draw`."""
+        """Draw it with names, joints, supports and loads, see `beamdae.draw`."""
         import beamdae
 
         return beamdae.draw(self)
@@ -194,14 +201,17 @@ class Mechanism(HasOrigin):
     @property
     def laws(self) -> list[Law]:
         """All laws of time of drivers, loads and gravity."""
-        own = [law for part in self.parts.values() for law in part.laws]
-        return own + list(self.gravity_laws.laws if self.gravity_laws else ())
+        part_laws = [law for part in self.parts.values() for law in part.laws]
+        return part_laws + list(self.gravity_laws.laws if self.gravity_laws else ())
 
     def _require_member(self, part: str, body: Part) -> None:
         if body is self.ground or self.parts.get(body.name) is body:
             return
-        ground = body.name == self.ground.name
-        whose = "another mechanism's ground" if ground else f"{body.name!r}"
+        if body.name == self.ground.name:
+            raise BeamdaeError(
+                f"{part}: it refers to the ground of another mechanism; use mech.ground of this "
+                "one."
+            )
         raise BeamdaeError(
-            f"{part}: it refers to {whose}, which must be added to this mechanism first."
+            f"{part}: it refers to {body.name!r}, which must be added to this mechanism first."
         )

@@ -1,4 +1,4 @@
-"""What can be observed of attachments: their motion, and how they move relative to each other."""
+"""Observables of attachments: their motion, and their motion relative to each other."""
 
 from __future__ import annotations
 
@@ -22,20 +22,23 @@ from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
 
 def motion_quantity(attachment: Attachment) -> Quantity:
-    """Position, angle and their rates of an attachment, in the inertial frame."""
-    has_angle = _turns(attachment)
-    place = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] if has_angle else [])]
-    columns = (*place, *(column.rate for column in place))
-    kind = _section_motion if has_angle else _point_motion
-    inclination = constant_formula(attachment.inclination)
-    values, data = FormulaExpression.of(
-        kind, (attachment.checked_kinematics, *([inclination] if has_angle else []))
-    )
-    return Quantity(columns, (attachment.piece,), values, data)
+    """Return position, angle and their rates of an attachment, in the inertial frame.
+
+    There is no angle if the rotation is constant, as that of a particle.
+    """
+    has_rotation = _has_rotation(attachment)
+    columns = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] * has_rotation)]
+    functions: list[Callable[..., Any]] = [attachment.checked_kinematics]
+    if has_rotation:
+        functions.append(constant_formula(attachment.inclination))
+    kind = _section_motion if has_rotation else _point_motion
+    values, data = FormulaExpression.of(kind, functions)
+    rates = [column.rate for column in columns]
+    return Quantity((*columns, *rates), (attachment.piece,), values, data)
 
 
 def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
-    """What is to be observed: the motion of an attachment, or any other quantity."""
+    """Return the motion of an attachment, or any other quantity as it is."""
     quantity = motion_quantity(what) if isinstance(what, Attachment) else what
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
@@ -45,50 +48,68 @@ def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
     return quantity
 
 
-def _turns(attachment: Attachment) -> bool:
-    moved = attachment.checked_kinematics
-    if isinstance(moved, Formula):
-        return _kind_turns(moved.kind, attachment.size, len(moved.numbers))
-    return _depends(moved, attachment.size)
+def _has_rotation(attachment: Attachment) -> bool:
+    kinematics = attachment.checked_kinematics
+    if isinstance(kinematics, Formula):
+        return _kind_has_rotation(kinematics.kind, attachment.size, len(kinematics.numbers))
+    return _depends_on_coordinates(kinematics, attachment.size)
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _kind_turns(kind: Callable[..., Any], size: int, numbers: int) -> bool:
-    return _depends(Formula(kind, SX.sym("numbers", numbers)), size)
+def _kind_has_rotation(kind: Callable[..., Any], size: int, n_numbers: int) -> bool:
+    return _depends_on_coordinates(Formula(kind, SX.sym("numbers", n_numbers)), size)
 
 
-def _depends(moved: Callable[[SX], tuple[SX, SX]], size: int) -> bool:
-    return not SX(moved(SX.sym("q", size))[1]).is_constant()
+def _depends_on_coordinates(kinematics: Callable[[SX], tuple[SX, SX]], size: int) -> bool:
+    _, rotation = kinematics(SX.sym("q", size))
+    return not SX(rotation).is_constant()
 
 
 def _point_motion(local: Local, on: Any) -> SX:
-    place, _ = on(local.q)
-    return ca.vertcat(place, local.dot(place))
+    position, _ = on(local.q)
+    return ca.vertcat(position, local.dot(position))
 
 
 def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX:
-    place, turn = on(local.q)
-    place = ca.vertcat(place, inclination()[0] + turn)
-    return ca.vertcat(place, local.dot(place))
+    position, rotation = on(local.q)
+    placement = ca.vertcat(position, inclination()[0] + rotation)
+    return ca.vertcat(placement, local.dot(placement))
 
 
 @dataclass(frozen=True)
-class _Relative:
-    """How far one point is from where the other carries it by an arm; `size` is of the former."""
+class _RelativeDisplacement:
+    """Displacement of a point from the end of an arm fixed to another one.
+
+    `size` is the number of local coordinates of the point; those of the other one follow.
+    """
 
     size: int
 
     def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any]) -> SX:
-        (place, turn), (root, turned) = of(local.q[: self.size]), on(local.q[self.size :])
-        return ca.vertcat(place - (root + rotate(turned, arm())), turn - turned)
+        position, rotation = of(local.q[: self.size])
+        root, root_rotation = on(local.q[self.size :])
+        displacement = position - (root + rotate(root_rotation, arm()))
+        return ca.vertcat(displacement, rotation - root_rotation)
 
 
 def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
-    """How far the point `of` is from where the body of `on` would carry it if it were rigid.
+    """Return the displacement of `of` relative to the body of `on`, as if that were rigid.
 
-    Columns u, v [m], components in the inertial frame, and phi [rad], the turn of the section `of`
-    relative to that of `on`. With `on` the root of a beam it is the deformation seen from there,
-    also across several beams welded together.
+    With `on` at the root of a beam it is the deformation relative to the root, also across several
+    beams welded together.
+
+    Parameters
+    ----------
+    of
+        Point that is displaced.
+    on
+        Point whose body or section is the reference.
+
+    Returns
+    -------
+    Quantity
+        Columns u, v [m], components in the inertial frame, and phi [rad], the rotation of `of`
+        relative to `on`.
     """
     require_attachment("relative_displacement", "of", of)
     require_attachment("relative_displacement", "on", on)
@@ -97,6 +118,6 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     arm = constant_formula(*np.subtract(of.point, on.point).tolist())
     columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
     values, data = FormulaExpression.of(
-        _Relative(of.size), (of.checked_kinematics, on.checked_kinematics, arm)
+        _RelativeDisplacement(of.size), (of.checked_kinematics, on.checked_kinematics, arm)
     )
     return Quantity(columns, (of.piece, on.piece), values, data)

@@ -1,4 +1,4 @@
-"""What a mechanism asks of every part, whatever it is: one protocol, empty by default."""
+"""Base class of parts: the questions that a mechanism asks of each of them."""
 
 from __future__ import annotations
 
@@ -22,47 +22,54 @@ Array = np.ndarray
 
 
 class Drawing(NamedTuple):
-    """How a part is drawn: its kind, and the points it is drawn through."""
+    """Line style of a body in drawings, and the points its line passes through."""
 
     kind: str
     places: list[Attachment]
 
 
 class Part:
-    """A body, joint, load or damper; a subclass overrides what it has something to say about.
+    """Base class of bodies, joints, loads and dampers.
 
-    Its name has to be unique in the mechanism. A part that states neither coordinates, forces nor
-    constraints is refused when the equations of motion are assembled, and so is a statement that
-    does not fit the bodies it refers to.
+    A subclass overrides the properties and methods that apply to it; all others are empty. Assembly
+    rejects a part that has neither coordinates, forces nor constraints, and a statement that does
+    not fit the bodies it refers to.
+
+    Attributes
+    ----------
+    name
+        Unique name in the mechanism.
+    is_load
+        True for loads: the load factor of an equilibrium scales them unless others are named.
+    symbol
+        Name of its symbol in drawings. The default is a diamond at each attachment.
     """
 
     name: str
-    # Whether it is a load, which the load factor of an equilibrium scales unless others are named.
     is_load: ClassVar[bool] = False
-    # Name of the symbol in drawings, one of `beamdae.report.scene.symbols`; a marker is a diamond at
-    # each attachment.
+    # One of the keys of the table in `beamdae.report.scene.symbols`.
     symbol: ClassVar[str] = "marker"
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """The points it refers to: all attachments among its fields, also in lists and the like."""
+        """Attachments it refers to: those among its fields, also inside lists and dictionaries."""
         return tuple(value for value in self._values if isinstance(value, Attachment))
 
     @property
     def bodies(self) -> tuple[Part, ...]:
-        """The parts it refers to: those of its attachments, and parts among its fields."""
-        own = tuple(value for value in self._values if isinstance(value, Part))
-        return own + tuple(attachment.body for attachment in self.attachments)
+        """Parts it refers to: parts among its fields, and bodies of its attachments."""
+        parts = tuple(value for value in self._values if isinstance(value, Part))
+        return parts + tuple(attachment.body for attachment in self.attachments)
 
     @property
     def _values(self) -> list[Any]:
-        # Fields with slots are not among the variables of an instance.
-        slots: tuple[Any, ...] = fields(self) if is_dataclass(self) else ()
-        return _flatten({x.name: getattr(self, x.name) for x in slots} | vars(self))
+        # A dataclass with slots has no `vars` for its fields.
+        dataclass_fields: tuple[Any, ...] = fields(self) if is_dataclass(self) else ()
+        return _flatten({x.name: getattr(self, x.name) for x in dataclass_fields} | vars(self))
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
-        """Name and unit of each coordinate it brings along; angles are in "rad"."""
+        """Name and unit of each generalized coordinate of a body; angles are in "rad"."""
         return ()
 
     @property
@@ -72,72 +79,84 @@ class Part:
 
     @property
     def initial_velocity(self) -> Array:
-        """Their rates at the start; made consistent with the joints later."""
+        """Rates of the coordinates at the start, before they are made consistent with joints."""
         return np.zeros(0)
 
     @property
     def outline(self) -> Array:
-        """Points (k, 2) of the reference drawing that tell how large it is [m]."""
+        """Points (k, 2) of the reference drawing that span its extent [m]."""
         return np.zeros((0, 2))
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time it follows: integrators stop at their breakpoints."""
+        """Laws of time it depends on; integrators stop at their breakpoints."""
         return ()
 
     @property
     def inputs(self) -> tuple[Named, ...]:
-        """What each of its laws prescribes, as an input of linear models; empty if it is none."""
+        """Name and unit of each law as an input of linear models; empty if it has no inputs."""
         return ()
 
     def with_constant_laws(self, values: Sequence[float]) -> Part:
-        """The same part with numbers in place of its laws; asked of what has `inputs`."""
+        """Return the same part with constant laws, one value for each of `inputs`."""
         raise NotImplementedError
 
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
-        """Its forces: inertia, elasticity, damping, weight under `gravity` (2,), or loads."""
+        """Return its forces: inertia, elasticity, damping, weight, loads.
+
+        Parameters
+        ----------
+        gravity
+            Acceleration of gravity, shape (2,) [m/s^2].
+        """
         return ()
 
     def constraints(self) -> Sequence[ConstraintStatement]:
-        """What it holds."""
+        """Return its constraints."""
         return ()
 
     @property
     def load_distribution(self) -> str:
-        """How its forces on sections of a beam are to be read along it, see `equations.load_distribution`.
+        """Distribution of its forces along a beam, from which section forces are recovered.
 
-        "points": each acts where it is stated; "line": they are a force per length, stated at the
-        points at which inertia is integrated; "shares": they are those of one force in between.
+        "points": each force acts at its attachment. "line": the forces are a force per length,
+        integrated at the points at which inertia is. "shares": the forces are shares of a single
+        force that acts between their attachments.
         """
         return "points"
 
     def ranges(self) -> Sequence[RangeStatement]:
-        """What tells, after a run, whether it stayed where its strains hold."""
+        """Return the measures that check after a run whether its strains stayed valid."""
         return ()
 
     @property
     def events(self) -> Sequence[Event]:
-        """Events of its own, besides those of `Mechanism.when`."""
+        """Events of the part, in addition to those of `Mechanism.when`."""
         return ()
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Numbers worth knowing of it before a run, by name."""
+        """Values that `beamdae check` reports of it before a run, by name."""
         return {}
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
-        """How it is drawn, `attached` being its points that other parts refer to.
+        """Return the line of a body in drawings, or None if the part is drawn by its `symbol`.
 
-        `points` is how many a curve is drawn through; None: not at all.
+        Parameters
+        ----------
+        attached
+            Its attachments that other parts refer to.
+        points
+            Number of points of a curve.
         """
         return None
 
 
 def _flatten(value: Any) -> list[Any]:
-    """What a value holds: its entries, if it is a listing or a dictionary, or itself."""
+    """Return the entries of nested lists, tuples, sets and dictionaries."""
     if isinstance(value, dict):
         value = tuple(value.values())
-    # Named tuples such as statements are values, not listings.
+    # Named tuples such as statements are values, not lists.
     if isinstance(value, (list, set, frozenset)) or type(value) is tuple:
         return [leaf for entry in value for leaf in _flatten(entry)]
     return [value]

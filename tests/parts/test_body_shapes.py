@@ -105,7 +105,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: bd.RigidBody.disk("d", (0, 0), 1.0, mass=1.0, inertia=1.0),
-            "d: of a shape only velocity and angular_velocity are set as well, got inertia",
+            "d: a shape takes only velocity and angular_velocity .*, got inertia",
         ),
         (lambda: POLYGON("p", [(0, 0), (1, 0)], mass=1.0), "p: points must be at least 3 pairs"),
         (
@@ -118,7 +118,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 0), (0, 1)], mass=1.0),
-            r"p: the point \(2, 0\) comes twice in a row",
+            r"p: the point \(2, 0\) is repeated",
         ),
         (
             # A spike, and a corner on another edge.

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 TANGENT, CHORD = VARIANTS[0], VARIANTS[2]
 
@@ -153,7 +153,7 @@ def test_weld_carries_a_hanging_weight():
         weld = mech.add(bd.Weld("wall", *(ends if ground_first else ends[::-1])))
         mech.observe("wall", weld.reaction)
         numeric = Numeric(mech)
-        state = Starter(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+        state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn(numeric))
         sign = 1.0 if ground_first else -1.0
         expected = sign * np.array([0.0, 2.0 * 9.81, 2.0 * 9.81 * 1.5])
         # Rounding of a saddle-point solution.
@@ -174,7 +174,7 @@ def test_motor_turns_a_wheel():
     motor = mech.add(bd.Driver("motor", *hub, law=bd.run_up(speed, duration)))
     mech.observe("motor", motor.reaction)
     numeric = Numeric(mech, time=(t, t))
-    state = Starter(numeric.equations).state(numeric.time, *_drawn(numeric))
+    state = ConsistencySolver(numeric.equations).state(numeric.time, *_drawn(numeric))
     turn = 2.0 * np.pi * t / duration
     theta_ddot = speed / duration * (1.0 - np.cos(turn))
     theta_dot = speed / duration * (t - duration / (2.0 * np.pi) * np.sin(turn))
@@ -201,7 +201,7 @@ def test_bead_on_a_rotating_line_feels_centrifugal_and_coriolis_acceleration():
     line = mech.add(bd.PointOnLine("slot", rod.at(0.0, 0.0), bead.point))
     mech.observe("slot", line.reaction)
     numeric = Numeric(mech)
-    state = Starter(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+    state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn(numeric))
     where = numeric.index("bead.x")
     # Rounding.
     assert_allclose(state.v[where:], (speed, omega * distance), rtol=1e-13)

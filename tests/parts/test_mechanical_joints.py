@@ -10,14 +10,14 @@ from numpy.testing import assert_allclose
 from support import Numeric
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import Starter
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
 def started(mech):
     """Its equations and a consistent start."""
     numeric = Numeric(mech)
     e = numeric.equations
-    return numeric, Starter(e).state(np.zeros(2), e.q0, e.v0)
+    return numeric, ConsistencySolver(e).state(np.zeros(2), e.q0, e.v0)
 
 
 def test_a_slider_keeps_its_offset_and_its_angle():
@@ -212,7 +212,7 @@ def test_a_travel_is_followed_by_force_and_power():
     mech.observe("motor", motor.drive)
     numeric = Numeric(mech, time=(t, t))
     e = numeric.equations
-    state = Starter(e).state(numeric.time, e.q0, e.v0)
+    state = ConsistencySolver(e).state(numeric.time, e.q0, e.v0)
     rate = 0.4 * np.pi * np.cos(np.pi * t)
     force = -mass * 0.4 * np.pi**2 * np.sin(np.pi * t)
     found = numeric.observed("motor", q=state.q, v=state.v, lam=state.lam, time=[t, t])

@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, Numeric, assert_derivative, slope
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.integrators.alpha.alpha_workspace import Motion
-from beamdae.integrators.alpha.jerk import JerkEquations, normal_jerk
-from beamdae.linear.return_codes import DONE
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.integrators.alpha.jerk import JerkEquations, evaluate_normal_jerk
+from beamdae.integrators.alpha.workspace import Motion
+from beamdae.native.return_codes import DONE
 
 
 def run(model, integrator, t_end, step=None):
@@ -179,14 +179,14 @@ def test_jerk_of_positions_is_the_same_in_loops():
     numeric = jointed(NONHOLONOMIC["inside a ring"])
     equations = numeric.equations
     rng = np.random.default_rng(1)
-    starter = Starter(equations)
+    starter = ConsistencySolver(equations)
     state = starter.state(numeric.time, equations.q0, rng.normal(size=numeric.n))
     expected = starter.normal_jerk(numeric.time, state, 1e-4, of_positions=True)
-    jerk = JerkEquations.of(equations).buffers(False)
+    jerk = JerkEquations.from_equations(equations).buffers(False)
     at = Motion(state.q, state.v, state.a, state.a, state.lam)
-    assert normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE
+    assert evaluate_normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE
     # Differences over 1e-4 of accelerations of order one are rounded to 1e-12 of their sizes.
-    assert_allclose(jerk.found[: numeric.n], expected, rtol=1e-6, atol=1e-6)
+    assert_allclose(jerk.unknowns[: numeric.n], expected, rtol=1e-6, atol=1e-6)
 
 
 GROUND = bd.Mechanism().ground

@@ -1,4 +1,4 @@
-"""Mass, center and inertia of plane shapes of rigid bodies, and what they are drawn through."""
+"""Mass, center of mass, inertia and outline of plane shapes of rigid bodies."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from beamdae.errors import BeamdaeError, require_point, require_positive, requir
 
 Array = np.ndarray
 
-# Corners a circle is drawn through.
+# Number of segments of a circle in drawings.
 _CIRCLE_SEGMENTS = 48
+# Smallest area of a polygon, relative to that of its bounding box; below, it is rounding error.
+_MIN_AREA_RATIO = 1e-12
 
 
 class Shape(NamedTuple):
-    """A plane body: mass [kg], inertia about its center [kg m^2], center and outline [m]."""
+    """Plane body: mass [kg], inertia about its center [kg m^2], center and outline [m]."""
 
     mass: float
     inertia: float
@@ -26,12 +28,23 @@ class Shape(NamedTuple):
 def resolve_mass(
     part: str, mass: Any, density: Any, thickness: Any, area: float, needed: str = "thickness"
 ) -> float:
-    """The mass given, or density times volume; `needed` is what the volume takes beside the area.
+    """Return `mass`, or density times volume.
+
+    Parameters
+    ----------
+    part
+        Name of the body, for messages.
+    mass, density, thickness
+        Arguments of the user; None if not given.
+    area
+        Factor of the volume besides the thickness [m^2], or the length of a rod [m].
+    needed
+        Name of the argument `thickness` in messages.
 
     Raises
     ------
     BeamdaeError
-        If neither or both are given.
+        If neither or both of mass and density are given.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
         raise BeamdaeError(f"{part}: give either mass= or density= with {needed}=.")
@@ -45,27 +58,27 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """A thin straight rod from a to b: m l^2 / 12."""
+    """Return a thin straight rod from a to b, of inertia m l^2 / 12."""
     start, end = require_point(part, "a", a), require_point(part, "b", b)
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
         raise BeamdaeError(f"{part}: a and b must differ, both are {start}.")
-    whole = resolve_mass(part, mass, density, area, length, "area")
+    total_mass = resolve_mass(part, mass, density, area, length, "area")
     center = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    return Shape(whole, whole * length**2 / 12.0, center, (start, end))
+    return Shape(total_mass, total_mass * length**2 / 12.0, center, (start, end))
 
 
 def disk(
     part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
 ) -> Shape:
-    """A solid disk: m r^2 / 2."""
+    """Return a solid disk, of inertia m r^2 / 2."""
     (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
-    whole = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
-    turn = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
-    rim = np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=-1)
-    # The radius to the first corner shows how far the disk has turned.
+    total_mass = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
+    angle = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
+    rim = np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=-1)
+    # The radius to the first corner shows the rotation of the disk.
     outline = ((x, y), *map(tuple, rim.tolist()), tuple(rim[0].tolist()))
-    return Shape(whole, 0.5 * whole * radius**2, (x, y), outline)
+    return Shape(total_mass, 0.5 * total_mass * radius**2, (x, y), outline)
 
 
 def plate(
@@ -78,58 +91,61 @@ def plate(
     density: Any,
     thickness: Any,
 ) -> Shape:
-    """A rectangle turned by `angle`: m (w^2 + h^2) / 12."""
+    """Return a rectangle rotated by `angle`, of inertia m (w^2 + h^2) / 12."""
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
-    whole = resolve_mass(part, mass, density, thickness, width * height)
+    total_mass = resolve_mass(part, mass, density, thickness, width * height)
     c, s = np.cos(angle), np.sin(angle)
     corners = 0.5 * np.array(
         [(-width, -height), (width, -height), (width, height), (-width, height)]
     )
-    turned = corners @ np.array([(c, s), (-s, c)]) + (x, y)
-    outline = tuple(map(tuple, turned.tolist()))
-    return Shape(whole, whole * (width**2 + height**2) / 12.0, (x, y), outline)
+    rotated = corners @ np.array([(c, s), (-s, c)]) + (x, y)
+    outline = tuple(map(tuple, rotated.tolist()))
+    return Shape(total_mass, total_mass * (width**2 + height**2) / 12.0, (x, y), outline)
 
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
-    """A polygon, by Green's formulas; either orientation."""
-    given = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
-    if len(given) < 3:
-        raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(given)}.")
-    corners = np.array([require_point(part, f"point {k}", xy) for k, xy in enumerate(given)])
-    # About the middle of the corners, which keeps the digits of a small body far from the origin.
+    """Return a polygon of either orientation, by Green's formulas."""
+    entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
+    if len(entries) < 3:
+        raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(entries)}.")
+    corners = np.array([require_point(part, f"point {k}", xy) for k, xy in enumerate(entries)])
+    # Relative to the mean of the corners, to avoid cancellation for a body far from the origin.
     middle = corners.mean(axis=0)
     x, y = (corners - middle).T
     nx, ny = np.roll(x, -1), np.roll(y, -1)
     cross = x * ny - nx * y
     size = float(np.ptp(x)) * float(np.ptp(y))
     area = 0.5 * float(cross.sum())
-    if not abs(area) > 1e-12 * size:
+    if not abs(area) > _MIN_AREA_RATIO * size:
         raise BeamdaeError(f"{part}: points must enclose an area, got {area:g} m^2.")
     _require_simple(part, corners)
     center = np.array([((x + nx) * cross).sum(), ((y + ny) * cross).sum()]) / (6.0 * area)
     polar = float(((x * x + x * nx + nx * nx + y * y + y * ny + ny * ny) * cross).sum()) / 12.0
-    whole = resolve_mass(part, mass, density, thickness, abs(area))
-    inertia = whole * (polar / area - float(center @ center))
+    total_mass = resolve_mass(part, mass, density, thickness, abs(area))
+    inertia = total_mass * (polar / area - float(center @ center))
     cx, cy = (center + middle).tolist()
-    return Shape(whole, inertia, (cx, cy), tuple(map(tuple, corners.tolist())))
+    return Shape(total_mass, inertia, (cx, cy), tuple(map(tuple, corners.tolist())))
 
 
 def _require_simple(part: str, corners: Array) -> None:
-    """Refuse a polygon whose edges meet anywhere but at their common corners."""
+    """Raise an error if edges of a polygon meet anywhere but at their common corners."""
     n = len(corners)
-    twice = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
-    if twice.size:
-        x, y = corners[twice[0]]
-        raise BeamdaeError(f"{part}: the point ({x:g}, {y:g}) comes twice in a row.")
+    repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
+    if repeated.size:
+        x, y = corners[repeated[0]]
+        raise BeamdaeError(f"{part}: the point ({x:g}, {y:g}) is repeated; give each corner once.")
     for i in range(n):
         a, b = corners[i], corners[(i + 1) % n]
         for j in range(i + 1, n):
             c, d = corners[j], corners[(j + 1) % n]
-            apart = 1 < j - i < n - 1
-            if (apart and _edges_cross(a, b, c, d)) or (
-                not apart and _edges_overlap(a, b, c, d, j == i + 1)
-            ):
+            are_neighbors = not 1 < j - i < n - 1
+            meet = (
+                _edges_overlap(a, b, c, d, j == i + 1)
+                if are_neighbors
+                else _edges_cross(a, b, c, d)
+            )
+            if meet:
                 raise BeamdaeError(
                     f"{part}: points must go around the polygon, its edges from "
                     f"({a[0]:g}, {a[1]:g}) and from ({c[0]:g}, {c[1]:g}) cross."
@@ -137,12 +153,12 @@ def _require_simple(part: str, corners: Array) -> None:
 
 
 def _side_of_line(a: Array, b: Array, p: Array) -> float:
-    """On which side of the line through a and b the point lies."""
+    """Return 1 for a point left of the line from a to b, -1 right of it, 0 on it."""
     return float(np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])))
 
 
 def _is_between(a: Array, b: Array, p: Array) -> bool:
-    """Whether a point of the line through a and b lies between them."""
+    """Return True if a point of the line through a and b lies between them."""
     return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
 
 
@@ -160,7 +176,7 @@ def _edges_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 def _edges_overlap(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
-    """Whether two edges that share a corner lie on each other."""
+    """Return True if two edges that share a corner overlap; `follows`: d starts at b."""
     shared, one, other = (b, a, d) if follows else (a, b, c)
     return (
         _side_of_line(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0

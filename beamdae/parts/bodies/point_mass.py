@@ -28,27 +28,40 @@ Array = np.ndarray
 _ALL_ROWS = sp.eye_array(2, format="csr")
 
 
-def _free(q: SX, none: Any) -> tuple[SX, SX]:
+def _free_particle(q: SX, numbers: Any) -> tuple[SX, SX]:
     return q, SX(0)
 
 
-def _particle(local: Local, on: Any, own: Callable[[], Any]) -> ForceKernel:
-    """Inertia and weight of a particle; its own numbers are mass and gravity."""
-    numbers = own()
-    mass, weight = numbers[0], ca.vertcat(numbers[1], numbers[2])
-    place, _ = on(local.q)
-    load = mass * (local.ddot(place) - weight)
-    force = ca.jtimes(place, local.q, load, True)
-    kinetic = 0.5 * mass * ca.sumsqr(local.dot(place))
-    return ForceKernel(local, force, ca.vertcat(kinetic, 0, -mass * ca.dot(weight, place)))
+def _particle_kernel(local: Local, on: Any, constants: Callable[[], Any]) -> ForceKernel:
+    """Return inertia and weight of a particle; the constants are mass and gravity."""
+    numbers = constants()
+    mass, gravity = numbers[0], ca.vertcat(numbers[1], numbers[2])
+    position, _ = on(local.q)
+    load = mass * (local.ddot(position) - gravity)
+    force = ca.jtimes(position, local.q, load, True)
+    kinetic = 0.5 * mass * ca.sumsqr(local.dot(position))
+    return ForceKernel(local, force, ca.vertcat(kinetic, 0, -mass * ca.dot(gravity, position)))
 
 
 @dataclass(frozen=True, eq=False)
 class PointMass(Part):
     """Particle of `mass` [kg]: fixed `on` an attachment, or free and starting `at` a point.
 
-    A free particle has the coordinates (x, y) and can be joined to others by its `.require_point`; a fixed
-    one adds its inertia and weight to the body it sits on.
+    A free particle has the coordinates (x, y) and is joined to other parts by its `.point`. A fixed
+    particle adds its inertia and weight to the body it sits on.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    mass
+        [kg]; a fixed particle may have a mass of zero.
+    on
+        Attachment a fixed particle sits on.
+    at
+        Position (x, y) of a free particle in the drawing [m].
+    velocity
+        Velocity (vx, vy) of a free particle at the start [m/s].
 
     Examples
     --------
@@ -79,40 +92,42 @@ class PointMass(Part):
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
-        """Place of a free particle."""
+        """Position of a free particle."""
         return () if self.at is None else (Named("x", "m"), Named("y", "m"))
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
+        """Position of a free particle in the reference drawing."""
         return np.zeros(0) if self.at is None else np.array(self.at, float)
 
     @property
     def initial_velocity(self) -> Array:
-        """Their rates at the start."""
+        """Velocity of a free particle at the start."""
         return np.zeros(0) if self.at is None else np.array(self.velocity, float)
 
     @property
     def outline(self) -> Array:
-        """Where a free particle is."""
+        """Position of a free particle."""
         return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)
 
     @property
     def point(self) -> Attachment:
-        """The particle as an attachment; it has no angle of its own."""
+        """The particle as an attachment; a free particle has no angle."""
         if self.on is not None:
             return self.on
         assert self.at is not None
-        free = Formula(_free)
-        return Attachment(self, self.at, 0.0, _ALL_ROWS, free, has_angle=False)
+        kinematics = Formula(_free_particle)
+        return Attachment(self, self.at, 0.0, _ALL_ROWS, kinematics, has_angle=False)
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Inertia and weight."""
-        where = self.point
-        own = constant_formula(self.mass, *map(float, gravity))
-        kernel, data = build_formula_kernel(_particle, (where.checked_kinematics, own), where.size)
-        return [ForceStatement(self.name, kernel, (where.piece,), data)]
+        """Return inertia and weight."""
+        point = self.point
+        constants = constant_formula(self.mass, *map(float, gravity))
+        kernel, data = build_formula_kernel(
+            _particle, (point.checked_kinematics, constants), point.size
+        )
+        return [ForceStatement(self.name, kernel, (point.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """A point."""
+        """Return a dot."""
         return Drawing("point", [self.point])

@@ -21,50 +21,49 @@ from beamdae.errors import (
     set_fields,
 )
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.bodies import plane_shapes as body_shapes
+from beamdae.parts.bodies import plane_shapes
 from beamdae.parts.part import Drawing, Part
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
 
 Array = np.ndarray
 
-
 _NO_ROWS = sp.csr_array((0, 0))
 _ALL_ROWS = sp.eye_array(3, format="csr")
 
 
-def _fixed(q: SX, place: Any) -> tuple[SX, SX]:
-    return ca.vertcat(SX(place[0]), place[1]), SX(0)
+def _fixed_point(q: SX, point: Any) -> tuple[SX, SX]:
+    return ca.vertcat(SX(point[0]), point[1]), SX(0)
 
 
-def _carried(q: SX, arm: Any) -> tuple[SX, SX]:
+def _body_point(q: SX, arm: Any) -> tuple[SX, SX]:
     return q[:2] + rotate(q[2], arm), q[2]
 
 
 @cache
-def _rigid() -> ForceKernel:
-    """Inertia and weight of a rigid body; data: mass, inertia, gravity."""
+def _rigid_body_kernel() -> ForceKernel:
+    """Return inertia and weight of a rigid body; its data are mass, inertia and gravity."""
     local = Local(3, 4)
-    mass, inertia, weight = local.data[0], local.data[1], local.data[2:]
-    force = ca.vertcat(mass * (local.a[:2] - weight), inertia * local.a[2])
+    mass, inertia, gravity = local.data[0], local.data[1], local.data[2:]
+    force = ca.vertcat(mass * (local.a[:2] - gravity), inertia * local.a[2])
     kinetic = 0.5 * (mass * ca.sumsqr(local.v[:2]) + inertia * local.v[2] ** 2)
-    energies = ca.vertcat(kinetic, 0, -mass * ca.dot(weight, local.q[:2]))
+    energies = ca.vertcat(kinetic, 0, -mass * ca.dot(gravity, local.q[:2]))
     return ForceKernel(local, force, energies, reused=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Ground(Part):
-    """The inertial frame; it has no coordinates."""
+    """Inertial frame, without coordinates."""
 
     name: str = "ground"
 
     def at(self, x: float, y: float) -> Attachment:
-        """The fixed point (x, y) [m]."""
-        place = require_point(self.name, "point", (x, y))
-        return Attachment(self, place, 0.0, _NO_ROWS, Formula(_fixed, place))
+        """Return the fixed point (x, y) [m]."""
+        point = require_point(self.name, "point", (x, y))
+        return Attachment(self, point, 0.0, _NO_ROWS, Formula(_fixed_point, point))
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """The fixed points something is attached to."""
+        """Return the fixed points that other parts refer to."""
         return Drawing("ground", list(attached))
 
 
@@ -83,12 +82,13 @@ class RigidBody(Part):
     center
         Center of mass in the reference drawing [m]; the angle is zero there.
     velocity, angular_velocity
-        At the start [m/s], [rad/s]; made consistent with the joints.
+        Velocity of the center of mass [m/s] and angular velocity [rad/s] at the start, before they
+        are made consistent with the joints.
     shape
-        Points it is drawn through, of the reference drawing [m]; without any, through the points
-        where something is attached.
+        Points of its outline in the reference drawing [m]; without any, it is drawn through the
+        points where parts are attached.
 
-    `rod`, `disk`, `plate` and `polygon` find mass, center and inertia from a shape.
+    `rod`, `disk`, `plate` and `polygon` compute mass, center and inertia from a shape.
 
     Examples
     --------
@@ -133,12 +133,25 @@ class RigidBody(Part):
         area: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Thin rod between two points [m], of `mass` [kg] or of `density` [kg/m^3] and `area`.
+        """Return a thin straight rod.
 
-        `start` are `velocity` and `angular_velocity`, also of the shapes below.
+        Parameters
+        ----------
+        name
+            Unique name.
+        a, b
+            End points (x, y) in the drawing [m].
+        mass
+            [kg]; or give density and area.
+        density
+            [kg/m^3].
+        area
+            Area of the cross-section [m^2].
+        **start
+            `velocity` and `angular_velocity` at the start.
         """
         name = require_name("RigidBody.rod", name)
-        return cls._of(name, body_shapes.rod(name, a, b, mass, density, area), start)
+        return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
 
     @classmethod
     def disk(
@@ -151,10 +164,28 @@ class RigidBody(Part):
         thickness: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Solid disk, of `mass` [kg] or of `density` [kg/m^3] and `thickness` [m]."""
+        """Return a solid disk.
+
+        Parameters
+        ----------
+        name
+            Unique name.
+        center
+            Center (x, y) in the drawing [m].
+        radius
+            [m].
+        mass
+            [kg]; or give density and thickness.
+        density
+            [kg/m^3].
+        thickness
+            [m].
+        **start
+            `velocity` and `angular_velocity` at the start.
+        """
         name = require_name("RigidBody.disk", name)
-        found = body_shapes.disk(name, center, radius, mass, density, thickness)
-        return cls._of(name, found, start)
+        shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
+        return cls._from_shape(name, shape, start)
 
     @classmethod
     def plate(
@@ -169,14 +200,31 @@ class RigidBody(Part):
         thickness: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Rectangle of `width` along the direction `angle` [rad] and `height` across it [m].
+        """Return a rectangular plate.
 
-        Of `mass` [kg], or of `density` [kg/m^3] and `thickness` [m].
+        Parameters
+        ----------
+        name
+            Unique name.
+        center
+            Center (x, y) in the drawing [m].
+        width, height
+            Sides along and across its direction [m].
+        angle
+            Direction of the width in the drawing [rad].
+        mass
+            [kg]; or give density and thickness.
+        density
+            [kg/m^3].
+        thickness
+            [m].
+        **start
+            `velocity` and `angular_velocity` at the start.
         """
         name = require_name("RigidBody.plate", name)
         angle = require_finite(name, "angle", angle)
-        found = body_shapes.plate(name, center, width, height, angle, mass, density, thickness)
-        return cls._of(name, found, start)
+        shape = plane_shapes.plate(name, center, width, height, angle, mass, density, thickness)
+        return cls._from_shape(name, shape, start)
 
     @classmethod
     def polygon(
@@ -188,9 +236,22 @@ class RigidBody(Part):
         thickness: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Polygon through its corners `points` [m], in either order around it.
+        """Return a polygonal plate.
 
-        Of `mass` [kg], or of `density` [kg/m^3] and `thickness` [m].
+        Parameters
+        ----------
+        name
+            Unique name.
+        points
+            Corners (x, y) in the drawing [m], in either orientation.
+        mass
+            [kg]; or give density and thickness.
+        density
+            [kg/m^3].
+        thickness
+            [m].
+        **start
+            `velocity` and `angular_velocity` at the start.
 
         Examples
         --------
@@ -201,56 +262,58 @@ class RigidBody(Part):
         [3.5325, 0.1, 0.1]
         """
         name = require_name("RigidBody.polygon", name)
-        return cls._of(name, body_shapes.polygon(name, points, mass, density, thickness), start)
+        return cls._from_shape(
+            name, plane_shapes.polygon(name, points, mass, density, thickness), start
+        )
 
     @classmethod
-    def _of(cls, name: str, shape: body_shapes.Shape, start: dict[str, Any]) -> RigidBody:
-        others = sorted(start.keys() - {"velocity", "angular_velocity"})
-        if others:
+    def _from_shape(cls, name: str, shape: plane_shapes.Shape, start: dict[str, Any]) -> RigidBody:
+        unknown = sorted(start.keys() - {"velocity", "angular_velocity"})
+        if unknown:
             raise BeamdaeError(
-                f"{name}: of a shape only velocity and angular_velocity are set as well, "
-                f"got {', '.join(others)}."
+                f"{name}: a shape takes only velocity and angular_velocity besides its dimensions, "
+                f"got {', '.join(unknown)}."
             )
         mass, inertia, center, outline = shape
         return cls(name, mass, inertia, center, shape=outline, **start)
 
     @property
     def coordinates(self) -> tuple[Named, ...]:
-        """Place of the center of mass, and angle."""
+        """Position of the center of mass, and angle."""
         return (Named("x", "m"), Named("y", "m"), Named("angle", "rad"))
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
+        """Center of mass in the reference drawing, and angle zero."""
         return np.array([*self.center, 0.0])
 
     @property
     def initial_velocity(self) -> Array:
-        """Their rates at the start."""
+        """Velocity and angular velocity at the start."""
         return np.array([*self.velocity, self.angular_velocity])
 
     @property
     def outline(self) -> Array:
-        """The shape, or the center of mass."""
+        """Points of the shape, or the center of mass."""
         return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
-        """The material point at (x, y) of the reference drawing [m]."""
-        place = require_point(self.name, "point", (x, y))
-        arm = (place[0] - self.center[0], place[1] - self.center[1])
-        return Attachment(self, place, 0.0, _ALL_ROWS, Formula(_carried, arm))
+        """Return the material point at (x, y) of the reference drawing [m]."""
+        point = require_point(self.name, "point", (x, y))
+        arm = (point[0] - self.center[0], point[1] - self.center[1])
+        return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Inertia and weight."""
+        """Return inertia and weight."""
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
-        return [ForceStatement(self.name, _rigid(), (Piece(self, _ALL_ROWS),), data)]
+        return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """The shape, or where something is attached, with the center if that is one point."""
+        """Return the shape, or the attachments; a single one is connected to the center of mass."""
         if self.shape:
-            return Drawing("rigid", [self.at(*place) for place in self.shape])
-        places = list(attached)
+            return Drawing("rigid", [self.at(*point) for point in self.shape])
+        line = list(attached)
         center = self.at(*self.center)
-        if len(places) < 2 and center.point not in {a.point for a in places}:
-            places.append(center)
-        return Drawing("rigid", places)
+        if len(line) < 2 and center.point not in {attachment.point for attachment in line}:
+            line.append(center)
+        return Drawing("rigid", line)

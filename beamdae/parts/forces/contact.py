@@ -22,7 +22,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
-from beamdae.parts.laws import Law, as_law
+from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
@@ -219,7 +219,11 @@ class Contact(Part):
         """One that changes nothing: integrators keep to a quarter of its time scale."""
         if self.longest_step is None:
             return ()
-        return (replace(as_law(self.name, 0.0), time_scale=4.0 * self.longest_step),)
+        return (
+            replace(
+                as_law(self.name, 0.0), time_scale=MIN_STEPS_PER_TIME_SCALE * self.longest_step
+            ),
+        )
 
     @property
     def hysteresis(self) -> float:
