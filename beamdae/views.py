@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from beamdae.report.card import card as summarize_as_html
-from beamdae.report.pictures.figures import save_figure
+from beamdae.report.pictures.figures import require_picture_path, save_figure
 from beamdae.report.pictures.path_plots import plot_path as plot_equilibrium_path
 from beamdae.report.pictures.path_plots import plot_response as plot_frequency_response
 from beamdae.report.pictures.run_animation import animate
 from beamdae.report.pictures.section_diagrams import plot_section_diagram as plot_section_forces
-from beamdae.report.pictures.time_plots import picture_path
 from beamdae.report.pictures.time_plots import plot as plot_time_series
+from beamdae.report.run_summary import summarize_as_html as summarize_as_html
 from beamdae.results.displays import Plot
 
 __all__ = [
@@ -30,4 +29,4 @@ __all__ = [
 
 def save_plot(plot: Plot, path: str | Path) -> Path:
     """Write a plot to a file, see `Plot.save`."""
-    return save_figure(plot.figure, picture_path("Plot.save", path))
+    return save_figure(plot.figure, require_picture_path("Plot.save", path))

@@ -1,5 +1,5 @@
-"""Results of one run: trajectory, solution, energy ledger, shapes, files.
+"""Results: trajectory, solution, diagnostics, section forces, saved runs. They hold data only.
 
-May import: equations, parts (to draw them), symbolic.
-Next: what is measured of a run is a function in `equations.measures` and a table here.
+May import: equations, beams, parts, symbolic. Drawing goes through `displays.load_views`.
+Next: a quantity of a run is a method of `Solution`; a check of runs is a module in `diagnostics`.
 """

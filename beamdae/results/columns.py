@@ -1,4 +1,4 @@
-"""Columns of a result by the names a user has for them."""
+"""Columns of results: headers with units, and the selection of columns by name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from beamdae.errors import BeamdaeError, short_repr, suggest
 
 
 class Header(NamedTuple):
-    """What a header 'name.suffix [unit]' says; without a suffix, `suffix` repeats the name."""
+    """Header 'name.suffix [unit]' of a column, split; without a suffix, it repeats the name."""
 
     name: str
     suffix: str
@@ -18,30 +18,28 @@ class Header(NamedTuple):
 
     @classmethod
     def of(cls, column: str) -> Header:
-        """Read a header."""
+        """Split a header."""
         dotted, _, unit = column.removesuffix("]").rpartition(" [")
         name, _, suffix = dotted.rpartition(".")
         return cls(name or suffix, suffix, unit)
 
     @property
     def kind(self) -> str:
-        """What columns share that can be measured against each other: their unit, if they have one.
-
-        Columns without a unit have nothing to do with each other.
-        """
+        """Key of the columns whose magnitudes are comparable: the unit, or the whole name."""
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:
-    """The observed columns of a table that may have time, energies and drift as well."""
+    """Return the headers of the observed columns, without time, energies and drift."""
     others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]
 
 
 def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
-    """Columns of a table and coordinates by header; the column where both have one of the name.
+    """Merge the columns of a table with those of the coordinates, by header.
 
-    A point of a body may be observed under the name of the body.
+    An observed column takes precedence over a coordinate with the same header; a point of a body
+    may be observed under the name of the body.
     """
     return {**observed, **dict(coordinates), **observed}
 
@@ -49,33 +47,33 @@ def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, An
 def select_columns(
     headers: Iterable[str], name: Any, of: str = "Solution", observed: Iterable[str] = ()
 ) -> list[str]:
-    """The headers a name stands for.
+    """Return the headers that a name selects.
 
     Parameters
     ----------
     headers
-        'name.column [unit]', as tables have them.
+        Headers 'name.column [unit]' to select from.
     name
-        A header, a header without its unit, or the name of an observable for all its columns.
+        A header with or without its unit, or the name of an observable for all its columns.
     of
-        What has them.
+        Class of the result, for the error message.
     observed
-        Those among them that are meant where others bear the same name.
+        Headers that take precedence over others with the same name.
 
     Raises
     ------
     BeamdaeError
-        If there is none of the name.
+        If no column has this name.
     """
-    every, meant = list(headers), set(observed)
-    bare = [header.rpartition(" [")[0] for header in every]
-    whole = [Header.of(header).name for header in every]
-    for names in (every, bare, whole) if isinstance(name, str) else ():
-        found = [header for header, own in zip(every, names, strict=True) if own == name]
-        if found:
-            return [header for header in found if header in meant] or found
-    known = list(dict.fromkeys([*bare, *whole]))
+    headers, preferred = list(headers), set(observed)
+    without_unit = [header.rpartition(" [")[0] for header in headers]
+    observables = [Header.of(header).name for header in headers]
+    for names in (headers, without_unit, observables) if isinstance(name, str) else ():
+        matches = [header for header, own in zip(headers, names, strict=True) if own == name]
+        if matches:
+            return [header for header in matches if header in preferred] or matches
+    known = list(dict.fromkeys([*without_unit, *observables]))
     raise BeamdaeError(
-        f"{of}: no column has the name {short_repr(name)}{suggest(name, known)}; "
-        f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` have all there are."
+        f"{of}: no column has the name {short_repr(name)}{suggest(name, known)}; see "
+        f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )

@@ -1,4 +1,4 @@
-"""The result of a static analysis: a path of equilibria, what is critical on it, tables of it."""
+"""Result of a static analysis: a path of equilibria, its critical points and its tables."""
 
 from __future__ import annotations
 
@@ -26,23 +26,26 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-FACTOR, UNSTABLE, KIND = "load factor [-]", "unstable directions [-]", "point"
+# Headers of the table.
+FACTOR = "load factor [-]"
+UNSTABLE = "unstable directions [-]"
+KIND = "point"
 
 
 class CriticalPoint(NamedTuple):
-    """A point of a path at which the tangent stiffness loses a direction.
+    """A point of a path at which the tangent stiffness is singular.
 
     Attributes
     ----------
     kind
-        "limit point", where the load factor turns; "branch point", where another path crosses;
-        "flutter point", where a follower load begins to swing what it acts on.
+        "limit point", where the load factor has an extremum; "branch point", where another path
+        crosses; "flutter point", where a follower load starts oscillations.
     row
-        Of the path.
+        Row of the path.
     factor
-        The load factor.
+        Load factor [-].
     moves
-        The coordinate that moves most in what is lost.
+        Name of the coordinate that moves most in the direction without stiffness.
     """
 
     kind: str
@@ -53,32 +56,38 @@ class CriticalPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A path of equilibria of a mechanism, at the end of which it rests.
+    """A path of equilibria of a mechanism; its end is the equilibrium under the full loads.
 
     Attributes
     ----------
     equations
-        Its equations of motion, under loads as they are at the time `t` [s].
+        The equations of motion, with the loads at the time `t`.
+    t
+        Time of the loads [s].
     status
-        How the path ended: "ok" at its last target, "limited" or "failed"; and a sentence.
+        How the path ended: "ok" at its last target, "limited" or "failed"; and the reason.
     loads
-        Names of the loads that were scaled, of each stage.
+        Names of the loads that were scaled, one tuple per stage.
     factors
-        Load factors, (k, number of stages).
-    q, lam
-        Coordinates (k, n) and multipliers (k, m).
+        Load factors (k, number of stages) [-].
+    q
+        Coordinates (k, n).
+    lam
+        Lagrange multipliers of the constraints (k, m).
     unstable
-        In how many directions each equilibrium is unstable under loads that stay (k,): 0 where it
-        is stable, -1 where that is not known.
+        Number of directions in which each equilibrium is unstable under constant loads (k,): 0 if
+        it is stable, -1 if this is not known.
     critical
-        Limit and branch points, in order.
+        Limit, branch and flutter points, in order of the path.
     settings
-        What was asked for, and what it took.
+        Requested settings, and the cost of the path.
+    model
+        Name and parameters of the model.
     notes
-        Sentences on what the result is to be read with.
+        Remarks on the interpretation of the result.
     free
-        The coordinate that moves most in a motion that nothing resists where it ends, if there is
-        one: it rests anywhere along that motion.
+        Name of the coordinate that moves most in a motion without stiffness at the end of the path,
+        if there is one; the equilibrium is then arbitrary along this motion.
     """
 
     equations: EquationsOfMotion
@@ -96,7 +105,7 @@ class Equilibrium:
     free: str = ""
 
     def __repr__(self) -> str:
-        critical = "".join(f"; {one.kind} at {one.factor:.6g}" for one in self.critical)
+        critical = "".join(f"; {point.kind} at {point.factor:.6g}" for point in self.critical)
         return (
             f"<Equilibrium: {self.status.kind}, {self.status.sentence}; {len(self.q)} rows to load "
             f"factor {self.factor:g}, {'' if self.stable else 'not '}stable{critical}>"
@@ -104,21 +113,32 @@ class Equilibrium:
 
     @property
     def factor(self) -> float:
-        """The load factor at its end, of the last stage; 1 where nothing is scaled."""
+        """Load factor of the last stage at the end of the path [-]; 1 if no load is scaled."""
         return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
 
     @property
     def stable(self) -> bool:
-        """Whether it comes back to its end from all around, under loads that stay."""
+        """Whether the end of the path is stable under constant loads."""
         return bool(self.unstable[-1] == 0) and not self.free
 
     @property
     def positions(self) -> dict[str, float]:
-        """Coordinates at its end by name, such as `Mechanism(start=)` takes."""
+        """Coordinates at the end of the path by name, as `Mechanism(start=)` accepts them."""
         return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
 
     def at(self, row: int) -> Equilibrium:
-        """The path up to a row of it, to start from there; critical points name rows."""
+        """Return the path up to one of its rows, for example to start from a critical point.
+
+        Parameters
+        ----------
+        row
+            Index of the row, for example `CriticalPoint.row`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the path has no such row.
+        """
         row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
         return replace(
             self,
@@ -126,27 +146,30 @@ class Equilibrium:
             q=self.q[: row + 1],
             lam=self.lam[: row + 1],
             unstable=self.unstable[: row + 1],
-            critical=tuple(one for one in self.critical if one.row <= row),
+            critical=tuple(point for point in self.critical if point.row <= row),
         )
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """The observed columns but for rates, by header, (k,) each."""
+        """Observed columns except rates, (k,) each, by header."""
         e, rows = self.equations, len(self.q)
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
-        still = np.zeros_like(self.q)
+        at_rest = np.zeros_like(self.q)
         times = np.full((rows, 2), self.t)
-        values = ObservedRows(e)(times, self.q, still, still, self.lam).T
-        found = dict(zip(headers, values, strict=True))
-        return {k: x for k, x in found.items() if not Header.of(k).suffix.endswith("_dot")}
+        values = ObservedRows(e)(times, self.q, at_rest, at_rest, self.lam).T
+        return {
+            header: column
+            for header, column in zip(headers, values, strict=True)
+            if not Header.of(header).suffix.endswith("_dot")
+        }
 
     def all_columns(self) -> dict[str, Any]:
-        """The columns of `table` by header."""
+        """Return the columns of `table`, (k,) each, by header."""
         kinds = np.full(len(self.q), "", object)
-        for one in self.critical:
-            kinds[one.row] = one.kind
+        for point in self.critical:
+            kinds[point.row] = point.kind
         names = [FACTOR] * min(len(self.loads), 1)
         names += [f"load factor {k} [-]" for k in range(2, len(self.loads) + 1)]
         return {
@@ -157,81 +180,94 @@ class Equilibrium:
         }
 
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
-        """Columns over the load factor (of several stages their sum), by name as of a `Solution`.
+        """Return columns over the load factor by name, see `Solution.__getitem__`.
+
+        The index is the sum of the load factors of all stages.
 
         Raises
         ------
         BeamdaeError
-            If there is none of the name.
+            If no column has this name.
         """
         import pandas as pd
 
         observed = self.all_columns()
-        every = merge_columns(observed, self.coordinates())
-        headers = select_columns(every, name, "Equilibrium", observed)
+        columns = merge_columns(observed, self.coordinates())
+        headers = select_columns(columns, name, "Equilibrium", observed)
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
-        found = pd.DataFrame({h: np.asarray(every[h]) for h in headers}).set_index(index)
-        return found[headers[0]] if len(headers) == 1 else found
+        table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
+        return table[headers[0]] if len(headers) == 1 else table
 
     def plot(self, *names: str) -> Plot:
-        """Draw the load factor over columns by name, default all that change, twelve at most.
+        """Plot the load factor over columns.
 
-        Dashed where it is unstable, with limit and branch points marked.
+        Unstable stretches are dashed, and critical points are marked.
+
+        Parameters
+        ----------
+        names
+            Names of columns, see `equilibrium[name]`; default all that change, at most twelve.
 
         Raises
         ------
         BeamdaeError
-            If there is no column of such a name.
+            If no column has this name.
         """
         return load_views().plot_equilibrium_path(self, names)
 
     def table(self) -> pd.DataFrame:
-        """Load factors, observed quantities, stability and kind of each point of the path."""
+        """Return one row per point: load factors, observed columns, stability, kind of point."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
 
     def coordinates(self) -> pd.DataFrame:
-        """All coordinates and multipliers, named by part, with units."""
+        """Return all coordinates and multipliers, named by part, with units."""
         import pandas as pd
 
         e = self.equations
-        held = [f"lam.{one.header}" for one in e.multipliers]
-        headers = [*(one.header for one in e.coordinates), *held]
-        return pd.DataFrame(np.hstack([self.q, self.lam]), columns=headers)
+        names = [coordinate.header for coordinate in e.coordinates]
+        names += [f"lam.{multiplier.header}" for multiplier in e.multipliers]
+        return pd.DataFrame(np.hstack([self.q, self.lam]), columns=names)
 
     def section_forces(self, beam: Any, s: Any = None) -> SectionForces:
-        """N, Q and M of a beam (or its name) at its end, as `Solution.section_forces`."""
-        still = np.zeros_like(self.q[-1:])
-        state = State(self.q[-1:], still, still, self.lam[-1:])
-        known = self.equations.configurations
-        factors = dict.fromkeys(known.initially_inactive if known is not None else (), 0.0)
+        """Return the section forces of a beam at the end of the path.
+
+        Parameters
+        ----------
+        beam, s
+            The beam or its name, and arc lengths [m], as for `Solution.section_forces`.
+        """
+        at_rest = np.zeros_like(self.q[-1:])
+        state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
+        factors = dict.fromkeys(self._inactive, 0.0)
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
             factors |= dict.fromkeys(names, factor)
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
-        """Draw "N", "Q" or "M" of a beam at its end, as `Solution.diagram`."""
+        """Draw "N", "Q" or "M" of a beam at the end of the path, see `Solution.diagram`."""
         return self.section_forces(beam).diagram(what)
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """How far each beam went from its floating frame, and what that makes of its strains."""
+        """Largest deformation of each beam, and the resulting error of its strain measure."""
         return measure_beam_ranges(self.equations, self.q)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on what is not to be trusted as it stands; `equilibrium` warns of each."""
-        free = (
-            f"{self.free}: it is free to move without stiffness, it rests anywhere along a motion "
-            "in which this coordinate moves most."
-        )
-        rests = bool(self.free) and self.status.success
-        told = (*self.notes, free if rests else "", *(x.warning for x in self.validity))
-        return tuple(filter(None, told))
+        """Warnings about the reliability of the result, as `equilibrium` issues them."""
+        free = ""
+        if self.free and self.status.success:
+            free = (
+                f"{self.free}: it is free to move without stiffness, so the equilibrium is arbitrary "
+                "along a motion in which this coordinate moves most; add a spring or a joint."
+            )
+        beams = (beam.warning for beam in self.validity)
+        return tuple(filter(None, (*self.notes, free, *beams)))
 
-    def beside(self, **further: Any) -> dict[str, Any]:
-        """What `to_csv` writes as JSON beside the table, as plain values."""
+    def metadata(self, **further: Any) -> dict[str, Any]:
+        """Return the content of the JSON file that `to_csv` writes, with `further` entries."""
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -241,24 +277,33 @@ class Equilibrium:
             "load factor": self.factor,
             "stable": self.stable,
             "free to move": self.free,
-            "critical points": [one._asdict() for one in self.critical],
+            "critical points": [point._asdict() for point in self.critical],
             "warnings": list(self.warnings),
             **further,
         }
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
-        """Write the table as CSV, and how it was found as JSON beside it; as `Solution.to_csv`.
+        """Write the table as CSV, and settings and status as JSON of the same name.
+
+        Parameters
+        ----------
+        path, further
+            As for `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
             If a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
-    def starting(self) -> Checkpoint:
-        """Its end as the state a run begins with, at rest."""
-        still = dict.fromkeys(self.equations.q_names, 0.0)
-        known = self.equations.configurations
-        inactive = () if known is None else tuple(sorted(known.initially_inactive))
-        return Checkpoint(self.t, self.positions, still, inactive=inactive)
+    def to_checkpoint(self) -> Checkpoint:
+        """Return the end of the path as the start of a run, at rest."""
+        at_rest = dict.fromkeys(self.equations.q_names, 0.0)
+        return Checkpoint(self.t, self.positions, at_rest, inactive=self._inactive)
+
+    @property
+    def _inactive(self) -> tuple[str, ...]:
+        """Names of the parts that are inactive."""
+        configurations = self.equations.configurations
+        return () if configurations is None else tuple(sorted(configurations.initially_inactive))

@@ -1,4 +1,4 @@
-"""Events that happened in a run."""
+"""Records of the events of a run, as a table and as text."""
 
 from __future__ import annotations
 
@@ -19,22 +19,27 @@ UP, DOWN = "up", "down"
 
 @dataclass(frozen=True)
 class EventRecord:
-    """An event that happened.
+    """One occurrence of an event.
 
     Attributes
     ----------
-    name, direction
-        Of the event, and "up" or "down".
-    t, branch
-        When [s], and a time inside the interval, by which laws choose their piece.
+    name
+        Name of the event.
+    direction
+        Direction in which its quantity crossed the value, "up" or "down".
+    t
+        Time of the crossing [s].
+    branch
+        A time inside the interval, by which piecewise laws select their piece [s].
     state
-        The state there, on the polynomials of the dense output, before parts are switched.
+        State at the crossing, evaluated by the dense output before parts are switched.
     impulses
-        By multiplier, where velocities changed at once: what changed them [N s], joints and gaps.
+        Impulses of joints and gaps at a velocity jump, by multiplier [N s].
     energy_lost
-        Kinetic energy that this took [J].
+        Kinetic energy that the velocity jump dissipated [J].
     done
-        Whether it did what it was to do: a run that ended before goes on with that.
+        Whether the actions of the event were executed. If the run ended before, a run that resumes
+        from its end executes them first.
     """
 
     name: str
@@ -46,56 +51,58 @@ class EventRecord:
     energy_lost: float = 0.0
     done: bool = True
 
-    @property
-    def plain(self) -> dict[str, Any]:
-        """What happened when."""
-        told = {"event": self.name, "direction": self.direction, measures.TIME: self.t}
-        switched = {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
-        due = {} if self.done else {"done": False}
-        return told | (switched if self.impulses else {}) | due
+    def as_dict(self) -> dict[str, Any]:
+        """Return the record as plain values for JSON."""
+        record: dict[str, Any] = {
+            "event": self.name,
+            "direction": self.direction,
+            measures.TIME: self.t,
+        }
+        if self.impulses:
+            record |= {"impulses": self.impulses, "energy lost [J]": self.energy_lost}
+        if not self.done:
+            record["done"] = False
+        return record
 
 
 def format_event_counts(names: Iterable[str]) -> str:
-    """Which events happened, and how often, from the name of each that did."""
-    told = Counter(names)
-    return ", ".join(x if n == 1 else f"{x} {n} times" for x, n in told.items()) or "none"
+    """Format how often each event occurred, from one name per occurrence."""
+    counts = Counter(names).items()
+    return ", ".join(name if n == 1 else f"{name} {n} times" for name, n in counts) or "none"
 
 
 def format_event_times(event_records: Sequence[EventRecord]) -> str:
-    """Which events happened, how often, and when for the first time."""
+    """Format how often each event occurred, and when it occurred first."""
     times: dict[str, list[float]] = {}
-    for one in event_records:
-        times.setdefault(one.name, []).append(one.t)
-    return (
-        ", ".join(
-            f"{name} at {at[0]:.4g} s"
-            if len(at) == 1
-            else f"{name} {len(at)} times from {at[0]:.4g} s"
-            for name, at in times.items()
-        )
-        or "none"
-    )
+    for record in event_records:
+        times.setdefault(record.name, []).append(record.t)
+    phrases = [
+        f"{name} at {t[0]:.4g} s" if len(t) == 1 else f"{name} {len(t)} times from {t[0]:.4g} s"
+        for name, t in times.items()
+    ]
+    return ", ".join(phrases) or "none"
 
 
 def tabulate_events(
     equations: EquationsOfMotion, event_records: Sequence[EventRecord]
 ) -> dict[str, Any]:
-    """Columns: which events happened when, and what was observed then."""
+    """Return columns with one row per event: name, direction, time, and the observed columns."""
     columns: dict[str, Any] = {
-        "event": [one.name for one in event_records],
-        "direction": [one.direction for one in event_records],
-        measures.TIME: np.array([one.t for one in event_records]),
+        "event": [record.name for record in event_records],
+        "direction": [record.direction for record in event_records],
+        measures.TIME: np.array([record.t for record in event_records]),
     }
-    if any(one.impulses for one in event_records):
-        columns["energy lost [J]"] = np.array([one.energy_lost for one in event_records])
-        for name in dict.fromkeys(name for one in event_records for name in one.impulses):
+    if any(record.impulses for record in event_records):
+        columns["energy lost [J]"] = np.array([record.energy_lost for record in event_records])
+        for name in dict.fromkeys(name for record in event_records for name in record.impulses):
             columns[f"impulse.{name}"] = np.array(
-                [one.impulses.get(name, 0.0) for one in event_records]
+                [record.impulses.get(name, 0.0) for record in event_records]
             )
     headers = [header for o in equations.observables for header in o.headers]
-    times = np.array([(one.t, one.branch) for one in event_records]).reshape(-1, 2)
+    count = len(event_records)
+    times = np.array([(record.t, record.branch) for record in event_records]).reshape(-1, 2)
     sizes = (equations.n, equations.n, equations.n, equations.m)
-    states = zip(*(one.state for one in event_records), strict=True) if event_records else [()] * 4
-    rows = (np.reshape(x, (len(event_records), n)) for x, n in zip(states, sizes, strict=True))
+    states = zip(*(record.state for record in event_records), strict=True) if count else [()] * 4
+    rows = (np.reshape(x, (count, size)) for x, size in zip(states, sizes, strict=True))
     values = measures.ObservedRows(equations)(times, *rows)
     return columns | dict(zip(headers, values.T, strict=True))

@@ -1,4 +1,4 @@
-"""The result of a search for periodic motions over a parameter: points, table, folds, peaks."""
+"""Response curve: periodic motions over a parameter, with their folds and peaks."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# A multiplier beyond one by this much makes a motion unstable.
-_UNSTABLE = 1e-3
+_STABILITY_MARGIN = 1e-3  # by which multipliers of stable motions may exceed 1
+_SHORTEST_STEP = 1e-12  # of the arc length between two points of the curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +28,16 @@ class ResponsePoint:
 
     Attributes
     ----------
-    parameter, period
-        Value of the parameter, and period [s].
+    parameter
+        Value of the parameter.
+    period
+        Period [s].
     solution
         One period of the motion.
     multipliers
         Floquet multipliers, the largest first.
     forward
-        Whether the parameter grows along the curve there.
+        Whether the parameter increases along the curve at this point.
     """
 
     parameter: float
@@ -47,7 +49,7 @@ class ResponsePoint:
     @property
     def stable(self) -> bool:
         """Whether no disturbance grows."""
-        return largest_modulus(self.multipliers) <= 1.0 + _UNSTABLE
+        return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,11 +59,11 @@ class FrequencyResponse:
     Attributes
     ----------
     parameter
-        Its name.
+        Name of the parameter.
     points
-        The motions in the order of the curve.
+        The motions, in the order of the curve.
     status
-        Whether the curve reached the end of the range, or why not.
+        Whether the curve reached the end of the range, and the reason if it did not.
     """
 
     parameter: str
@@ -70,15 +72,17 @@ class FrequencyResponse:
 
     def __repr__(self) -> str:
         values = [point.parameter for point in self.points]
-        reach = f", {self.parameter} {min(values):g} to {max(values):g}" if values else ""
-        ended = f"{self.status.kind}, {self.status.sentence}"
-        return f"<FrequencyResponse: {len(values)} motions{reach}; {ended}>"
+        span = f", {self.parameter} {min(values):g} to {max(values):g}" if values else ""
+        return (
+            f"<FrequencyResponse: {len(values)} motions{span}; {self.status.kind}, "
+            f"{self.status.sentence}>"
+        )
 
     def table(self) -> pd.DataFrame:
-        """One row a motion: parameter, period, mean and half the range of each observed column.
+        """Return one row per motion: parameter, period, mean and half range of observed columns.
 
-        Behind them whether it is stable, the largest modulus of its multipliers, and "fold" where
-        the parameter turned around.
+        The last columns are whether the motion is stable, the largest modulus of its multipliers,
+        and "fold", which is true where the parameter reverses its direction.
         """
         import pandas as pd
 
@@ -101,38 +105,41 @@ class FrequencyResponse:
         }
 
     def plot(self, column: str) -> Plot:
-        """Draw half the range of an observed column over the parameter: dashed where unstable."""
+        """Plot the half range of an observed column over the parameter; unstable parts are dashed."""
         return load_views().plot_frequency_response(self, column)
 
     @property
     def folds(self) -> list[float]:
-        """Values of the parameter at which the curve turns around.
+        """Values of the parameter at which the curve turns back.
 
-        Vertices of the parabolas through the points around each.
+        Each is the vertex of the parabola through the nearest three points.
         """
         values = np.array([point.parameter for point in self.points])
-        turned = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
-        return [self._vertex(k, values) for k in turned.tolist()]
+        reversals = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
+        return [self._vertex(k, values) for k in reversals.tolist()]
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
-        """(parameter, half the range) where half the range of an observed column is largest.
+        """Return (parameter, half range) at each peak of an observed column.
 
-        Of each peak of the curve, by the parabola through the points around it.
+        Each peak is the vertex of the parabola through the nearest three points.
         """
         if not self.points:
             return []
         values, sizes = self.curve(column)
         (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
-        found = []
+        peaks = []
         for k in (inner + 1).tolist():
-            at = self._top(k, sizes)
-            found.append(
-                (_lagrange(at, k, self._along, values), _lagrange(at, k, self._along, sizes))
+            at = self._vertex_arc_length(k, sizes)
+            peaks.append(
+                (
+                    _interpolate_parabola(at, k, self._arc_length, values),
+                    _interpolate_parabola(at, k, self._arc_length, sizes),
+                )
             )
-        return found
+        return peaks
 
     def curve(self, column: str) -> tuple[Array, Array]:
-        """Values of the parameter, and half the range of an observed column, of each motion."""
+        """Return the parameter and the half range of an observed column of each motion, (k,) each."""
         if self.points:
             require_choice(
                 "frequency_response", "column", column, list(self.points[0].solution.columns)
@@ -141,25 +148,26 @@ class FrequencyResponse:
         return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
 
     @property
-    def _along(self) -> Array:
-        """Arc length of the curve, in what the parameter and the first column change."""
+    def _arc_length(self) -> Array:
+        """Arc length of the curve (k,), with parameter and half ranges scaled to the range 1."""
         values = np.array([point.parameter for point in self.points])
         sizes = np.array([list(map(half_range, p.solution.columns.values())) for p in self.points])
         rows = np.concatenate([values[:, None], sizes], axis=1)
         rows = rows / np.where(np.ptp(rows, axis=0) > 0.0, np.ptp(rows, axis=0), 1.0)
         steps = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-12))])
+        return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST_STEP))])
 
-    def _top(self, k: int, values: Array) -> float:
-        """Where along the curve the parabola through three points has its vertex."""
-        x, y = self._along[k - 1 : k + 2], values[k - 1 : k + 2]
+    def _vertex_arc_length(self, k: int, values: Array) -> float:
+        """Return the arc length of the vertex of the parabola through points k - 1 to k + 1."""
+        x, y = self._arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
         a, b, _ = np.polyfit(x - x[1], y, 2)
         return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])
 
     def _vertex(self, k: int, values: Array) -> float:
-        return _lagrange(self._top(k, values), k, self._along, values)
+        at = self._vertex_arc_length(k, values)
+        return _interpolate_parabola(at, k, self._arc_length, values)
 
 
-def _lagrange(at: float, k: int, along: Array, values: Array) -> float:
-    x, y = along[k - 1 : k + 2], values[k - 1 : k + 2]
+def _interpolate_parabola(at: float, k: int, arc_length: Array, values: Array) -> float:
+    x, y = arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
     return float(np.polyval(np.polyfit(x - x[1], y, 2), at - x[1]))

@@ -1,63 +1,77 @@
-"""How a run ended and what it cost."""
+"""Outcome of a run: its status and its cost."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-# How a run may end: at its end, stopped by a limit or by the user, or because it could not go on.
+# Reached its end, stopped by a limit, interrupted by the user, or unable to continue.
 Kind = Literal["ok", "limited", "interrupted", "failed"]
 
 
 @dataclass(frozen=True)
 class Status:
-    """How a run ended: its kind, and a sentence."""
+    """How a run ended.
+
+    Attributes
+    ----------
+    kind
+        "ok" if the run reached its end, "limited" if a limit stopped it, "interrupted" if the user
+        did, "failed" if it could not continue.
+    sentence
+        The reason.
+    """
 
     kind: Kind
     sentence: str
 
     @property
     def success(self) -> bool:
-        """Whether it reached its end."""
+        """Whether the run reached its end."""
         return self.kind == "ok"
 
-    def leaves_doubt(self, due: bool) -> bool:
-        """Whether a state at which a run failed is not to be trusted.
+    def is_unreliable(self, has_pending_event: bool) -> bool:
+        """Return whether the last state of the run may be wrong.
 
-        It is where an event was `due` that could not be carried out: that says nothing of the
-        state.
+        A failed run ends in a doubtful state, unless it failed to execute an event at that time:
+        this does not affect the state.
         """
-        return self.kind == "failed" and not due
+        return self.kind == "failed" and not has_pending_event
 
-    def followed_by(self, later: Status, due: bool) -> Status:
-        """How two runs ended, of which the later went on where this one ended, taken as one."""
-        if not later.success or not self.leaves_doubt(due):
+    def followed_by(self, later: Status, has_pending_event: bool) -> Status:
+        """Return the status of this run and one that resumed from its end, taken as one run."""
+        if not later.success or not self.is_unreliable(has_pending_event):
             return later
-        told = f"{later.sentence}, but from where the run before had failed: {self.sentence}"
-        return Status("failed", told)
+        return Status(
+            "failed", f"{later.sentence}, but it resumed from a failed run: {self.sentence}"
+        )
 
 
-# In the sentence on a run that was ended before it had begun, of what went ahead.
-PILOT_RUN_SUFFIX = " of the scout, which goes before the run"
+# Appended to the reason of a run that ended during the pilot run.
+PILOT_RUN_SUFFIX = " of the pilot run"
 REACHED_END = Status("ok", "reached the end")
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a run cost.
+    """Cost of a run.
 
     Attributes
     ----------
-    steps, rejected_steps
-        Accepted steps; attempts given up (error test or Newton).
-    residual_calls, jacobian_calls, factorizations, solves
-        Calls of the compiled residual and Jacobian, LU factorizations and solutions.
+    steps
+        Accepted steps.
+    rejected_steps
+        Attempts rejected by the error test or by Newton's method.
+    residual_calls, jacobian_calls
+        Calls of the compiled residual and of the compiled Jacobian.
+    factorizations, solves
+        LU factorizations, and solutions with them.
     newton_failures
-        Newton iterations that did not converge with the Jacobian of an earlier step, which is then
-        renewed, or for good. scikit-sundae's class does not tell: there these are Jacobians renewed
-        within a step.
+        Newton iterations that did not converge, with the Jacobian of an earlier step (which is then
+        updated) or with the current one. scikit-sundae's class does not report these; there it is
+        the number of Jacobians updated within a step.
     setup_time, wall_time
-        Building and compiling; integration alone [s].
+        Time for building and compiling, and for the integration alone [s].
     """
 
     steps: int = 0

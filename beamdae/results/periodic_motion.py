@@ -1,4 +1,4 @@
-"""The result of a search for periodic motion: one period, its stability, amplitudes."""
+"""Result of a search for a periodic motion: one period, its stability and its amplitudes."""
 
 from __future__ import annotations
 
@@ -16,32 +16,33 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Beyond one by this much a multiplier is taken to be.
-_UNSTABLE = 1e-4
+_STABILITY_MARGIN = 1e-4  # by which multipliers of stable motions may exceed 1
+_IMAGINARY_ROUNDING = 1e-6  # imaginary part of a real multiplier, relative to its modulus
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicMotion:
-    """A motion that repeats after a period, and its stability (Floquet).
+    """A motion that repeats after a period, and its stability by Floquet's theory.
 
     Attributes
     ----------
     solution
-        One period of it; where a run did not reach the end of its periods, that run.
+        One period of the motion; if a run did not reach the end of its periods, that run.
     period
-        [s].
+        Period [s].
     multipliers
-        Floquet multipliers, the eigenvalues of the monodromy matrix on the motions the joints
-        allow, largest first: what a disturbance has grown to after a period. Disturbances in modes
-        too fast for the steps die out in them, damped or not.
+        Floquet multipliers, largest first: the eigenvalues of the monodromy matrix on the motions
+        that the joints allow, by which disturbances grow in one period. Disturbances in modes that
+        are too fast for the steps decay numerically, whether or not they are damped.
     multiplier_error
-        By how much the largest changed when the steps of the disturbances were halved.
+        Change of the largest multiplier when the steps of the disturbances are halved.
     off
-        By how much a period misses its start, over how far coordinates move.
+        Difference between the start and the end of the period, relative to the range of the
+        coordinates [-].
     iterations
-        Of Newton's method.
+        Number of iterations of Newton's method.
     status
-        Whether it converged, and a sentence.
+        Whether the search converged, and the reason if it did not.
     """
 
     solution: Solution
@@ -57,25 +58,25 @@ class PeriodicMotion:
 
     @property
     def stable(self) -> bool:
-        """Whether it repeats and no disturbance grows."""
-        most = largest_modulus(self.multipliers) <= 1.0 + _UNSTABLE + self.multiplier_error
-        return self.status.success and most
+        """Whether the search converged and no disturbance grows."""
+        limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
+        return self.status.success and largest_modulus(self.multipliers) <= limit
 
     @property
     def stability(self) -> str:
-        """In words: stable, or how disturbances grow."""
+        """Stability in words, with the way in which disturbances grow."""
         if not self.status.success:
             return f"not known: {self.status.sentence}"
         if self.stable:
             return "stable"
-        most = self.multipliers[0]
-        how = "disturbances turn around it"
-        if abs(most.imag) <= 1e-6 * abs(most):
-            how = "they grow on one side" if most.real > 0 else "they double the period"
-        return f"unstable: disturbances grow by {abs(most):.6g} in a period, {how}"
+        multiplier = self.multipliers[0]
+        growth = "they oscillate about it"
+        if abs(multiplier.imag) <= _IMAGINARY_ROUNDING * abs(multiplier):
+            growth = "they stay on one side" if multiplier.real > 0 else "they double the period"
+        return f"unstable: disturbances grow by {abs(multiplier):.6g} in a period, {growth}"
 
     def amplitudes(self) -> pd.DataFrame:
-        """One row an observed column: mean, half the range, least and largest of the period."""
+        """Return one row per observed column: mean, half range, minimum and maximum of the period."""
         import pandas as pd
 
         rows = {}
@@ -87,38 +88,38 @@ class PeriodicMotion:
 
 
 def mean(values: Array) -> float:
-    """Mean of what was sampled evenly from one end of the period to the other."""
+    """Return the mean over a period of equally spaced samples that include both ends."""
     return float(np.mean(0.5 * (values[:-1] + values[1:]) if len(values) > 1 else values))
 
 
 def extrema(values: Array) -> tuple[float, float]:
-    """Least and largest of what was sampled evenly, by parabolas through three samples."""
-    return -_top(-values), _top(values)
+    """Return minimum and maximum of equally spaced samples, by parabolas through three samples."""
+    return -_maximum(-values), _maximum(values)
 
 
 def half_range(values: Array) -> float:
-    """Half of largest less least."""
-    least, most = extrema(values)
-    return 0.5 * (most - least)
+    """Return half the difference of maximum and minimum."""
+    minimum, maximum = extrema(values)
+    return 0.5 * (maximum - minimum)
 
 
-def _top(values: Array) -> float:
+def _maximum(values: Array) -> float:
     if len(values) < 3:
         return float(np.max(values))
     k = int(np.clip(np.argmax(values), 1, len(values) - 2))
     before, here, after = values[k - 1 : k + 2].tolist()
-    slope, bend = 0.5 * (after - before), before - 2.0 * here + after
-    # Beyond the samples a parabola tells nothing: the end is the largest.
-    inside = abs(slope) < -bend
-    return here - 0.5 * slope**2 / bend if inside else max(before, here, after)
+    slope, curvature = 0.5 * (after - before), before - 2.0 * here + after
+    # A vertex beyond the three samples is not used; the maximum is then at an end.
+    is_inside = abs(slope) < -curvature
+    return here - 0.5 * slope**2 / curvature if is_inside else max(before, here, after)
 
 
 def largest_modulus(multipliers: Array) -> float:
-    """Largest modulus."""
+    """Return the largest modulus of Floquet multipliers, 0 if there are none."""
     return float(np.max(np.abs(multipliers), initial=0.0))
 
 
-def floquet_multipliers(carried: Array) -> Array:
-    """Eigenvalues of a monodromy matrix, the largest first."""
-    found = np.linalg.eigvals(carried)
-    return found[np.argsort(-np.abs(found), kind="stable")]
+def floquet_multipliers(monodromy: Array) -> Array:
+    """Return the eigenvalues of a monodromy matrix, the largest first."""
+    multipliers = np.linalg.eigvals(monodromy)
+    return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]

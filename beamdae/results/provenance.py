@@ -1,7 +1,8 @@
-"""What a result is the result of: parts with their numbers, and a hash of the equations."""
+"""Provenance of a result: the parts of the mechanism with their parameters, and hashes."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -11,55 +12,60 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 
-# Longer lists, such as measured points, are told by their number.
-_MOST_ENTRIES = 16
+_MAX_ENTRIES = 16  # longer lists, such as measured points, are replaced by their length
 
 
 def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Hash of the equations, see `hash_model`, and what the mechanism is made of, if it is one."""
-    told: dict[str, Any] = {"identity": hash_model(equations)}
+    """Return the hash of the equations, and gravity and parts of their mechanism, for JSON."""
+    description: dict[str, Any] = {"identity": hash_model(equations)}
     mechanism = equations.mechanism
-    return told if mechanism is None else told | _mechanism(mechanism)
+    if mechanism is not None:
+        description["gravity"] = mechanism.gravity.tolist()
+        description["parts"] = {
+            name: {"kind": type(part).__name__, **_describe_fields(part, set())}
+            for name, part in mechanism.parts.items()
+        }
+    return description
 
 
-def _mechanism(mechanism: Mechanism) -> dict[str, Any]:
-    parts = {
-        name: {"kind": type(part).__name__, **_values(part, set())}
-        for name, part in mechanism.parts.items()
-    }
-    return {"gravity": mechanism.gravity.tolist(), "parts": parts}
+def state_hash(t: float, q: Any, v: Any) -> str:
+    """Return a hash of time, positions and velocities, which identifies the state of a run."""
+    return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
-def _values(thing: Any, told: set[int]) -> dict[str, Any]:
-    """What something was made with, by argument; what is in `told` already is left out."""
-    names = [f.name for f in fields(thing) if f.init] if is_dataclass(thing) else list(vars(thing))
-    found = {
-        name: _plain(getattr(thing, name, None), told)
+def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
+    """Return the public arguments of an instance; objects in `described` are omitted."""
+    if is_dataclass(instance):
+        names = [f.name for f in fields(instance) if f.init]
+    else:
+        names = list(vars(instance))
+    values = {
+        name: _describe_value(getattr(instance, name, None), described)
         for name in names
         if name != "name" and not name.startswith("_")
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def _plain(value: Any, told: set[int]) -> Any:
-    """A value in JSON, or None."""
+def _describe_value(value: Any, described: set[int]) -> Any:
+    """Return a value for JSON, or None if there is none."""
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.ndarray, np.generic)):
-        return _plain(value.tolist(), told)
+        return _describe_value(value.tolist(), described)
     if isinstance(value, Attachment):
         return {"body": value.body.name, "at": list(value.point)}
     if isinstance(value, Part):
         return value.name
     if isinstance(value, Mapping):
-        return {str(k): _plain(x, told) for k, x in value.items()}
+        return {str(key): _describe_value(x, described) for key, x in value.items()}
     if isinstance(value, (list, tuple)):
-        most = len(value) <= _MOST_ENTRIES
-        return [_plain(x, told) for x in value] if most else f"{len(value)} entries"
-    if is_dataclass(value) and id(value) not in told:
-        told.add(id(value))
-        return {"kind": type(value).__name__, **_values(value, told)}
+        if len(value) > _MAX_ENTRIES:
+            return f"{len(value)} entries"
+        return [_describe_value(x, described) for x in value]
+    if is_dataclass(value) and id(value) not in described:
+        described.add(id(value))
+        return {"kind": type(value).__name__, **_describe_fields(value, described)}
     return "function" if callable(value) and not is_dataclass(value) else None

@@ -1,6 +1,6 @@
-"""What a run computed: states at the output times and what follows from them, as arrays.
+"""Data of a run: states at the output times and the quantities derived from them, as arrays.
 
-Nothing here imports pandas, which takes as long as a short run.
+This module does not import pandas, whose import takes as long as a short run.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from beamdae.results.diagnostics.start_changes import StartSummary, compare_star
 from beamdae.results.diagnostics.strain_validity import BeamRange, measure_beam_ranges_of_run
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.provenance import describe_provenance
-from beamdae.results.storage.checkpoint import state_hash
+from beamdae.results.provenance import describe_provenance, state_hash
 from beamdae.results.trajectory import Trajectory
+from beamdae.symbolic.statements import Named
 
 Array = np.ndarray
 
-# Rows that are looked at before somebody asks for them.
-_LOOKED_AT = 10_000
+# The columns of longer runs are thinned out before they are checked.
+_MAX_CHECKED_ROWS = 10_000
 
 
 @dataclass(frozen=True, repr=False)
 class Run:
-    """What a run computed, see `Solution`, which makes tables, files and pictures of it."""
+    """Data of a run; `Solution` documents the attributes and adds tables, files and figures."""
 
     equations: EquationsOfMotion
     trajectory: Trajectory = field(repr=False)
@@ -51,9 +51,10 @@ class Run:
     event_signs: dict[str, int] = field(default_factory=dict, repr=False)
     resume_warnings: tuple[str, ...] = field(default=(), repr=False)
 
-    @cached_property
-    def _output(self) -> tuple[Array, State]:
-        return self.trajectory.at(self.t)
+    @property
+    def label(self) -> str:
+        """Short name of the integrator."""
+        return str(getattr(self.made_by, "label", self.integrator.get("integrator", "run")))
 
     @property
     def q(self) -> Array:
@@ -76,98 +77,87 @@ class Run:
         return self._output[1].lam
 
     @cached_property
+    def _output(self) -> tuple[Array, State]:
+        return self.trajectory.at(self.t)
+
+    @cached_property
     def columns(self) -> dict[str, Array]:
-        """The observed columns at the output times by header, as arrays."""
+        """Observed columns at the output times, (k,) each, by header."""
         e = self.equations
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
-        return dict(zip(headers, self._measured(measures.ObservedRows(e)).T, strict=True))
+        return dict(zip(headers, self._evaluate_rows(measures.ObservedRows(e)).T, strict=True))
 
-    def _looked_at(self) -> tuple[dict[str, Array], Array]:
-        """Observed columns and times, some thousands of them where there are more."""
-        apart = len(self.t) // _LOOKED_AT + 1
-        some = self if apart == 1 else replace(self, t=self.t[::apart])
-        return some.columns, some.t
+    def all_columns(self) -> dict[str, Array]:
+        """Return the columns of `table`, (k,) each, by header."""
+        ledger = zip(measures.LEDGER_COLUMNS, self._energy_ledger.at(self.t).T, strict=True)
+        return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
-    def _measured(self, rows: Callable[..., Array]) -> Array:
-        times, state = self._output
-        return rows(times, *state)
+    def coordinate_table(self) -> tuple[list[str], Array]:
+        """Return headers and rows (k, 1 + 2 n + m) of time, coordinates, velocities, multipliers."""
+        e = self.equations
+        columns = [
+            *e.coordinates,
+            *(coordinate.rate for coordinate in e.coordinates),
+            *(Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in e.multipliers),
+        ]
+        headers = [measures.TIME, *(column.header for column in columns)]
+        return headers, np.hstack([self.t[:, None], self.q, self.v, self.lam])
 
     @cached_property
-    def _books(self) -> EnergyLedger:
-        return EnergyLedger.of(self.equations, self.trajectory)
-
-    @property
-    def _end(self) -> dict[str, Any]:
-        """What runs that go on from here are told by: a hash of the last state, and all works."""
-        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
-        books = self._books.at(np.array([end]))[0].tolist()
-        state = state_hash(end, last.q[-1], last.v[-1])
-        return {"state": state, **dict(zip(measures.LEDGER_COLUMNS, books, strict=True))}
+    def drift_columns(self) -> dict[str, Array]:
+        """Largest |g| and |g_dot| of the active joints at the output times, (k,), by header."""
+        times, state = self._output
+        configurations = [interval.configuration for interval in self.trajectory.intervals]
+        index = self.trajectory.interval_index(self.t)
+        rows = np.zeros((len(times), len(measures.DRIFT_COLUMNS)))
+        for configuration in dict.fromkeys(configurations):
+            here = np.array([x is configuration for x in configurations])[index]
+            if not here.any():
+                continue
+            active, states = self.equations, State(*(x[here] for x in state))
+            if configuration is not None:
+                active = configuration.equations
+                states = states._replace(lam=configuration.select_multipliers(states.lam))
+            rows[here] = measures.balance_rows(active)(times[here], *states)[:, -2:]
+        return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over all steps."""
-        return self._books.quality
+        return self._energy_ledger.quality
 
     @cached_property
     def start(self) -> StartSummary:
-        """What was asked for as the start, and what the joints changed of it, by part."""
+        """Requested start, and its changes by part to make it consistent with the joints."""
         first = self.trajectory.intervals[0].rows
         return compare_start(self.equations, State(*(rows[0] for rows in first)))
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """How far each beam went from its floating frame, and what that makes of its strains."""
+        """Largest deformation of each beam, and the resulting error of its strain measure."""
         return measure_beam_ranges_of_run(self.equations, self.trajectory)
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
-        """Positions the run passed in which the joints lose rank and motions branch."""
+        """Positions in which the joints lost rank, so that the motion branches."""
         return find_singular_positions(self.equations, self.trajectory)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on what is not to be trusted as it stands; `simulate` warns of each."""
+        """Warnings about the reliability of the run, as `simulate` issues them."""
+        checked = self._with_checked_rows()
         beams = (beam.warning for beam in self.validity)
-        doubtful = quality_warnings(self.equations, self._books, *self._looked_at())
-        moved = self.start.warning
         return (
             *self.resume_warnings,
-            *filter(None, (moved, *beams)),
+            *filter(None, (self.start.warning, *beams)),
             *singularity_warnings(self.singular_positions),
-            *doubtful,
+            *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
 
-    def all_columns(self) -> dict[str, Array]:
-        """The columns of `table` by header, as arrays."""
-        ledger = zip(measures.LEDGER_COLUMNS, self._books.at(self.t).T, strict=True)
-        return {measures.TIME: self.t, **self.columns, **dict(ledger)}
-
-    @cached_property
-    def drift_columns(self) -> dict[str, Array]:
-        """The columns of `Solution.drift` by header, of the joints that are active at each time."""
-        times, state = self._output
-        configurations = [interval.configuration for interval in self.trajectory.intervals]
-        which = self.trajectory.which(self.t)
-        rows = np.zeros((len(times), len(measures.DRIFT_COLUMNS)))
-        for active in dict.fromkeys(configurations):
-            here = np.array([x is active for x in configurations])[which]
-            if not here.any():
-                continue
-            found = State(*(x[here] for x in state))
-            equations = self.equations
-            if active is not None:
-                equations, found = (
-                    active.equations,
-                    found._replace(lam=active.select_multipliers(found.lam)),
-                )
-            rows[here] = measures.balance_rows(equations)(times[here], *found)[:, -2:]
-        return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
-
     def summary(self) -> dict[str, Any]:
-        """Status, statistics and quality as plain values."""
+        """Return status, statistics and quality as plain values."""
         return {
             "success": self.status.success,
             "status": self.status.kind,
@@ -177,8 +167,10 @@ class Run:
             **asdict(self.quality),
         }
 
-    def beside(self, **further: Any) -> dict[str, Any]:
-        """What `to_csv` writes as JSON beside the table, as plain values."""
+    def metadata(self, **further: Any) -> dict[str, Any]:
+        """Return the content of the JSON file that `to_csv` writes, with `further` entries."""
+        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
+        ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -190,10 +182,27 @@ class Run:
                 "changed by the joints": [asdict(change) for change in self.start.changes],
             },
             "validity": [asdict(beam) for beam in self.validity],
-            "singular positions": [asdict(passed) for passed in self.singular_positions],
-            "events": [one.plain for one in self.event_records],
+            "singular positions": [asdict(position) for position in self.singular_positions],
+            "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings),
-            "end": self._end,
+            # Identifies the run for those that resume from its end, which add to its works.
+            "end": {
+                "state": state_hash(end, last.q[-1], last.v[-1]),
+                **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
+            },
             "equations": describe_provenance(self.equations),
             **further,
         }
+
+    def _with_checked_rows(self) -> Run:
+        """Return the run with at most some thousand rows, enough to find values not finite."""
+        stride = len(self.t) // _MAX_CHECKED_ROWS + 1
+        return self if stride == 1 else replace(self, t=self.t[::stride])
+
+    @cached_property
+    def _energy_ledger(self) -> EnergyLedger:
+        return EnergyLedger.of(self.equations, self.trajectory)
+
+    def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
+        times, state = self._output
+        return rows(times, *state)

@@ -1,9 +1,9 @@
-"""The result of a run as users look at it: tables, files and pictures."""
+"""The result of a run: tables, files, figures, section forces."""
 
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,79 +13,75 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observation import add_observable
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
-from beamdae.results.joined_runs import joined
 from beamdae.results.run import Run
 from beamdae.results.section_forces.recovery import recover_section_forces
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import write_result
-from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_run
+from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_fields
 from beamdae.results.storage.saved_run import save_run
 from beamdae.results.time_series import TimeSeries
-from beamdae.results.trajectory import Instant
-from beamdae.symbolic.statements import Named, Quantity
+from beamdae.results.trajectory import Instant, Trajectory
+from beamdae.symbolic.statements import Quantity
 
-# Tables are made for those who ask for them: importing pandas takes as long as a short run.
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
-
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
 class Solution(Run, TimeSeries):
-    """Result of one run.
+    """Result of a run, see `simulate`.
+
+    `solution["tip.y"]` returns a column over time, `solution.table()` all of them. A run that did
+    not reach its end is a Solution as well; see `status`.
 
     Attributes
     ----------
     t
-        Output times reached (k,) [s].
-    q, v, a, lam
-        Rows at these times.
+        Output times that the run reached (k,) [s].
+    q, v, a
+        Coordinates, velocities and accelerations at the output times (k, n), in the units of the
+        coordinates and their rates; `coordinates()` names them.
+    lam
+        Lagrange multipliers of the constraints at the output times (k, m), the reactions of the
+        joints.
     status
-        How it ended, and a sentence.
+        How the run ended: its kind ("ok", "limited", "interrupted" or "failed") and the reason.
+    statistics
+        Numbers of steps, evaluations and factorizations, and times [s].
     integrator
-        Settings of the integrator, including what "auto" came to.
+        Settings of the integrator, with the values that "auto" resolved to.
+    model
+        Name, parameters and end time of the model.
+    equations
+        The equations of motion that were integrated.
+    trajectory
+        All accepted steps, with dense output.
     made_by
-        The integrator itself.
-    occurred
-        The events that happened, in the order of time.
-    sides
-        On which side of its value the quantity of each event was left at the end: 1, -1, or 0 where
-        that is not known.
-    begun
-        Sentences on what is not to be trusted of the run it goes on from.
+        The integrator that was used.
+    event_records
+        The events that occurred, in order of time; `events` is their table.
+    event_signs
+        Side of its value on which the quantity of each event was at the end: 1, -1, or 0 if this is
+        not known.
+    resume_warnings
+        Warnings about the run from whose end this one resumed.
     """
 
-    @property
-    def label(self) -> str:
-        """Short name of the integrator."""
-        return str(getattr(self.made_by, "label", self.integrator.get("integrator", "run")))
-
-    def __reduce__(self) -> Any:
-        mechanism = self.equations.mechanism
-        if mechanism is None:
-            raise BeamdaeError(
-                "Solution: a run of equations cannot be pickled; take solution.save(path), and "
-                "bd.load(path, model) in the other process."
-            )
-        import cloudpickle
-
-        # Laws are often functions within that which makes the model.
-        return _rebuilt, (cloudpickle.dumps((mechanism, self.made_by)), pack_run(self))
-
     def __repr__(self) -> str:
-        method = self.label
         names = dict.fromkeys(o.name for o in self.equations.observables)
         observed = f"; observed: {', '.join(names)}" if names else ""
         return (
-            f"<Solution by {method}: {self.status.kind}, {self.status.sentence}; "
+            f"<Solution by {self.label}: {self.status.kind}, {self.status.sentence}; "
             f"t = {self.t[0]:g} to {self.trajectory.end:g} s in {len(self.t)} rows{observed}>"
         )
 
@@ -94,21 +90,94 @@ class Solution(Run, TimeSeries):
 
     @cached_property
     def observed(self) -> pd.DataFrame:
-        """The observed columns at the output times."""
+        """Observed columns at the output times, one row per time; headers carry units."""
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
 
+    @cached_property
+    def ledger(self) -> pd.DataFrame:
+        """Energies, works and the energy imbalance at the output times [J].
+
+        The columns are the kinetic, strain and gravitational energy, the works of the loads and of
+        the drivers, the dissipated energy, and the imbalance, which is zero in an exact solution.
+        """
+        import pandas as pd
+
+        rows = self._energy_ledger.at(self.t)
+        return pd.DataFrame(rows, columns=list(measures.LEDGER_COLUMNS))
+
+    @cached_property
+    def drift(self) -> pd.DataFrame:
+        """Largest constraint violations |g| and |g_dot| over the joints at the output times."""
+        import pandas as pd
+
+        return pd.DataFrame(self.drift_columns)
+
+    @property
+    def events(self) -> pd.DataFrame:
+        """Events that occurred, one row each: name, direction, time, and the observed columns."""
+        import pandas as pd
+
+        return pd.DataFrame(tabulate_events(self.equations, self.event_records))
+
+    def coordinates(self) -> pd.DataFrame:
+        """Return time, coordinates, velocities and multipliers, named by part, with units."""
+        import pandas as pd
+
+        headers, rows = self.coordinate_table()
+        return pd.DataFrame(rows, columns=headers)
+
     def observe(self, name: str, what: Attachment | Quantity) -> Solution:
-        """The run with one more observable, see `Mechanism.observe`; nothing is integrated again.
+        """Return the solution with one more observable, without integrating again.
+
+        Parameters
+        ----------
+        name, what
+            As for `Mechanism.observe`.
 
         Raises
         ------
         BeamdaeError
-            If the name is taken, the quantity is none of the mechanism's, or the run not one of a
-            mechanism.
+            If the name is taken, the quantity does not belong to the mechanism, or the run is not
+            that of a mechanism.
         """
         return replace(self, equations=add_observable(self.equations, name, what))
+
+    def at(self, t: float) -> Instant:
+        """Return the state at a time of the run [s], also between output times.
+
+        It can be passed to `modes` and `linearize`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the time is outside the run.
+        """
+        return Instant.of(self.trajectory, t)
+
+    def at_times(self, times: Array) -> Solution:
+        """Return the solution with other output times.
+
+        Parameters
+        ----------
+        times
+            Ascending times within the run (k,) [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the times do not ascend or are outside the run.
+        """
+        numbers = require_sequence("at_times", "times", times, "a list of times [s]")
+        t = np.array([require_finite("at_times", "times", number) for number in numbers])
+        first, end = self.trajectory.start, self.trajectory.end
+        if not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < first or t[-1] > end:
+            raise BeamdaeError(
+                f"at_times: times must ascend within the run, {first:g} to {end:g} s, "
+                f"got {short_repr(times)}."
+            )
+        return replace(self, t=t)
 
     def animate(
         self,
@@ -118,116 +187,165 @@ class Solution(Run, TimeSeries):
         color: str | None = None,
         trail: Any = False,
     ) -> Animation | Path:
-        """Moving pictures of the run, see `beamdae.animate`."""
+        """Animate the motion, for a notebook or as a file; see `beamdae.animate`."""
         return load_views().animate(self, path, speed, frames, color, trail)
 
-    @property
-    def events(self) -> pd.DataFrame:
-        """The events that happened: name, direction, time, and the observed columns there."""
-        import pandas as pd
-
-        return pd.DataFrame(tabulate_events(self.equations, self.event_records))
-
-    def at(self, t: float) -> Instant:
-        """Where the run was at a time [s] within it, also between output times; see `modes`."""
-        return Instant.of(self.trajectory, t)
-
-    @cached_property
-    def ledger(self) -> pd.DataFrame:
-        """Energies and works [J] at the output times; `imbalance` is what the books are off by."""
-        import pandas as pd
-
-        return pd.DataFrame(self._books.at(self.t), columns=list(measures.LEDGER_COLUMNS))
-
-    @cached_property
-    def drift(self) -> pd.DataFrame:
-        """Largest |g| and |g_dot| over the joints at the output times."""
-        import pandas as pd
-
-        return pd.DataFrame(self.drift_columns)
-
-    def coordinates(self) -> pd.DataFrame:
-        """Time, all coordinates, velocities and multipliers, named by part, with units."""
-        import pandas as pd
-
-        e = self.equations
-        columns = [
-            *e.coordinates,
-            *(coordinate.rate for coordinate in e.coordinates),
-            *(Named(f"lam.{held.name}", held.unit) for held in e.multipliers),
-        ]
-        headers = [column.header for column in columns]
-        frame = pd.DataFrame(np.hstack([self.q, self.v, self.lam]), columns=headers)
-        frame.insert(0, "t [s]", self.t)
-        return frame
-
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
-        """N, Q and M of a beam (or its name) at times and arc lengths, see `SectionForces`."""
+        """Return normal force, shear force and bending moment of a beam.
+
+        Parameters
+        ----------
+        beam
+            The beam, or its name.
+        t
+            One time or several ascending times of the run [s]; default the output times.
+        s
+            One arc length or several [m]; default the element boundaries and the sections at which
+            forces act, with three sections in between.
+
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism has no such beam, or a time or an arc length is out of range.
+        """
         return recover_section_forces(self, beam, t, s)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
-        """Draw "N", "Q" or "M" of a beam at a time, or least and largest over several."""
+        """Draw the section force "N", "Q" or "M" of a beam over its arc length.
+
+        Parameters
+        ----------
+        beam
+            The beam, or its name.
+        what
+            The section force.
+        t
+            One time [s], or several for the envelope; default the envelope over the output times.
+        """
         return recover_section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
-        """Write the table as CSV, and settings, versions and statistics as JSON beside it.
+        """Write the table as CSV, and settings, versions and statistics as JSON of the same name.
 
-        The JSON begins with "status" and "reason". Where the run did not reach its end the CSV says
-        so too: its last column, which others do not have, is called "status" and holds "failed",
-        "limited" or "interrupted" in each row. The path stays, for scripts that look for it, and so
-        do all other columns.
+        If the run did not reach its end, the CSV has a last column "status" with "failed",
+        "limited" or "interrupted" in each row. The JSON begins with "status" and "reason". Each
+        file is replaced at once. Headers that a spreadsheet would read as formulas get an
+        apostrophe in front.
 
-        `further` entries go to the JSON as well. Both files appear whole or not at all. Headers a
-        spreadsheet would take for formulas have an apostrophe in front. Returns the path of the CSV
-        file.
+        Parameters
+        ----------
+        path
+            Path of the CSV file.
+        further
+            Additional entries of the JSON file.
+
+        Returns
+        -------
+        Path
+            The path of the CSV file.
 
         Raises
         ------
         BeamdaeError
             If a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.beside(**further))
+        return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
     def save(self, path: str | Path) -> Path:
-        """Write all of the run to one file, see `beamdae.load`.
+        """Write all data of the run to one file, see `load`; return the path.
 
-        The file is a zip archive of NumPy arrays and JSON, without anything that is executed.
+        The file is a zip archive of NumPy arrays and JSON. Loading it executes no code.
 
         Raises
         ------
         BeamdaeError
-            If it cannot be written.
+            If the file cannot be written.
         """
         return save_run(self, path)
 
-    def at_times(self, times: Array) -> Solution:
-        """The same run with other output times [s], ascending and within it.
+    def checkpoint(self, path: str | Path) -> Path:
+        """Write the last state as JSON, from which `simulate(..., start=path)` resumes.
 
         Raises
         ------
         BeamdaeError
-            If they are not.
+            If the file cannot be written.
         """
-        given = require_sequence("at_times", "times", times, "a list of times [s]")
-        t = np.array([require_finite("at_times", "times", one) for one in given])
-        first, end = float(self.trajectory.intervals[0].t[0]), self.trajectory.end
-        if not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < first or t[-1] > end:
-            raise BeamdaeError(
-                f"at_times: times must ascend within the run, {first:g} to {end:g} s, "
-                f"got {short_repr(times)}."
-            )
-        return replace(self, t=t)
-
-    def checkpoint(self, path: str | Path) -> Path:
-        """Write where the run ended as JSON, for `simulate(..., start=path)` to go on from."""
         return Checkpoint.of(self).write(path)
 
     def followed_by(self, later: Solution) -> Solution:
-        """Join the run and one that went on from its end."""
-        return joined(self, later)
+        """Join this run and one that resumed from its end.
+
+        Integrator, model and status are those of the later run. If this run failed, the status is
+        "failed".
+
+        Raises
+        ------
+        BeamdaeError
+            If the later run does not start at the end of this one, or its model has other
+            coordinates or parameters.
+        """
+        if not isinstance(later, Solution):
+            raise BeamdaeError(f"followed_by: later must be a solution, got {short_repr(later)}.")
+        end, start = self.trajectory.end, float(later.t[0])
+        if end != start:
+            raise BeamdaeError(
+                f"followed_by: the later run begins at t = {start:g} s, but this one ends at "
+                f"{end:g} s; simulate it with start= this run."
+            )
+        one, other = self.equations, later.equations
+        if one.q_names != other.q_names or not np.array_equal(one.p, other.p):
+            raise BeamdaeError(
+                "followed_by: the runs have different models or parameters; join runs of the same "
+                "model."
+            )
+        costs = {
+            cost.name: getattr(self.statistics, cost.name) + getattr(later.statistics, cost.name)
+            for cost in fields(self.statistics)
+        }
+        # Events that this run did not execute are among the events of the later one.
+        executed = tuple(record for record in self.event_records if record.done)
+        has_pending_event = len(executed) < len(self.event_records)
+        intervals = (*self.trajectory.intervals, *later.trajectory.intervals)
+        return replace(
+            later,
+            status=self.status.followed_by(later.status, has_pending_event),
+            equations=one,
+            trajectory=Trajectory(intervals),
+            t=np.concatenate([self.t, later.t[1:]]),
+            statistics=replace(later.statistics, **costs),
+            event_records=(*executed, *later.event_records),
+        )
+
+    @classmethod
+    def from_packed(
+        cls, equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
+    ) -> Solution:
+        """Return the solution that was packed by `pack_run`.
+
+        Parameters
+        ----------
+        equations
+            The equations of the run; their start may be another one.
+        made_by
+            The integrator of the run.
+        """
+        return cls(**unpack_fields(equations, packed), made_by=made_by)
+
+    def __reduce__(self) -> Any:
+        mechanism = self.equations.mechanism
+        if mechanism is None:
+            raise BeamdaeError(
+                "Solution: a run of equations cannot be pickled; use solution.save(path), and "
+                "bd.load(path, model) in the other process."
+            )
+        # Laws are often local functions of a model function, which pickle does not support.
+        import cloudpickle
+
+        return _unpickle, (cloudpickle.dumps((mechanism, self.made_by)), pack_run(self))
 
 
-def _rebuilt(made_of: bytes, kept: PackedRun) -> Solution:
-    """In another process: expressions of CasADi do not travel, what they are made of does."""
-    mechanism, made_by = pickle.loads(made_of)
-    return unpack_run(equations_of_motion(mechanism, AS_DRAWN), kept, made_by)
+def _unpickle(source: bytes, packed: PackedRun) -> Solution:
+    # CasADi expressions cannot be pickled; the equations are assembled again.
+    mechanism, made_by = pickle.loads(source)
+    return Solution.from_packed(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)

@@ -1,4 +1,4 @@
-"""What has columns over time: by name, as tables, in files, drawn, and against another."""
+"""Results over time: columns by name, tables, differences between runs, plots."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beamdae.results.columns import merge_columns, observed_columns, select_colu
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.storage.files import atomic_write, require_file_path
 
-# Tables are made for those who ask for them: importing pandas takes as long as a short run.
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -23,56 +23,53 @@ Array = np.ndarray
 
 @dataclass(frozen=True, repr=False)
 class TimeSeries:
-    """Columns over time; a subclass has `t`, `all_columns` and `coordinates`."""
+    """Columns over time.
+
+    Subclasses define `label`, `all_columns`, `coordinates` and `at_times`.
+    """
 
     @property
     def times(self) -> Array:
-        """Output times [s]."""
+        """Output times (k,) [s]."""
         return self.all_columns()[measures.TIME]
 
     @property
     def label(self) -> str:
-        """Short name of what made it, for legends."""
+        """Short name for legends."""
         raise NotImplementedError
 
     def all_columns(self) -> dict[str, Array]:
-        """The columns of `table` by header, as arrays."""
+        """Return the columns of `table`, (k,) each, by header."""
         raise NotImplementedError
 
     def coordinates(self) -> pd.DataFrame:
-        """Time, all coordinates, velocities and multipliers, named by part, with units."""
+        """Return time, coordinates, velocities and multipliers, named by part, with units."""
         raise NotImplementedError
 
     def at_times(self, times: Array) -> TimeSeries:
-        """The same at other times [s], ascending and within the run."""
+        """Return the result at other times, ascending and within the run [s]."""
         raise NotImplementedError
 
-    def _rows_at(self, times: Array, whose: str, advice: str) -> Array:
-        """Which rows are at some of its own times [s], where it has no others."""
-        rows = np.flatnonzero(np.isin(self.times, times))
-        if not np.array_equal(self.times[rows], times):
-            raise BeamdaeError(f"at_times: {whose} has no rows at some of the times; {advice}.")
-        return rows
-
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
-        """Columns over time, by name.
+        """Return columns over time by name.
 
         Parameters
         ----------
         name
-            A header, with or without its unit ("tip.y [m]" or "tip.y"), of an observed column, an
-            energy, a coordinate, velocity or multiplier; or the name of an observable ("tip").
-            Of an observable and a part of one name the observable is meant.
+            A header with or without its unit ("tip.y [m]" or "tip.y") of an observed column, an
+            energy, a coordinate, velocity or multiplier; or the name of an observable ("tip") for
+            all its columns. If an observable and a part have the same name, the observable is
+            selected.
 
         Returns
         -------
         pandas.Series or pandas.DataFrame
-            One column, or all those of an observable, over t [s].
+            One column, or all columns of an observable, over t [s].
 
         Raises
         ------
         BeamdaeError
-            If there is none of the name.
+            If no column has this name.
 
         Examples
         --------
@@ -84,17 +81,17 @@ class TimeSeries:
         >>> print(f"{solution['ball.y'].min():.3f} m")
         -2.905 m
         """
-        found = self._over_time(self._selected(name))
-        return found.iloc[:, 0] if found.shape[1] == 1 else found
+        columns = self._over_time(self._select(name))
+        return columns.iloc[:, 0] if columns.shape[1] == 1 else columns
 
     def table(self) -> pd.DataFrame:
-        """Time, observed quantities and the energy ledger; headers carry units."""
+        """Return time, observed columns and the energy ledger; headers carry units."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
 
     def difference(self, other: TimeSeries, *names: str) -> pd.DataFrame:
-        """Columns of this run minus those of another, over the times of this one.
+        """Return columns of this run minus those of another one.
 
         Parameters
         ----------
@@ -102,17 +99,17 @@ class TimeSeries:
             Another run, of the same or of another model. Between its output times it is evaluated
             by its dense output.
         names
-            As for `solution[name]`; default all observed columns both have.
+            Names of columns, see `solution[name]`; default all observed columns of both runs.
 
         Returns
         -------
         pandas.DataFrame
-            Over t [s], as far as both runs go.
+            The differences at the times of this run [s] that both runs cover.
 
         Raises
         ------
         BeamdaeError
-            If one of them has no such column, or they have no time in common.
+            If one of the runs has no such column, or they have no time in common.
 
         Examples
         --------
@@ -126,34 +123,46 @@ class TimeSeries:
         """
         if not isinstance(other, TimeSeries):
             raise BeamdaeError(f"difference: other must be a solution, got {short_repr(other)}.")
-        begin, end = (f([self.times[k], other.times[k]]) for f, k in ((max, 0), (min, -1)))
+        begin = max(self.times[0], other.times[0])
+        end = min(self.times[-1], other.times[-1])
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):
             raise BeamdaeError(
                 f"difference: the runs have no time in common, one is from {self.times[0]:g} to "
                 f"{self.times[-1]:g} s, the other from {other.times[0]:g} to {other.times[-1]:g} s."
             )
-        one, two = (run.at_times(common) for run in (self, other))
-        headers = [h for name in names for h in one._selected(name)] or [
-            h for h in observed_columns(one.all_columns()) if h in other.all_columns()
-        ]
-        every = two._every()
-        missing = next((name for name in headers if name not in every), None)
+        one, two = self.at_times(common), other.at_times(common)
+        headers = [header for name in names for header in one._select(name)]
+        if not headers:
+            columns = other.all_columns()
+            headers = [
+                header for header in observed_columns(one.all_columns()) if header in columns
+            ]
+        available = two._all_columns_by_header()
+        missing = next((header for header in headers if header not in available), None)
         if missing is not None:
             raise BeamdaeError(f"difference: only one of the runs has the column {missing!r}.")
         return one._over_time(headers) - two._over_time(headers)
 
     def plot(self, *names: str) -> Plot:
-        """Draw columns over time, see `beamdae.plot`."""
+        """Plot columns over time, see `beamdae.plot`.
+
+        Parameters
+        ----------
+        names
+            Names of columns, see `solution[name]`; default the most characteristic ones.
+        """
         return load_views().plot_time_series(self, *names)
 
     def to_parquet(self, path: str | Path) -> Path:
-        """Write the table as Parquet (needs pyarrow: `pip install beamdae[parquet]`).
+        """Write the table as Parquet and return the path.
+
+        This needs pyarrow: `pip install beamdae[parquet]`.
 
         Raises
         ------
         BeamdaeError
-            If pyarrow is missing, or the file cannot be written.
+            If pyarrow is not installed, or the file cannot be written.
         """
         file = require_file_path("to_parquet", path)
         table = self.table()
@@ -162,19 +171,26 @@ class TimeSeries:
                 table.to_parquet(scratch, index=False)
             except ImportError:
                 raise BeamdaeError(
-                    "to_parquet: it needs pyarrow, which is not there; pip install pyarrow."
+                    "to_parquet: pyarrow is not installed; run `pip install pyarrow`."
                 ) from None
         return file
 
-    def _every(self) -> dict[str, Any]:
+    def _rows_at(self, times: Array, owner: str, advice: str) -> Array:
+        """Return the indices of the rows at these times [s], without interpolation."""
+        rows = np.flatnonzero(np.isin(self.times, times))
+        if not np.array_equal(self.times[rows], times):
+            raise BeamdaeError(f"at_times: {owner} has no rows at some of the times; {advice}.")
+        return rows
+
+    def _all_columns_by_header(self) -> dict[str, Any]:
         return merge_columns(self.all_columns(), self.coordinates())
 
-    def _selected(self, name: str) -> list[str]:
-        return select_columns(self._every(), name, observed=self.all_columns())
+    def _select(self, name: str) -> list[str]:
+        return select_columns(self._all_columns_by_header(), name, observed=self.all_columns())
 
     def _over_time(self, headers: list[str]) -> pd.DataFrame:
         import pandas as pd
 
-        every, index = self._every(), pd.Index(self.times, name=measures.TIME)
-        found = {h: np.asarray(every[h]) for h in dict.fromkeys(headers)}
-        return pd.DataFrame(found).set_index(index)
+        columns, index = self._all_columns_by_header(), pd.Index(self.times, name=measures.TIME)
+        selected = {header: np.asarray(columns[header]) for header in dict.fromkeys(headers)}
+        return pd.DataFrame(selected).set_index(index)

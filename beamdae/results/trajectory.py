@@ -1,4 +1,4 @@
-"""The steps an integrator took, and what lies between them."""
+"""Trajectory of a run: the accepted steps and the dense output between them."""
 
 from __future__ import annotations
 
@@ -9,46 +9,47 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.configurations import Configuration
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import Configuration, State
 from beamdae.errors import BeamdaeError, require_finite
 
 Array = np.ndarray
 
-# Degrees of the polynomials through steps: of q and v, and of what may jump from step to step. With
-# 4 rows between the steps of BDF up to order 5 are as good as the steps; a vibration from step to
-# step grows to 2.2 times what it is there, with 3 to 1.6 times, with 5 to 3.1 times.
-_SMOOTH, _ROUGH = 4, 3
+# Degrees of the polynomials through steps. With 4, values between the steps of BDF up to order 5
+# are as accurate as those at the steps; a vibration that alternates from step to step is amplified
+# by 2.2 between them (1.6 with degree 3, 3.1 with degree 5).
+_DEGREE_OF_MOTION = 4  # of q and v
+_DEGREE_OF_JUMPS = 3  # of a and lam, which may jump from step to step
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Accepted steps between two breakpoints, and the dense output between them.
+    """Accepted steps between two breakpoints, with dense output.
 
-    Between two steps values lie on the Lagrange polynomial through those at the end of the step
-    and at the steps before it, as in a multistep method (Hairer, Norsett & Wanner, Solving ODEs I,
-    1993, section III.6), of degree 4 for q and v and 3 for a and lam. Where a method has stages it
-    is the one through the start of the step, the stages and the end, as in collocation (Hairer &
-    Wanner, Solving ODEs II, 1996, section IV.8); there q is the integral of v, one degree higher,
-    moved linearly onto q at the end. Derivatives are not used: h v and h^2 a hold h and h^2 times
-    the amplitudes of modes too fast for the step, and what stiff sections make of them is out of
-    all proportion to the forces at the steps.
+    For multistep and one-step methods without stages, the dense output in a step is the Lagrange
+    polynomial through the state at the end of the step and those at the preceding steps (Hairer,
+    Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and 3 for a and
+    lam. For methods with stages it is the collocation polynomial through the start of the step, the
+    stages and the end (Hairer & Wanner, Solving ODEs II, 1996, section IV.8); there q is the
+    integral of v, one degree higher, with a linear correction that makes it meet q at the end.
+    Derivatives are not interpolated: h v and h^2 a contain the modes that are too fast for the
+    step, multiplied by h and h^2, and stiff sections would turn these into forces out of all
+    proportion to those at the steps.
 
-    An interval begins with a state consistent with the laws, which fast modes have yet to answer:
-    polynomials leave it out from the second node on.
+    The first state of an interval is consistent with the laws, but fast modes have not responded to
+    it yet. The polynomials therefore omit it from the second node on.
 
     Attributes
     ----------
     nodes
-        Times (k,) of the steps, and of the stages inside each if there are any, ascending.
+        Times (k,) of the steps, and of the stages inside each step if there are any, ascending [s].
     rows
-        State rows (k, .) at these times.
+        States at the nodes, each of q, v, a, lam as (k, .).
     branch
-        A time inside the interval; laws choose their piece by it.
+        A time inside the interval, by which piecewise laws select their piece [s].
     per_step
-        Nodes a step, its end among them.
+        Number of nodes per step, including its end.
     configuration
-        What was active of a mechanism whose parts are switched.
+        The active parts, if events switch parts of the mechanism.
     """
 
     nodes: Array
@@ -59,68 +60,89 @@ class Interval:
 
     @cached_property
     def t(self) -> Array:
-        """Times of the steps."""
+        """Times of the steps [s]."""
         return self.nodes[:: self.per_step]
 
     @cached_property
     def state(self) -> State:
-        """State rows at the steps."""
+        """States at the steps."""
         return State(*(x[:: self.per_step] for x in self.rows))
 
     @property
     def times(self) -> Array:
-        """(t, branch) rows of the nodes for compiled functions."""
+        """Rows (t, branch) of the nodes, as compiled functions take them."""
         return _with_branch(self.nodes, self.branch)
 
     def at(self, t: Array) -> State:
-        """State at times inside the interval."""
+        """Return the states at times [s] inside the interval."""
         q, v, a, lam = self.rows
-        node = _before(self.nodes, t)
-        smooth, rough = self._polynomials(t, node, _SMOOTH), self._polynomials(t, node, _ROUGH)
-        position = smooth @ q if self.per_step == 1 else self._integrated(q, v, t)
-        return State(position, smooth @ v, rough @ a, rough @ lam)
+        node = _preceding_node(self.nodes, t)
+        motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
+        jumping = self._lagrange_weights(t, node, _DEGREE_OF_JUMPS)
+        position = motion @ q if self.per_step == 1 else self._integrate_velocity(q, v, t)
+        return State(position, motion @ v, jumping @ a, jumping @ lam)
 
-    def smooth(self, values: Array, t: Array) -> Array:
-        """Values at times inside the interval of what is as smooth as q, from rows at the nodes."""
-        return self._polynomials(t, _before(self.nodes, t), _SMOOTH) @ values
+    def interpolate(self, values: Array, t: Array) -> Array:
+        """Interpolate a quantity as smooth as q at times [s] inside the interval.
 
-    def sums(self, rates: Array) -> Array:
-        """Integrals from the start of the interval to its steps, of rows of rates at the nodes.
-
-        Of the same polynomials, degree 3 through steps. Through the stages of Radau IIA that is its
-        own quadrature, (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9: the weight of the start is 0.
+        Parameters
+        ----------
+        values
+            Rows of the quantity at the nodes, (k, .).
         """
-        sums = np.zeros((len(self.t), rates.shape[1]))
-        np.cumsum(self._since_step(rates, self.t[1:]), axis=0, out=sums[1:])
-        return sums
+        node = _preceding_node(self.nodes, t)
+        return self._lagrange_weights(t, node, _DEGREE_OF_MOTION) @ values
 
-    def integrals(self, rates: Array, t: Array, sums: Array) -> Array:
-        """The same to times inside the interval, from the `sums` to its steps."""
-        return sums[_before(self.t, t)] + self._since_step(rates, t)
+    def integrate_to_steps(self, rates: Array) -> Array:
+        """Integrate rates from the start of the interval to each of its steps.
 
-    def _since_step(self, rates: Array, t: Array) -> Array:
-        """Integrals from the start of the step around each time on."""
-        step = _before(self.t, t)
+        The integrand is the polynomial of the dense output, of degree 3 through steps. Through the
+        stages of Radau IIA the result is the quadrature of the method itself, with the weights
+        (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9 and weight 0 at the start of the step.
+
+        Parameters
+        ----------
+        rates
+            Rows of the rates at the nodes, (k, .).
+        """
+        integrals = np.zeros((len(self.t), rates.shape[1]))
+        np.cumsum(self._integrate_within_step(rates, self.t[1:]), axis=0, out=integrals[1:])
+        return integrals
+
+    def integrate_to(self, t: Array, rates: Array, to_steps: Array) -> Array:
+        """Integrate rates from the start of the interval to times [s] inside it.
+
+        Parameters
+        ----------
+        rates, to_steps
+            The rates at the nodes, and the result of `integrate_to_steps` for them.
+        """
+        return to_steps[_preceding_node(self.t, t)] + self._integrate_within_step(rates, t)
+
+    def _integrate_within_step(self, rates: Array, t: Array) -> Array:
+        """Integrate rates from the start of the step that contains each time."""
+        step = _preceding_node(self.t, t)
         node, start = step * self.per_step, self.t[step]
         half = 0.5 * (t - start)
-        found = np.zeros((len(t), rates.shape[1]))
-        # Exact for the degree of the polynomials.
-        degree = max(self.per_step, _ROUGH)
+        integrals = np.zeros((len(t), rates.shape[1]))
+        # Gauss points that integrate polynomials of this degree exactly.
+        degree = max(self.per_step, _DEGREE_OF_JUMPS)
         for x, weight in zip(*np.polynomial.legendre.leggauss(degree // 2 + 1), strict=True):
             at = start + (1.0 + x) * half
-            found += (weight * half)[:, None] * (self._polynomials(at, node, _ROUGH) @ rates)
-        return found
+            values = self._lagrange_weights(at, node, _DEGREE_OF_JUMPS) @ rates
+            integrals += (weight * half)[:, None] * values
+        return integrals
 
-    def _integrated(self, q: Array, v: Array, t: Array) -> Array:
-        """Integrals of v from step to step, moved onto q."""
-        step = _before(self.t, t)
+    def _integrate_velocity(self, q: Array, v: Array, t: Array) -> Array:
+        """Integrate v from step to step, corrected linearly to meet q at the steps."""
+        step = _preceding_node(self.t, t)
         ends = q[:: self.per_step]
-        missed = np.diff(ends, axis=0) - self._since_step(v, self.t[1:])
+        gap = np.diff(ends, axis=0) - self._integrate_within_step(v, self.t[1:])
         x = ((t - self.t[step]) / (self.t[step + 1] - self.t[step]))[:, None]
-        return ends[step] + self._since_step(v, t) + x * missed[step]
+        return ends[step] + self._integrate_within_step(v, t) + x * gap[step]
 
-    def _polynomials(self, t: Array, node: Array, degree: int) -> sp.csr_array:
-        """Lagrange polynomials at times past each `node`: their weights of rows at the nodes."""
+    def _lagrange_weights(self, t: Array, node: Array, degree: int) -> sp.csr_array:
+        """Return the weights (len(t), k) of the nodes at times that follow each `node`."""
         last = len(self.nodes) - 1
         degree = min(degree if self.per_step == 1 else self.per_step, last)
         end = (node // self.per_step + 1) * self.per_step
@@ -137,8 +159,8 @@ class Interval:
         return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
 
 
-def _before(nodes: Array, t: Array) -> Array:
-    """Index of the node before each time; a node belongs to what came before it."""
+def _preceding_node(nodes: Array, t: Array) -> Array:
+    """Return the index of the node before each time; a node belongs to the step that it ends."""
     return np.clip(np.searchsorted(nodes, t, side="left") - 1, 0, max(len(nodes) - 2, 0))
 
 
@@ -148,45 +170,50 @@ def _with_branch(t: Array, branch: float | Array) -> Array:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """All accepted steps of a run."""
+    """All accepted steps of a run, one `Interval` after another."""
 
     intervals: tuple[Interval, ...]
 
     @property
+    def start(self) -> float:
+        """First time of the run [s]."""
+        return float(self.intervals[0].t[0])
+
+    @property
     def end(self) -> float:
-        """Last time reached."""
+        """Last time that the run reached [s]."""
         return float(self.intervals[-1].t[-1])
 
     @property
     def steps(self) -> int:
         """Number of accepted steps."""
-        return sum(len(s.t) - 1 for s in self.intervals)
+        return sum(len(interval.t) - 1 for interval in self.intervals)
 
-    def which(self, times: Array) -> Array:
-        """Index of the interval of each time; a breakpoint belongs to what came before it."""
-        starts = np.array([s.t[0] for s in self.intervals])
+    def interval_index(self, times: Array) -> Array:
+        """Return the index of the interval of each time; a breakpoint ends its interval."""
+        starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
     def at(self, times: Array) -> tuple[Array, State]:
-        """(t, branch) rows and states at ascending times within the run."""
-        which = self.which(times)
-        branches = np.array([s.branch for s in self.intervals])[which]
-        parts = [s.at(times[which == k]) for k, s in enumerate(self.intervals)]
+        """Return (t, branch) rows (k, 2) and states at ascending times (k,) of the run [s]."""
+        index = self.interval_index(times)
+        branches = np.array([interval.branch for interval in self.intervals])[index]
+        parts = [x.at(times[index == k]) for k, x in enumerate(self.intervals)]
         state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
         return _with_branch(times, branches), state
 
 
 class Instant(NamedTuple):
-    """Where a run was at a time, see `Solution.at`.
+    """State of a run at one time, see `Solution.at`.
 
     Attributes
     ----------
     time
-        (t, branch): the time [s], and one inside the smooth interval it belongs to.
+        (t, branch): the time [s], and a time inside the smooth interval that contains it.
     state
-        Coordinates, velocities, accelerations and multipliers.
+        Coordinates q (n,), velocities v (n,), accelerations a (n,) and multipliers lam (m,).
     configuration
-        What was active of a mechanism whose parts are switched.
+        The active parts, if events switch parts of the mechanism.
     """
 
     time: Array
@@ -200,15 +227,20 @@ class Instant(NamedTuple):
 
     @classmethod
     def of(cls, trajectory: Trajectory, t: float) -> Instant:
-        """Of a run at a time [s] within it."""
-        first = float(trajectory.intervals[0].t[0])
+        """Evaluate the dense output at a time of the run [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the time is outside the run.
+        """
         t = require_finite("Solution.at", "t", t)
-        if not first <= t <= trajectory.end:
+        if not trajectory.start <= t <= trajectory.end:
             raise BeamdaeError(
-                f"Solution.at: t must lie within the run, {first:g} to {trajectory.end:g} s, "
-                f"got {t:g}."
+                f"Solution.at: t must lie within the run, {trajectory.start:g} to "
+                f"{trajectory.end:g} s, got {t:g}."
             )
         times = np.array([t])
         rows, state = trajectory.at(times)
-        interval = trajectory.intervals[int(trajectory.which(times)[0])]
+        interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
         return cls(rows[0], State(*(x[0] for x in state)), interval.configuration)

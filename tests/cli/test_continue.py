@@ -109,13 +109,13 @@ def test_an_end_can_be_gone_on_from_again(go):
 
 def test_what_went_on_from_a_failure_has_failed(go):
     go("--t-end", "0.3", "--checkpoint", "end.json")
-    beside = Path("results/ball.json")
+    metadata = Path("results/ball.json")
     ended = {"status": "failed", "reason": "met something"}
-    beside.write_text(json.dumps(json.loads(beside.read_text()) | ended))
+    metadata.write_text(json.dumps(json.loads(metadata.read_text()) | ended))
     go("--t-end", "0.5", "--continue", "end.json")
     table, told = read("ball")
     assert set(table["status"]) == {told["status"]} == {told["result"]["status"]} == {"failed"}
-    assert told["reason"].endswith("but from where the run before had failed: met something")
+    assert told["reason"].endswith("but it resumed from a failed run: met something")
 
 
 def test_tables_of_other_runs_are_not_overwritten(go):
@@ -124,7 +124,7 @@ def test_tables_of_other_runs_are_not_overwritten(go):
     before = Path("results/ball.csv").read_bytes()
     result = go("--continue", "end.json")
     assert result.exit_code == 2
-    assert "it is not of the run that is to go on" in result.stderr
+    assert "this table belongs to another run" in result.stderr
     assert Path("results/ball.csv").read_bytes() == before
     assert go("--continue", "end.json", "--out", "other").exit_code == 0
     go("--t-end", "0.3")

@@ -371,7 +371,7 @@ def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
     with pytest.warns(bd.BeamdaeWarning, match="not finished"):
         solution = bd.simulate(ball(), Given(lambda k: 0.01), 1.0)
     assert solution.status.kind == "interrupted"
-    assert solution.status.sentence == "interrupted at t = 1 s, when its warnings were sought"
+    assert solution.status.sentence == "interrupted at t = 1 s, while the run was checked"
 
 
 @pytest.mark.parametrize("ask", [bd.error_estimate, bd.verify])

@@ -87,7 +87,7 @@ def test_memory_that_is_short_before_a_run_is_an_error_in_words(problem, monkeyp
         raise problem
 
     monkeypatch.setattr("beamdae.integrators.drive.plan_run", short)
-    with pytest.raises(bd.BeamdaeError, match=r"^simulate: it needs more memory than there is"):
+    with pytest.raises(bd.BeamdaeError, match=r"^simulate: the run needs more memory than is"):
         bd.simulate(pendulum(), bd.Ida(), 1.0)
 
 
@@ -97,7 +97,7 @@ def test_memory_that_is_short_after_a_run_loses_none_of_it(problem, monkeypatch)
         raise problem
 
     monkeypatch.setattr(Solution, "warnings", property(short))
-    with pytest.warns(bd.BeamdaeWarning, match="simulate: nothing is known of how good the run is"):
+    with pytest.warns(bd.BeamdaeWarning, match="simulate: the run could not be checked"):
         solution = bd.simulate(pendulum(), bd.Ida(), 1.0)
     assert solution.status.success
 

@@ -38,8 +38,8 @@ def acting(make, kind, shape="curved"):
 
 def assert_balanced(make, kind, shape="curved", off=1e-11):
     beam, on = acting(make, kind, shape)
-    lines = np.einsum("rekc,k->rec", on.lines, gauss_points(beam.mesh.nodes)[1])
-    parts = np.concatenate([lines, on.wrenches], axis=1)[0]
+    line_loads = np.einsum("rekc,k->rec", on.line_loads, gauss_points(beam.mesh.nodes)[1])
+    parts = np.concatenate([line_loads, on.wrenches], axis=1)[0]
     np.testing.assert_allclose(parts.sum(axis=0), 0.0, atol=off * np.max(np.abs(parts)))
     return on
 

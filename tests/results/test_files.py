@@ -66,8 +66,8 @@ def fail(monkeypatch, where, problem):
 
 def test_every_writer_makes_its_folder_and_leaves_no_scratch_file(tmp_path, writer):
     path = writer(tmp_path / "deep" / "er")
-    beside = {".json"} if path.suffix == ".csv" else set()
-    assert {p.suffix for p in path.parent.iterdir()} == {path.suffix} | beside
+    metadata = {".json"} if path.suffix == ".csv" else set()
+    assert {p.suffix for p in path.parent.iterdir()} == {path.suffix} | metadata
     assert path.stat().st_size > 0
 
 
@@ -163,12 +163,12 @@ import sys
 from pathlib import Path
 import pandas as pd
 from beamdae.errors import BeamdaeError
-from beamdae.results.storage.files import write
+from beamdae.results.storage.files import write_table
 folder = Path(sys.argv[1])
-write(folder / "run.csv", pd.DataFrame({"t [s]": [0.0]}), {})
+write_table(folder / "run.csv", pd.DataFrame({"t [s]": [0.0]}), {})
 before = {p.name: p.read_bytes() for p in folder.iterdir()}
 try:
-    write(folder / "run.csv", pd.DataFrame({"t [s]": range(100_000)}), {})
+    write_table(folder / "run.csv", pd.DataFrame({"t [s]": range(100_000)}), {})
 except BeamdaeError as problem:
     print(problem)
 assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
@@ -239,9 +239,10 @@ NAMES = ["Träger.x [m]", "梁.phi [rad]", "a, b", 'the "tip"', "x;y", "emoji �
 def test_texts_are_utf_8_whatever_the_locale(tmp_path):
     script = (
         "import sys, pandas as pd\nfrom pathlib import Path\n"
-        "from beamdae.results.storage.files import write, write_text\n"
+        "from beamdae.results.storage.files import write_table, write_text\n"
         f"names = {NAMES!a}\n"
-        "write(Path('run.csv'), pd.DataFrame([range(len(names))], columns=names), {'m': names})\n"
+        "table = pd.DataFrame([range(len(names))], columns=names)\n"
+        "write_table(Path('run.csv'), table, {'m': names})\n"
         "write_text(Path('page.html'), ''.join(names) + chr(13) + chr(10) + chr(0xDCFF))\n"
     )
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

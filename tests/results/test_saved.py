@@ -50,7 +50,7 @@ def assert_whole(found, run):
     times = np.linspace(0.0, 0.4, 77)
     assert_array_equal(found.at_times(times).q, run.at_times(times).q)
     assert found.events.equals(run.events)
-    assert found.beside() == run.beside()
+    assert found.metadata() == run.metadata()
     plain = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
     for name in {*plain} - {"t", "event_records"}:
         assert getattr(found, name) == getattr(run, name), name
@@ -108,7 +108,7 @@ def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
     run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
     found = bd.load(run.save(tmp_path / "a.run"), system)
     assert_array_equal(found.q, run.q)
-    with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; take solution\.save"):
+    with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; use solution\.save"):
         pickle.dumps(run)
 
 
@@ -122,24 +122,28 @@ def test_an_unfinished_run_is_kept_as_it_is(tmp_path):
 
 def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
     path = run.save(tmp_path / "a.run")
-    with pytest.raises(bd.BeamdaeError, match="it is a run of another model"):
+    with pytest.raises(bd.BeamdaeError, match="the file contains a run of another model"):
         bd.load(path, bouncing(9.82))
     with pytest.raises(bd.BeamdaeError, match=r"b\.run: it cannot be read, No such file"):
         bd.load(tmp_path / "b.run")
     content = path.read_bytes()
     for wrong in (content[:2000], b"", b"PK", b"t,x\n1,2\n", b"\x93NUMPY"):
         path.write_bytes(wrong)
-        with pytest.raises(bd.BeamdaeError, match=r"a\.run: it is no saved run of version 1"):
+        with pytest.raises(
+            bd.BeamdaeError, match=r"a\.run: this file is not a complete saved run of version 1"
+        ):
             bd.load(path)
     # Other bits in the list of what a zip holds: of how it is compressed, encrypted and checked.
     entry = content.index(b"PK\x01\x02")
     for place in (6, 8, 10, 16):
         path.write_bytes(content[: entry + place] + b"\x63" + content[entry + place + 1 :])
-        with pytest.raises(bd.BeamdaeError, match=r"a\.run: it is no saved run of version 1"):
+        with pytest.raises(
+            bd.BeamdaeError, match=r"a\.run: this file is not a complete saved run of version 1"
+        ):
             bd.load(path)
     with open(path, "wb") as file:
         np.savez(file, told=np.frombuffer(b'{"format": "beamdae run"}', np.uint8))
-    with pytest.raises(bd.BeamdaeError, match="it is no saved run of version 1"):
+    with pytest.raises(bd.BeamdaeError, match="not a complete saved run of version 1"):
         bd.load(path)
     with open(path, "wb") as file:
         told = b'{"format": "beamdae run", "version": 1}'
@@ -154,7 +158,7 @@ def test_nothing_in_a_file_is_executed(tmp_path):
     path = tmp_path / "a.run"
     with open(path, "wb") as file:
         np.savez(file, told=np.array([{"format": "beamdae run"}], dtype=object))
-    with pytest.raises(bd.BeamdaeError, match="it is no saved run"):
+    with pytest.raises(bd.BeamdaeError, match="not a complete saved run"):
         bd.load(path)
 
 

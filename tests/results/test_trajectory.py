@@ -76,7 +76,7 @@ def test_a_run_stopped_at_its_start_has_its_first_state():
     given = interval(np.array([0.2]), [polynomial(2, k) for k in range(4)])
     for found, row in zip(given.at(np.array([0.2])), given.state, strict=True):
         assert_allclose(found, row, rtol=0.0, atol=0.0)
-    assert_allclose(given.sums(given.rows.v), 0.0, rtol=0.0, atol=0.0)
+    assert_allclose(given.integrate_to_steps(given.rows.v), 0.0, rtol=0.0, atol=0.0)
 
 
 @pytest.mark.parametrize("steps", [2, 3, 4])
@@ -90,14 +90,15 @@ def test_no_columns_stay_no_columns():
     nothing = np.zeros((6, 0))
     given = Interval(STEPS, State(nothing, nothing, nothing, nothing), 0.5)
     assert given.at(BETWEEN).lam.shape == (137, 0)
-    assert given.integrals(nothing, BETWEEN, given.sums(nothing)).shape == (137, 0)
+    assert given.integrate_to(BETWEEN, nothing, given.integrate_to_steps(nothing)).shape == (137, 0)
 
 
 @pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
 def test_integrals_of_cubics_are_exact(nodes, per_step):
     rate = polynomial(3)
     given = interval(nodes, [rate] * 4, per_step=per_step)
-    found = given.integrals(given.rows.q, BETWEEN, given.sums(given.rows.q))
+    to_steps = given.integrate_to_steps(given.rows.q)
+    found = given.integrate_to(BETWEEN, given.rows.q, to_steps)
     assert_allclose(found[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
 
 
@@ -107,7 +108,7 @@ def test_integrals_through_stages_are_the_quadrature_of_radau():
     given = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, per_step=3)
     weights = np.array([16.0 - np.sqrt(6.0), 16.0 + np.sqrt(6.0), 4.0]) / 36.0
     expected = 0.1 * weights @ rates[1:, 0]
-    assert_allclose(given.sums(rates)[-1, 0], expected, rtol=1e-13)
+    assert_allclose(given.integrate_to_steps(rates)[-1, 0], expected, rtol=1e-13)
 
 
 @pytest.mark.parametrize("per_step", [1, 3])

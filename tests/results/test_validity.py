@@ -8,7 +8,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.results.diagnostics.strain_validity import LEAST_ERROR, BeamRange
+from beamdae.results.diagnostics.strain_validity import MAX_UNREPORTED_ERROR, BeamRange
 
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
@@ -45,14 +45,14 @@ def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
     (sentence,) = solution.warnings
     assert str(seen[0].message) == sentence
     assert "or set frame='chord'" in sentence
-    beside = json.loads(solution.to_csv(tmp_path / "bent.csv").with_suffix(".json").read_text())
-    assert beside["warnings"] == [sentence]
-    assert beside["validity"][0]["rotation"] == solution.validity[0].rotation > 0.5
+    metadata = json.loads(solution.to_csv(tmp_path / "bent.csv").with_suffix(".json").read_text())
+    assert metadata["warnings"] == [sentence]
+    assert metadata["validity"][0]["rotation"] == solution.validity[0].rotation > 0.5
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
         better = bent(1.0, frame="chord", bodies=4)
     assert len(better.validity) == 4
-    assert max(beam.error for beam in better.validity) < LEAST_ERROR
+    assert max(beam.error for beam in better.validity) < MAX_UNREPORTED_ERROR
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
     assert "bodies=4)" in large.warning
     assert "wrong" in hopeless.warning
     assert "%" not in hopeless.warning
-    assert BeamRange("b", 0.1, 0.1, 0.0, LEAST_ERROR).warning is None
+    assert BeamRange("b", 0.1, 0.1, 0.0, MAX_UNREPORTED_ERROR).warning is None
 
 
 def test_kinematics_without_a_limit_are_never_warned_of():
@@ -104,6 +104,6 @@ def test_ranges_are_the_largest_of_all_elements_and_rows():
     q[299, names.index("beam.phi6")] = -0.2
     # A turn of the frame is no deformation.
     q[:, names.index("beam.theta")] += 2.0
-    deflection, rotation, strain = equations.ranges[0].largest(q)
+    deflection, rotation, strain = equations.ranges[0].largest_deformation(q)
     assert (deflection, rotation) == pytest.approx((0.3, 0.2))
     assert strain > 0.01

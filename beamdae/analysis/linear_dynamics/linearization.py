@@ -180,7 +180,7 @@ def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: floa
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
     """Linearize about the last equilibrium of a path, under the loads there."""
-    full_equations = path.checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
+    full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
     factors = path.factors[-1].tolist() or [1.0]

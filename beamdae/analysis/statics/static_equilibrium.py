@@ -151,7 +151,7 @@ def _initial_positions(model: Any, start: Any) -> tuple[EquationsOfMotion, Array
     """Return the equations of the whole model and the positions near which the path begins."""
     if isinstance(start, Equilibrium):
         equations = as_equations(_NAME, model, AS_DRAWN)
-        return equations, start.starting().starting(equations).q0
+        return equations, start.to_checkpoint().start_equations(equations).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:

@@ -1,5 +1,5 @@
 """Scenes: the lines and symbols that show a mechanism in drawings, animations, modes and pages.
 
-May import: results, analysis and what lies below them; matplotlib only in `artists`, `beam_colors`.
-Next: the symbol of a new part goes into one of the `*_symbols` modules and the table in `symbols`.
+May import: results and what lies below them; no matplotlib.
+Next: a new symbol is a function in one of the `*_symbols` modules and an entry in `symbols`.
 """

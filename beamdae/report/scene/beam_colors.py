@@ -1,17 +1,16 @@
-"""What beams bear as color along them: strains, stresses and section forces over a run."""
+"""Colors along beams: strain, stress and section forces over a run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
-from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import count_beam_sections
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
@@ -20,41 +19,46 @@ from beamdae.results.section_forces.section_motions import (
 )
 from beamdae.results.solution import Solution
 
-if TYPE_CHECKING:
-    from matplotlib.colors import Colormap, Normalize
-
 Array = np.ndarray
 
-# What is drawn, its title and unit; whether it has a sign.
-QUANTITIES = {
-    "strain": ("largest strain", "-", False),
-    "stress": ("largest stress", "Pa", False),
-    "N": ("axial force N", "N", True),
-    "Q": ("shear force Q", "N", True),
-    "M": ("bending moment M", "N m", True),
+
+class _Quantity(NamedTuple):
+    title: str
+    unit: str
+    is_signed: bool
+
+
+_QUANTITIES = {
+    "strain": _Quantity("largest strain", "-", is_signed=False),
+    "stress": _Quantity("largest stress", "Pa", is_signed=False),
+    "N": _Quantity("axial force N", "N", is_signed=True),
+    "Q": _Quantity("shear force Q", "N", is_signed=True),
+    "M": _Quantity("bending moment M", "N m", is_signed=True),
 }
-# From nothing to the most, and from the least below nothing to the most above it.
-SIZES = ("#3a6fc4", "#7660c4", "#b452a3", "#e0566e", "#f58538", "#f5c31d")
-SIGNS = ("#0072B2", "#b8b8b8", "#D55E00")
+# Color scales from zero to the largest value, and from the negative to the positive limit.
+_SEQUENTIAL_SCALE = ("#3a6fc4", "#7660c4", "#b452a3", "#e0566e", "#f58538", "#f5c31d")
+_DIVERGING_SCALE = ("#0072B2", "#b8b8b8", "#D55E00")
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
-# Numbers of sections times rows that are evaluated at once.
-_AT_ONCE = 100_000
+# Strains below this are shown in thousandths.
+_MAX_SMALL_STRAIN = 0.1
+# Number of sections times rows evaluated in one call, which bounds the memory.
+_MAX_EVALUATIONS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class BeamColors:
-    """Values along beams in each frame, and the scale they have over the whole run.
+    """Values along beams in each frame, with one scale for the whole run.
 
     Attributes
     ----------
     title
-        With its unit.
+        Name of the quantity and its unit.
     values
-        By beam, (frames, sections), in that unit.
+        Values by name of the beam, (frames, sections), in the unit of the title.
     limits
-        Least and largest over frames and output times.
+        Smallest and largest value of the scale, over frames and output times.
     factor
-        What one of that unit is [SI].
+        Value of one unit of the title in SI units.
     """
 
     title: str
@@ -62,93 +66,112 @@ class BeamColors:
     limits: tuple[float, float]
     factor: float
 
-    def of_segments(self, part: str, frame: int) -> Array:
-        """Values between the sections."""
+    def segment_values(self, part: str, frame: int) -> Array:
+        """Return the means of neighboring sections of a beam in a frame."""
         along = self.values[part][frame]
         return 0.5 * (along[:-1] + along[1:])
 
     @property
-    def colors(self) -> tuple[str, ...]:
-        """Evenly spaced colors of the scale."""
-        return SIGNS if self.limits[0] < 0.0 else SIZES
-
-    @property
-    def colormap(self) -> Colormap:
-        """The scale for matplotlib."""
-        from matplotlib.colors import LinearSegmentedColormap
-
-        return LinearSegmentedColormap.from_list("beams", list(self.colors))
-
-    @property
-    def norm(self) -> Normalize:
-        """Its limits."""
-        from matplotlib.colors import Normalize
-
-        return Normalize(*self.limits)
+    def scale(self) -> tuple[str, ...]:
+        """Equally spaced colors from the lower to the upper limit."""
+        return _DIVERGING_SCALE if self.limits[0] < 0.0 else _SEQUENTIAL_SCALE
 
 
 def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) -> BeamColors:
-    """Strain, stress or section force along all beams of a run; `name` asks for it.
+    """Return strain, stress or a section force along all beams of a run.
 
-    Strain and stress are the largest in size over the section, |eps11 + eta kappa11| on its
-    surfaces, stress with the damping part. The limits are those of the run at these and the output
-    times, so that a color is one value in all frames.
+    Strain and stress are the larger one in size of |eps11 + eta kappa11| on the two surfaces of the
+    section; stress includes the damping part. The limits cover the output times as well, so that a
+    color has the same value in all frames.
+
+    Parameters
+    ----------
+    name
+        Name of the calling function, for messages.
+    solution
+        The run.
+    what
+        "strain", "stress", "N", "Q" or "M".
+    times
+        Times of the frames [s].
 
     Raises
     ------
     BeamdaeError
-        If it is not one of `QUANTITIES`, there are no beams, or one does not know its height.
+        If `what` is another value, the mechanism has no beams, or strain or stress is requested and
+        the height of a section is unknown.
     """
-    what = require_choice(name, "color", what, tuple(QUANTITIES))
+    what = require_choice(name, "color", what, tuple(_QUANTITIES))
     mechanism = solution.equations.mechanism
-    beams = [] if mechanism is None else find_beams(mechanism)
+    parts = [] if mechanism is None else mechanism.parts.values()
+    beams = [part for part in parts if isinstance(part, Beam)]
     if mechanism is None or not beams:
-        raise BeamdaeError(f"{name}: color {what!r} is that of beams, the mechanism has none.")
-    every = np.unique(np.concatenate([times, solution.t]))
-    _, state = solution.trajectory.at(every)
-    sections, shown = count_beam_sections(mechanism), np.searchsorted(every, times)
-    owners, found, most = map_coordinates(mechanism), dict[str, Array](), 0.0
+        raise BeamdaeError(
+            f"{name}: color {what!r} requires a beam, the mechanism has none; leave out color."
+        )
+    all_times = np.unique(np.concatenate([times, solution.t]))
+    _, state = solution.trajectory.at(all_times)
+    sections, frame_rows = count_beam_sections(mechanism), np.searchsorted(all_times, times)
+    coordinates, values_by_beam, largest = map_coordinates(mechanism), dict[str, Array](), 0.0
     for beam in beams:
-        own = owners.slice(beam)
-        values = _along(beam, what, sections, state.q[:, own], state.v[:, own])
-        most = max(most, float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)))
-        found[beam.name] = values[shown]
-    title, unit, signed = QUANTITIES[what]
-    factor, prefix = next(x for x in _PREFIXES if most >= x[0] or x[0] == 1.0)
-    if unit == "-":
-        factor, prefix = (1e-3, "10⁻³ ") if most < 0.1 else (1.0, "")
-    limit = most / factor or 1.0
+        columns = coordinates.slice_of(beam)
+        values = _evaluate(beam, what, sections, state.q[:, columns], state.v[:, columns])
+        largest = max(largest, float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)))
+        values_by_beam[beam.name] = values[frame_rows]
+    quantity = _QUANTITIES[what]
+    if quantity.unit == "-":
+        factor, unit = (1e-3, "10⁻³") if largest < _MAX_SMALL_STRAIN else (1.0, "-")
+    else:
+        factor, prefix = next(x for x in _PREFIXES if largest >= x[0] or x[0] == 1.0)
+        unit = f"{prefix}{quantity.unit}"
+    limit = largest / factor or 1.0
     return BeamColors(
-        f"{title} [{prefix}{unit}]".replace("⁻³ -", "⁻³"),
-        {part: values / factor for part, values in found.items()},
-        (-limit if signed else 0.0, limit),
+        f"{quantity.title} [{unit}]",
+        {part: values / factor for part, values in values_by_beam.items()},
+        (-limit if quantity.is_signed else 0.0, limit),
         factor,
     )
 
 
-def find_beams(mechanism: Mechanism) -> list[Beam]:
-    """The beams of a mechanism."""
-    return [part for part in mechanism.parts.values() if isinstance(part, Beam)]
+def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
+    """Return the colors that an animation offers.
+
+    These are `first`, if it is given, and stress and bending moment, unless the run has no beams
+    or the height of a section is unknown.
+    """
+    colors = [] if first is None else [compute_beam_colors("animate", solution, first, times)]
+    for what in (x for x in ("stress", "M") if x != first):
+        try:
+            colors.append(compute_beam_colors("animate", solution, what, times))
+        except BeamdaeError:
+            continue
+    return colors
 
 
-def _along(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array:
-    """Values (rows, sections) at rows of the coordinates of a beam."""
+def _evaluate(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array:
+    """Return values (rows, sections) at rows of the coordinates of a beam."""
     places = np.linspace(0.0, beam.length, sections).tolist()
-    values = [beam.kinematics.strains(s) for s in places]
-    at, rows = [SectionFunction(x.operator, x.values) for x in values], max(_AT_ONCE // sections, 1)
-    found = np.concatenate(
+    strain_terms = [beam.kinematics.strains(s) for s in places]
+    functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
+    rows = max(_MAX_EVALUATIONS // sections, 1)
+    strains_rates = np.concatenate(
         [
-            evaluate_sections(strains_and_rates, at, *(x[k : k + rows] for x in (q, v, 0.0 * q)))
+            evaluate_sections(
+                strains_and_rates, functions, *(x[k : k + rows] for x in (q, v, 0.0 * q))
+            )
             for k in range(0, len(q), rows)
         ]
     )
-    own = [beam.section.at(s) for s in places]
-    damping = np.array([x.damping for x in own])[:, None]
-    strains = found[..., :3] + (0.0 if what == "strain" else damping * found[..., 3:])
+    local = [beam.section.at(s) for s in places]
+    damping = np.array([x.damping for x in local])[:, None]
+    strains, rates = strains_rates[..., :3], strains_rates[..., 3:]
+    strains = strains + (0.0 if what == "strain" else damping * rates)
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)
-        return strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in own])
-    top, bottom = (np.array([x.fiber(beam.name, side) for x in own]) for side in ("top", "bottom"))
+        return strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
+    top, bottom = (
+        np.array([x.fiber_offset(beam.name, side) for x in local]) for side in ("top", "bottom")
+    )
     surfaces = [strains[..., 0] + eta * strains[..., 2] for eta in (top, bottom)]
-    modulus = np.array([x.material.E for x in own]) if what == "stress" else 1.0
+    modulus = np.array([x.material.E for x in local]) if what == "stress" else 1.0
     return modulus * np.max(np.abs(surfaces), axis=0)

@@ -1,4 +1,4 @@
-"""The symbols of springs, dampers and bushings, which stretch and wind, and of contacts."""
+"""Symbols of springs, dampers, bushings and contacts; lengths are in sizes of a symbol."""
 
 from __future__ import annotations
 
@@ -10,70 +10,78 @@ from beamdae.parts.forces.bushing import Bushing
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
-from beamdae.report.scene.joint_symbols import grounded, middle, symbol, travel
-from beamdae.report.scene.scene_builder import (
-    SceneBuilder,
-    circle,
-    hatched_line,
-    join_lines,
-    rotate_points,
-)
+from beamdae.report.scene.joint_symbols import draw_supports, find_travel
+from beamdae.report.scene.scene_builder import SceneBuilder
+from beamdae.report.scene.shapes import circle, hatched_line, join_lines, rotate_points
 
 Array = np.ndarray
 
-_COILS, _WINDINGS, _TICKS = 6, 2.25, 36
-# Of the shortest length, the longest one at which a cup still ends before the other point.
-_STROKE = 1.35
+_COILS = 6
+_COIL_HALF_WIDTH = 0.45
+_DASHPOT_HALF_WIDTH = 0.42
+# Distance of the coil and of the dashpot from the line between the points.
+_SIDE_BY_SIDE_OFFSET = 0.55
+# The cup of a dashpot has a fixed length if the largest distance of the points is at most this
+# multiple of the smallest.
+_MAX_RIGID_STROKE = 1.35
+# A spring whose points stay closer than this is drawn as a spiral.
+_COINCIDENT_DISTANCE = 0.1
+_SPIRAL_WINDINGS = 2.25
+_SPIRAL_POINTS = 90
+_BUSHING_RADIUS = 0.85
+_BUSHING_PIN_RADIUS = 0.3
+_CONTACT_RADIUS = 0.2
+_SURFACE_HATCHES = 36
+_SURFACE_CORNERS = 90
 
 
-@symbol.register
-def _between(part: SpringDamper, sketch: SceneBuilder) -> None:
-    """A coil, a dashpot, or both side by side; where the points always meet, a spiral."""
-    grounded(part, sketch)
-    a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
-    lengths = np.hypot(*sketch.way(a, b).T)
-    longest = float(np.max(lengths))
-    shortest = max(float(np.min(lengths)), 0.2 * longest)
-    damps = isinstance(part, Damper) or part.damping > 0.0
-    if longest < 0.1 * size:
-        sketch.between("spring", a, b, _spiral(size))
-    elif damps and part.stiffness > 0.0:
-        end, apart = 0.12 * shortest, 0.55 * size
-        sketch.stretched("spring", a, b, _coil(end, 0.2 * shortest, apart, size))
-        sketch.stretched("damper", a, b, _dashpot(end, shortest, longest, -apart, size))
-        bars = [[(k, x, -apart), (k, x, apart)] for k, x in ((0, end), (1, -end))]
+def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
+    """Draw a coil, a dashpot or both side by side; a spiral if the points always coincide."""
+    draw_supports(part, builder)
+    a, b, size = builder.attach(part.a), builder.attach(part.b), builder.size
+    distances = np.hypot(*builder.relative_position(a, b).T)
+    longest = float(np.max(distances))
+    shortest = max(float(np.min(distances)), 0.2 * longest)
+    has_damper = isinstance(part, Damper) or part.damping > 0.0
+    if longest < _COINCIDENT_DISTANCE * size:
+        builder.add_between("spring", a, b, _spiral(size))
+    elif has_damper and part.stiffness > 0.0:
+        end, offset = 0.12 * shortest, _SIDE_BY_SIDE_OFFSET * size
+        builder.add_stretched("spring", a, b, _coil(end, 0.2 * shortest, offset, size))
+        builder.add_stretched("damper", a, b, _dashpot(end, shortest, longest, -offset, size))
+        bars = [[(k, x, -offset), (k, x, offset)] for k, x in ((0, end), (1, -end))]
         stubs = [[(k, 0.0, 0.0), (k, x, 0.0)] for k, x in ((0, end), (1, -end))]
-        sketch.stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
-    elif damps:
-        sketch.stretched("damper", a, b, _dashpot(0.0, shortest, longest, 0.0, size))
+        builder.add_stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
+    elif has_damper:
+        builder.add_stretched("damper", a, b, _dashpot(0.0, shortest, longest, 0.0, size))
     else:
-        sketch.stretched("spring", a, b, _coil(0.0, 0.2 * shortest, 0.0, size))
-    sketch.name(middle(a, b, sketch))
+        builder.add_stretched("spring", a, b, _coil(0.0, 0.2 * shortest, 0.0, size))
+    builder.add_name(builder.add_midpoint(a, b))
 
 
 def _coil(end: float, stub: float, side: float, size: float) -> Array:
-    """A zigzag between two stubs, of `Symbol.points`, beside the line between the points."""
+    """Return the points of a zigzag between two stubs, see `Symbol.points`."""
     share = np.linspace(0.0, 1.0, 4 * _COILS + 1)[1::2]
     inner = [(u, stub * (1.0 - 2.0 * u)) for u in (0.0, *share, 1.0)]
-    across = [0.0, *(0.45 * size * (-1.0) ** np.arange(len(share))), 0.0]
+    across = [0.0, *(_COIL_HALF_WIDTH * size * (-1.0) ** np.arange(len(share))), 0.0]
     zigzag = [(*x, side + y) for x, y in zip(inner, across, strict=True)]
     return np.array([(0.0, end, side), *zigzag, (1.0, -end, side)])
 
 
 def _dashpot(end: float, shortest: float, longest: float, side: float, size: float) -> Array:
-    """A cup of the first point and a piston of the other that stays inside, as above.
+    """Return the points of a cup and of a piston that stays inside it, see `Symbol.points`.
 
-    Both keep their lengths, unless the way is too long for that.
+    Cup and piston are rigid unless the distance of the points varies too much for that.
     """
-    half = 0.42 * size
+    half = _DASHPOT_HALF_WIDTH * size
     bottom, piston = (0.0, 0.3 * shortest), (1.0, -0.5 * shortest)
     mouth = (0.0, longest - 0.35 * shortest)
-    if longest > _STROKE * shortest:
+    if longest > _MAX_RIGID_STROKE * shortest:
         bottom, piston, mouth = (0.3, 0.0), (0.5, 0.0), (0.7, 0.0)
     cup = [(mouth, half), (bottom, half), (bottom, -half), (mouth, -half)]
     lines = [
         [(0.0, end, side), (*bottom, side)],
-        [(*at, side + y) for at, y in cup],
+        [(*corner, side + y) for corner, y in cup],
         [(*piston, side - 0.75 * half), (*piston, side + 0.75 * half)],
         [(*piston, side), (1.0, -end, side)],
     ]
@@ -81,59 +89,59 @@ def _dashpot(end: float, shortest: float, longest: float, side: float, size: flo
 
 
 def _spiral(size: float) -> Array:
-    """From the axes of one body to those of another: it winds as they turn."""
-    share = np.linspace(0.0, 1.0, 90)
-    angle = 2.0 * math.pi * _WINDINGS * (1.0 - share)
+    """Return a spiral from the axes of one body to those of another, which winds as they rotate."""
+    share = np.linspace(0.0, 1.0, _SPIRAL_POINTS)
+    angle = 2.0 * math.pi * _SPIRAL_WINDINGS * (1.0 - share)
     radius = (1.3 - 1.05 * share) * size
     return np.column_stack([share, radius * np.cos(angle), radius * np.sin(angle)])
 
 
-@symbol.register
-def _torsion(part: TorsionSpring, sketch: SceneBuilder) -> None:
-    grounded(part, sketch)
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    # Any points of the bodies do: it is drawn at one of them.
-    inner = np.column_stack([sketch.pose(a)[:, :2], sketch.pose(b)[:, 2]])
-    sketch.between("spring", a, sketch.follow(inner), _spiral(sketch.size))
-    if np.max(np.hypot(*sketch.way(a, b).T)) > sketch.size:
-        sketch.link("link", a, b)
-    sketch.name(a)
+def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
+    """Draw a spiral, and a line between the points if they are apart."""
+    draw_supports(part, builder)
+    a, b = builder.attach(part.a), builder.attach(part.b)
+    # The spring acts between the angles of the bodies at any points; it is drawn at the first.
+    inner = np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]])
+    builder.add_between("spring", a, builder.add_pose(inner), _spiral(builder.size))
+    if np.max(np.hypot(*builder.relative_position(a, b).T)) > builder.size:
+        builder.add_link("link", a, b)
+    builder.add_name(a)
 
 
-@symbol.register
-def _bushing(part: Bushing, sketch: SceneBuilder) -> None:
-    """A ring of the one body around a pin of the other."""
-    grounded(part, sketch)
-    a, b, size = sketch.at(part.a), sketch.at(part.b), sketch.size
-    drawn = np.subtract(part.b.point, part.a.point)
-    sketch.carried("spring", a, circle(0.85 * size, 40) + drawn)
+def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
+    """Draw a ring on the first body around a pin on the second, with four spokes between them."""
+    draw_supports(part, builder)
+    a, b, size = builder.attach(part.a), builder.attach(part.b), builder.size
+    center = np.subtract(part.b.point, part.a.point)
+    builder.add_rigid("spring", a, circle(_BUSHING_RADIUS * size, 40) + center)
     for angle in np.arange(4) * math.pi / 2.0 + math.pi / 4.0:
-        way = np.array([math.cos(angle), math.sin(angle)])
-        outer, inner = drawn + 0.85 * size * way, 0.3 * size * way
-        sketch.between("spring", a, b, np.array([(0.0, *outer), (1.0, *inner)]))
-    sketch.carried("weld", b, circle(0.3 * size))
-    sketch.name(b)
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        outer = center + _BUSHING_RADIUS * size * direction
+        inner = _BUSHING_PIN_RADIUS * size * direction
+        builder.add_between("spring", a, b, np.array([(0.0, *outer), (1.0, *inner)]))
+    builder.add_rigid("weld", b, circle(_BUSHING_PIN_RADIUS * size))
+    builder.add_name(b)
 
 
-@symbol.register
-def _contact(part: Contact, sketch: SceneBuilder) -> None:
-    surface, touching = part.surface, sketch.at(part.point)
-    on = sketch.at(surface.on)
+def draw_contact(part: Contact, builder: SceneBuilder) -> None:
+    """Draw the surface with hatches on its inaccessible side, and the contact point."""
+    surface, point = part.surface, builder.attach(part.point)
+    on = builder.attach(surface.on)
     if isinstance(surface, CircleSurface):
-        sketch.carried("surface", on, _hatched_circle(surface, sketch.size))
+        builder.add_rigid("surface", on, _hatched_circle(surface, builder.size))
     else:
-        low, high = travel(surface.on, part.point, surface.direction, sketch)
-        wall = hatched_line(low, high, sketch.size)
-        sketch.carried("surface", on, rotate_points(wall, surface.direction))
-    sketch.carried("contact", touching, circle(0.2 * sketch.size))
-    sketch.name(touching)
+        low, high = find_travel(surface.on, part.point, surface.direction, builder)
+        wall = hatched_line(low, high, builder.size)
+        builder.add_rigid("surface", on, rotate_points(wall, surface.direction))
+    builder.add_rigid("contact", point, circle(_CONTACT_RADIUS * builder.size))
+    builder.add_name(point)
 
 
 def _hatched_circle(surface: CircleSurface, size: float) -> Array:
-    """A circle with hatches on the side where nothing can be."""
-    angle = np.linspace(0.0, 2.0 * math.pi, _TICKS + 1)[1:]
+    angle = np.linspace(0.0, 2.0 * math.pi, _SURFACE_HATCHES + 1)[1:]
     feet = surface.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    away = feet / surface.radius * (-1.0 if surface.side == "outside" else 1.0)
+    inward = feet / surface.radius * (-1.0 if surface.side == "outside" else 1.0)
     length = 0.4 * min(size, surface.radius)
-    ends = feet + length * (away + np.column_stack([-away[:, 1], away[:, 0]]))
-    return join_lines(circle(surface.radius, 90), *np.stack([feet, ends], axis=1))
+    ends = feet + length * (inward + np.column_stack([-inward[:, 1], inward[:, 0]]))
+    hatches = np.stack([feet, ends], axis=1)
+    return join_lines(circle(surface.radius, _SURFACE_CORNERS), *hatches)

@@ -1,9 +1,12 @@
-"""The symbols joints have; those of springs and contacts are in `elastic`, of loads in `loads`."""
+"""Symbols of joints, drivers, gears and rolling contacts.
+
+Each function adds the symbol of one part to a `SceneBuilder`; `symbols` lists them by name.
+Lengths are in sizes of a symbol unless stated otherwise.
+"""
 
 from __future__ import annotations
 
 import math
-from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -16,15 +19,16 @@ from beamdae.parts.joints.drivers import Driver, TranslationalDriver
 from beamdae.parts.joints.gears import Gear, RackAndPinion
 from beamdae.parts.joints.guides import PointOnLine, Prismatic
 from beamdae.parts.joints.joint import Joint, Revolute, Weld
-from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine
-from beamdae.parts.joints.skate import Skate
+from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine, Skate
 from beamdae.parts.part import Part
-from beamdae.report.scene.scene_builder import (
-    SceneBuilder,
+from beamdae.report.scene.scene_builder import SceneBuilder
+from beamdae.report.scene.shapes import (
+    arrow_head,
     box,
     circle,
     hatched_line,
     join_lines,
+    left_normal,
     rotate_points,
     unit_vector,
     wheel,
@@ -32,238 +36,230 @@ from beamdae.report.scene.scene_builder import (
 
 Array = np.ndarray
 
-# Of the size of a symbol: radius of a pin, half of a slot, how far a guide goes on.
-_PIN, _SLOT, _BEYOND = 0.26, 0.36, 3.0
-# Sections of a beam the nearest one to a slider is looked for among.
-_NEAREST = 201
+_PIN_RADIUS = 0.26
+_MARKER_RADIUS = 0.3
+_SLOT_HALF_WIDTH = 0.36
+_GUIDE_OVERHANG = 3.0
+_WALL_HALF_LENGTH = 1.3
+_WELD_WIDTH = 0.45
+_DRIVER_RADIUS = 1.2
+_SHAFT_LENGTH = 2.5
+_TRACK_CORNERS = 60
+# Sections of a beam among which the one nearest to a slider is searched.
+_SLIDER_SECTIONS = 201
+# A weld within this fraction of the length from the end of a beam is a clamp.
+_END_TOLERANCE = 1e-6
 
 
-@singledispatch
-def symbol(part: Part, sketch: SceneBuilder) -> None:
-    """Sketch what is no body: by default a diamond where it is attached, with its name."""
-    rows = [sketch.at(attachment) for attachment in part.attachments]
+def draw_markers(part: Part, builder: SceneBuilder) -> None:
+    """Draw a diamond at each attachment and the name: the symbol of parts without their own."""
+    rows = [builder.attach(attachment) for attachment in part.attachments]
     for row in rows:
-        sketch.carried("load" if part.is_load else "joint", row, circle(0.3 * sketch.size, 4))
+        diamond = circle(_MARKER_RADIUS * builder.size, 4)
+        builder.add_rigid("load" if part.is_load else "joint", row, diamond)
     if rows:
-        sketch.name(rows[0])
+        builder.add_name(rows[0])
 
 
-def grounded(part: Any, sketch: SceneBuilder) -> None:
-    """The ground under its points, as far as they are of the ground."""
+def draw_supports(part: Any, builder: SceneBuilder) -> None:
+    """Draw a support at each attachment of the part to the ground."""
     for attachment in part.attachments:
-        sketch.support(attachment)
+        builder.add_support(attachment)
 
 
-def _pin(sketch: SceneBuilder, row: int) -> None:
-    sketch.carried("joint", row, circle(_PIN * sketch.size))
+def _draw_pin(builder: SceneBuilder, row: int) -> None:
+    builder.add_rigid("joint", row, circle(_PIN_RADIUS * builder.size))
 
 
-@symbol.register
-def _joint(part: Joint, sketch: SceneBuilder) -> None:
-    grounded(part, sketch)
-    row = sketch.at(part.b)
-    sketch.carried("joint", row, circle(0.3 * sketch.size, 4))
-    sketch.name(row)
+def draw_joint(part: Joint, builder: SceneBuilder) -> None:
+    """Draw a diamond at the second attachment: the symbol of joints without their own."""
+    draw_supports(part, builder)
+    row = builder.attach(part.b)
+    builder.add_rigid("joint", row, circle(_MARKER_RADIUS * builder.size, 4))
+    builder.add_name(row)
 
 
-@symbol.register
-def _revolute(part: Revolute, sketch: SceneBuilder) -> None:
-    grounded(part, sketch)
-    row = sketch.at(part.b)
-    _pin(sketch, row)
-    sketch.name(row)
+def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
+    """Draw a pin."""
+    draw_supports(part, builder)
+    row = builder.attach(part.b)
+    _draw_pin(builder, row)
+    builder.add_name(row)
 
 
-@symbol.register
-def _weld(part: Weld, sketch: SceneBuilder) -> None:
-    row = sketch.at(part.b)
-    for fixed, held in ((part.a, part.b), (part.b, part.a)):
+def draw_weld(part: Weld, builder: SceneBuilder) -> None:
+    """Draw a square, and a wall across the end of a beam that is clamped to the ground."""
+    row = builder.attach(part.b)
+    for fixed, clamped in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):
-            _clamp(fixed, held, sketch)
-    sketch.carried("weld", row, box(0.45 * sketch.size, 0.45 * sketch.size))
-    sketch.name(row)
+            _draw_clamp(fixed, clamped, builder)
+    builder.add_rigid("weld", row, box(_WELD_WIDTH * builder.size, _WELD_WIDTH * builder.size))
+    builder.add_name(row)
 
 
-def _clamp(fixed: Attachment, held: Attachment, sketch: SceneBuilder) -> None:
-    """A wall across the end of a beam; the ground under anything else."""
-    length = getattr(held.body, "length", None)
-    if held.s is None or length is None or 1e-6 < held.s / length < 1.0 - 1e-6:
-        sketch.support(fixed)
+def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -> None:
+    """Draw a wall across the end of a beam, or the support below any other point."""
+    length, s = getattr(clamped.body, "length", None), clamped.s
+    if s is None or length is None or _END_TOLERANCE < s / length < 1.0 - _END_TOLERANCE:
+        builder.add_support(fixed)
         return
-    side = 1.0 if held.s < 0.5 * length else -1.0
-    along = side * np.array([math.cos(held.inclination), math.sin(held.inclination)])
-    wall = rotate_points(
-        hatched_line(-1.3 * sketch.size, 1.3 * sketch.size, sketch.size), _left(-along)
-    )
-    sketch.carried("ground", sketch.at(fixed), wall)
+    side = 1.0 if s < 0.5 * length else -1.0
+    along = side * np.array([math.cos(clamped.inclination), math.sin(clamped.inclination)])
+    half = _WALL_HALF_LENGTH * builder.size
+    wall = rotate_points(hatched_line(-half, half, builder.size), left_normal(-along))
+    builder.add_rigid("ground", builder.attach(fixed), wall)
 
 
-def _left(direction: Array) -> Array:
-    return np.array([-direction[1], direction[0]])
+def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
+    """Draw a slot along the travel of a pin."""
+    _draw_slot(part, builder, 0.0)
+    row = builder.attach(part.b)
+    _draw_pin(builder, row)
+    builder.add_name(row)
 
 
-@symbol.register
-def _on_line(part: PointOnLine, sketch: SceneBuilder) -> None:
-    _slot(part, sketch, 0.0)
-    row = sketch.at(part.b)
-    _pin(sketch, row)
-    sketch.name(row)
-
-
-@symbol.register
-def _prismatic(part: Prismatic, sketch: SceneBuilder) -> None:
+def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
+    """Draw a slot along the travel of a block."""
     a, b = np.array(part.a.point), np.array(part.b.point)
-    _slot(part, sketch, float(_left(unit_vector(part.direction)) @ (b - a)))
-    row = sketch.at(part.b)
-    block = rotate_points(box(1.5 * sketch.size, 2.0 * _SLOT * sketch.size), part.direction)
-    sketch.carried("joint", row, block)
-    sketch.name(row)
+    _draw_slot(part, builder, float(left_normal(unit_vector(part.direction)) @ (b - a)))
+    row = builder.attach(part.b)
+    block = box(1.5 * builder.size, 2.0 * _SLOT_HALF_WIDTH * builder.size)
+    builder.add_rigid("joint", row, rotate_points(block, part.direction))
+    builder.add_name(row)
 
 
-def _slot(part: Any, sketch: SceneBuilder, offset: float) -> None:
-    """Two walls as long as the way that is gone between them; hatched on the ground."""
-    low, high = travel(part.a, part.b, part.direction, sketch)
-    half = _SLOT * sketch.size
+def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
+    """Draw two walls along the travel of a guided point; one is hatched if it is of the ground."""
+    low, high = find_travel(part.a, part.b, part.direction, builder)
+    half = _SLOT_HALF_WIDTH * builder.size
     walls = [np.array([(low, offset + half), (high, offset + half)])]
     if isinstance(part.a.body, Ground):
-        walls.append(np.add(hatched_line(low, high, sketch.size), (0.0, offset - half)))
+        walls.append(np.add(hatched_line(low, high, builder.size), (0.0, offset - half)))
     else:
         walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
-    sketch.carried("guide", sketch.at(part.a), rotate_points(join_lines(*walls), part.direction))
+    slot = rotate_points(join_lines(*walls), part.direction)
+    builder.add_rigid("guide", builder.attach(part.a), slot)
 
 
-def travel(
-    a: Attachment, b: Attachment, direction: Any, sketch: SceneBuilder, more: float = 0.0
+def find_travel(
+    a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """From where to where one point goes along a direction of the other's body, and beyond."""
-    x = sketch.way(sketch.at(a), sketch.at(b)) @ unit_vector(direction)
-    beyond = _BEYOND * sketch.size + more
-    return float(np.min(x)) - beyond, float(np.max(x)) + beyond
+    """Return the range of point b along a direction of the body of a, with an overhang [m]."""
+    position = builder.relative_position(builder.attach(a), builder.attach(b))
+    x = position @ unit_vector(direction)
+    overhang = _GUIDE_OVERHANG * builder.size + margin
+    return float(np.min(x)) - overhang, float(np.max(x)) + overhang
 
 
-@symbol.register
-def _driven_along(part: TranslationalDriver, sketch: SceneBuilder) -> None:
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    pose = np.column_stack([sketch.pose(b)[:, :2], sketch.pose(a)[:, 2]])
-    row, reach = sketch.follow(pose), 2.5 * sketch.size
-    shaft = np.array([(0.0, 0.0), (0.8 * reach, 0.0)])
-    sketch.carried("driver", row, rotate_points(shaft, part.direction))
-    sketch.carried(
-        "driver tip", row, rotate_points(np.add(tip(sketch.size), (reach, 0.0)), part.direction)
-    )
-    sketch.name(b)
+def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) -> None:
+    """Draw an arrow in the direction of the driver."""
+    a, b = builder.attach(part.a), builder.attach(part.b)
+    pose = np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]])
+    row, length = builder.add_pose(pose), _SHAFT_LENGTH * builder.size
+    shaft = np.array([(0.0, 0.0), (0.8 * length, 0.0)])
+    tip = np.add(arrow_head(builder.size), (length, 0.0))
+    builder.add_rigid("driver", row, rotate_points(shaft, part.direction))
+    builder.add_rigid("driver tip", row, rotate_points(tip, part.direction))
+    builder.add_name(b)
 
 
-def tip(size: float) -> Array:
-    """The head of an arrow that ends at the origin."""
-    return 0.5 * size * np.array([(-1.0, -0.4), (0.0, 0.0), (-1.0, 0.4), (-1.0, -0.4)])
+def draw_distance(part: Distance, builder: SceneBuilder) -> None:
+    """Draw a link between two pins."""
+    draw_supports(part, builder)
+    a, b = builder.attach(part.a), builder.attach(part.b)
+    builder.add_link("link", a, b)
+    _draw_pin(builder, a)
+    _draw_pin(builder, b)
+    builder.add_name(builder.add_midpoint(a, b))
 
 
-@symbol.register
-def _distance(part: Distance, sketch: SceneBuilder) -> None:
-    grounded(part, sketch)
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    sketch.link("link", a, b)
-    _pin(sketch, a)
-    _pin(sketch, b)
-    sketch.name(middle(a, b, sketch))
-
-
-def middle(a: int, b: int, sketch: SceneBuilder) -> int:
-    """The pose halfway between two."""
-    return sketch.follow(0.5 * (sketch.pose(a) + sketch.pose(b)))
-
-
-@symbol.register
-def _driver(part: Driver, sketch: SceneBuilder) -> None:
-    grounded(part, sketch)
-    row = sketch.at(part.b)
+def draw_driver(part: Driver, builder: SceneBuilder) -> None:
+    """Draw an arrow around the joint."""
+    draw_supports(part, builder)
+    row = builder.attach(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
-    arc = 1.2 * sketch.size * np.column_stack([np.cos(angle), np.sin(angle)])
-    sketch.carried("driver", row, arc)
-    end = (
-        rotate_points(np.add(tip(sketch.size), (0.25 * sketch.size, 0.0)), _left(arc[-1])) + arc[-1]
-    )
-    sketch.carried("driver tip", row, end)
-    sketch.name(row)
+    arc = _DRIVER_RADIUS * builder.size * np.column_stack([np.cos(angle), np.sin(angle)])
+    builder.add_rigid("driver", row, arc)
+    tip = np.add(arrow_head(builder.size), (0.25 * builder.size, 0.0))
+    builder.add_rigid("driver tip", row, rotate_points(tip, left_normal(arc[-1])) + arc[-1])
+    builder.add_name(row)
 
 
-@symbol.register
-def _gear(part: Gear, sketch: SceneBuilder) -> None:
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    sketch.link("gear", a, b)
+def draw_gear(part: Gear, builder: SceneBuilder) -> None:
+    """Draw the line between the points, and the pitch circles of two meshing wheels."""
+    a, b = builder.attach(part.a), builder.attach(part.b)
+    builder.add_link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)
     share = abs(1.0 - part.ratio)
-    # Where the points are the centers of wheels that mesh, their pitch circles are known.
-    if _centered(part.a) and _centered(part.b) and distance > 0.0 < share:
+    # The pitch circles are known only if the points are the centers of two meshing wheels.
+    if _is_center(part.a) and _is_center(part.b) and distance > 0.0 < share:
         radii = distance * abs(part.ratio) / share, distance / share
-        for row, place, radius in zip((a, b), (part.a, part.b), radii, strict=True):
-            if not getattr(place.body, "shape", ()):
-                sketch.carried("gear", row, wheel(radius))
-    sketch.name(middle(a, b, sketch))
+        for row, attachment, radius in zip((a, b), (part.a, part.b), radii, strict=True):
+            if not getattr(attachment.body, "shape", ()):
+                builder.add_rigid("gear", row, wheel(radius))
+    builder.add_name(builder.add_midpoint(a, b))
 
 
-def _centered(place: Attachment) -> bool:
-    body = place.body
+def _is_center(attachment: Attachment) -> bool:
+    body = attachment.body
     return isinstance(body, Ground) or (
-        isinstance(body, RigidBody) and bool(np.allclose(body.center, place.point))
+        isinstance(body, RigidBody) and bool(np.allclose(body.center, attachment.point))
     )
 
 
-@symbol.register
-def _rack(part: RackAndPinion, sketch: SceneBuilder) -> None:
-    a, b = sketch.at(part.a), sketch.at(part.b)
-    sketch.carried("wheel", a, wheel(abs(part.radius)))
-    e = unit_vector(part.direction)
+def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
+    """Draw the pinion as a wheel and the rack as a line."""
+    a, b = builder.attach(part.a), builder.attach(part.b)
+    builder.add_rigid("wheel", a, wheel(abs(part.radius)))
+    direction = unit_vector(part.direction)
     # The rack passes the pinion on its left.
-    touch = np.subtract(part.a.point, part.b.point) - part.radius * _left(e)
-    low, high = travel(part.b, part.a, part.direction, sketch, abs(part.radius))
-    line = rotate_points([(low, 0.0), (high, 0.0)], e) + (touch - (touch @ e) * e)
-    sketch.carried("guide", b, line)
-    sketch.name(a)
+    touch = np.subtract(part.a.point, part.b.point) - part.radius * left_normal(direction)
+    low, high = find_travel(part.b, part.a, part.direction, builder, abs(part.radius))
+    line = rotate_points([(low, 0.0), (high, 0.0)], direction)
+    builder.add_rigid("guide", b, line + (touch - (touch @ direction) * direction))
+    builder.add_name(a)
 
 
-@symbol.register
-def _rolling(part: RollingOnLine, sketch: SceneBuilder) -> None:
-    low, high = travel(part.a, part.b, part.direction, sketch, part.radius)
-    side = np.subtract(part.b.point, part.a.point) @ _left(unit_vector(part.direction))
-    line = hatched_line(low, high, sketch.size) * (1.0, 1.0 if side > 0.0 else -1.0)
-    sketch.carried("surface", sketch.at(part.a), rotate_points(line, part.direction))
-    _wheel(part.b, part.radius, sketch)
+def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
+    """Draw a wheel on a hatched line along its travel."""
+    low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
+    side = np.subtract(part.b.point, part.a.point) @ left_normal(unit_vector(part.direction))
+    line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)
+    builder.add_rigid("surface", builder.attach(part.a), rotate_points(line, part.direction))
+    _draw_wheel(part.b, part.radius, builder)
 
 
-@symbol.register
-def _rolling_on_circle(part: RollingOnCircle, sketch: SceneBuilder) -> None:
+def draw_rolling_on_circle(part: RollingOnCircle, builder: SceneBuilder) -> None:
+    """Draw a wheel and the circle on which it rolls, with a spoke if it rotates."""
     turns = not isinstance(part.a.body, Ground)
-    track = wheel(part.radii[0]) if turns else circle(part.radii[0], 60)
-    sketch.carried("wheel" if turns else "surface", sketch.at(part.a), track)
-    _wheel(part.b, part.radii[1], sketch)
+    track = wheel(part.radii[0]) if turns else circle(part.radii[0], _TRACK_CORNERS)
+    builder.add_rigid("wheel" if turns else "surface", builder.attach(part.a), track)
+    _draw_wheel(part.b, part.radii[1], builder)
 
 
-def _wheel(center: Attachment, radius: float, sketch: SceneBuilder) -> None:
-    row = sketch.at(center)
-    sketch.carried("wheel", row, wheel(radius))
-    sketch.name(row)
+def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> None:
+    row = builder.attach(center)
+    builder.add_rigid("wheel", row, wheel(radius))
+    builder.add_name(row)
 
 
-@symbol.register
-def _skate(part: Skate, sketch: SceneBuilder) -> None:
-    row, reach = sketch.at(part.on), sketch.size
-    sketch.carried("skate", row, rotate_points([(-reach, 0.0), (reach, 0.0)], part.direction))
-    sketch.name(row)
+def draw_skate(part: Skate, builder: SceneBuilder) -> None:
+    """Draw the blade."""
+    row, half = builder.attach(part.on), builder.size
+    builder.add_rigid("skate", row, rotate_points([(-half, 0.0), (half, 0.0)], part.direction))
+    builder.add_name(row)
 
 
-@symbol.register
-def _sliding(part: SlidingOnBeam, sketch: SceneBuilder) -> None:
-    """A sleeve along the beam, where the point is nearest to it."""
-    row, beam = sketch.at(part.a), part.beam
-    sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _NEAREST)]
-    axis, place = sketch.through(sections), sketch.pose(row)[:, :2]
-    nearest = np.argmin(np.sum((axis - place[:, None]) ** 2, axis=-1), axis=1)
-    first = np.clip(nearest - 1, 0, _NEAREST - 3)
+def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> None:
+    """Draw a sleeve around the beam, parallel to the section nearest to the point."""
+    row, beam = builder.attach(part.a), part.beam
+    sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _SLIDER_SECTIONS)]
+    axis, position = builder.positions(sections), builder.pose(row)[:, :2]
+    nearest = np.argmin(np.sum((axis - position[:, None]) ** 2, axis=-1), axis=1)
+    first = np.clip(nearest - 1, 0, _SLIDER_SECTIONS - 3)
     frames = np.arange(len(axis))
     along = axis[frames, first + 2] - axis[frames, first]
     angle = np.arctan2(along[:, 1], along[:, 0])
-    sleeve = sketch.follow(np.column_stack([place, angle]))
-    sketch.carried("sleeve", sleeve, box(1.6 * sketch.size, 1.0 * sketch.size))
-    sketch.name(row)
+    sleeve = builder.add_pose(np.column_stack([position, angle]))
+    builder.add_rigid("sleeve", sleeve, box(1.6 * builder.size, 1.0 * builder.size))
+    builder.add_name(row)

@@ -1,4 +1,7 @@
-"""The arrows of loads: in drawings of one length, in motions as long as the load is large."""
+"""Arrows of loads: of one length in drawings, proportional to the load in animations.
+
+Lengths are in sizes of a symbol.
+"""
 
 from __future__ import annotations
 
@@ -11,142 +14,153 @@ from beamdae.beams.beam_loads import DistributedForce, MovingForce
 from beamdae.parts.forces.force_law import ForceLaw
 from beamdae.parts.forces.loads import Force, Moment
 from beamdae.parts.laws import Law
-from beamdae.report.scene.joint_symbols import symbol, tip
+from beamdae.report.scene.joint_symbols import draw_markers
 from beamdae.report.scene.scene_builder import SceneBuilder
+from beamdae.report.scene.shapes import arrow_head
 
 Array = np.ndarray
 
-# Of the size of a symbol: the largest force; of the largest load: what is not drawn.
-_REACH, _NOTHING = 4.0, 0.02
-_ALONG_BEAM, _SECTIONS = 9, 101
-# Angle of the arrow of the largest moment [rad], and its radius.
-_SWEEP, _RADIUS = 1.3 * math.pi, 1.6
-# Times at which a load that begins with nothing is looked at [s].
-_LATER = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+# Length of the arrow of the largest force.
+_FORCE_LENGTH = 4.0
+# Loads below this fraction of the largest value of the part are not drawn.
+_MIN_VISIBLE_LOAD = 0.02
+# Arrows along a beam with a distributed load; sections that locate a moving load on its axis.
+_DISTRIBUTED_ARROWS = 9
+_AXIS_SECTIONS = 101
+# Angle [rad] and radius of the arrow of the largest moment.
+_MOMENT_ANGLE = 1.3 * math.pi
+_MOMENT_RADIUS = 1.6
+# Times at which a drawing evaluates a load that is zero at t = 0 [s].
+_LATER_TIMES = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
-@symbol.register
-def _force(part: Force, sketch: SceneBuilder) -> None:
-    row = sketch.at(part.on)
-    load = _values(part.laws, sketch)
-    _push(sketch, row, _turned(load, row, sketch) if part.axes == "body" else load)
-    sketch.name(row)
+def draw_force(part: Force, builder: SceneBuilder) -> None:
+    """Draw an arrow that ends at the point of the force."""
+    row = builder.attach(part.on)
+    load = _evaluate_laws(part.laws, builder)
+    if part.axes == "body":
+        load = _rotate_to_inertial(load, row, builder)
+    _draw_force_arrow(builder, row, load)
+    builder.add_name(row)
 
 
-def _turned(load: Array, row: int, sketch: SceneBuilder, drawn: float = 0.0) -> Array:
-    """Components of the axes of a body in those of the drawing; `drawn` is their angle there."""
-    angle = sketch.pose(row)[:, 2] + drawn
+def _rotate_to_inertial(
+    load: Array, row: int, builder: SceneBuilder, inclination: float = 0.0
+) -> Array:
+    """Rotate components (frames, 2) in the axes of a pose, inclined in the reference drawing."""
+    angle = builder.pose(row)[:, 2] + inclination
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * load[:, 0] - s * load[:, 1], s * load[:, 0] + c * load[:, 1]], axis=-1)
 
 
-@symbol.register
-def _moment(part: Moment, sketch: SceneBuilder) -> None:
-    row = sketch.at(part.on)
-    _twist(sketch, row, _values(part.laws, sketch)[:, 0])
-    sketch.name(row)
+def draw_moment(part: Moment, builder: SceneBuilder) -> None:
+    """Draw an arrow around the point of the moment."""
+    row = builder.attach(part.on)
+    _draw_moment_arrow(builder, row, _evaluate_laws(part.laws, builder)[:, 0])
+    builder.add_name(row)
 
 
-@symbol.register
-def _law(part: ForceLaw, sketch: SceneBuilder) -> None:
-    """Arrows where velocities are known, diamonds in a drawing."""
-    rows = [sketch.at(place) for place in part.on]
-    if sketch.measure is None:
-        symbol.dispatch(object)(part, sketch)
+def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
+    """Draw arrows if velocities are known, markers in a drawing."""
+    rows = [builder.attach(attachment) for attachment in part.on]
+    if builder.measure is None:
+        draw_markers(part, builder)
         return
-    loads = sketch.measure(part.load).reshape(len(sketch.times), -1, 3)
+    loads = builder.measure(part.load).reshape(len(builder.times), -1, 3)
     for k, row in enumerate(rows):
-        _push(sketch, row, loads[:, k, :2])
-        _twist(sketch, row, loads[:, k, 2])
-    sketch.name(rows[0])
+        _draw_force_arrow(builder, row, loads[:, k, :2])
+        _draw_moment_arrow(builder, row, loads[:, k, 2])
+    builder.add_name(rows[0])
 
 
-@symbol.register
-def _distributed(part: DistributedForce, sketch: SceneBuilder) -> None:
-    places = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _ALONG_BEAM)]
-    rows = [sketch.at(place) for place in places]
+def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
+    """Draw arrows of half length along the beam and a line through their tails."""
+    sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
+    rows = [builder.attach(section) for section in sections]
+    middle = _DISTRIBUTED_ARROWS // 2
     if not part.laws:
-        # A formula of the place has no one direction.
+        # A load that depends on the section has no common direction: only heads are drawn.
         for row in rows:
-            sketch.carried("load", row, tip(sketch.size))
-        sketch.name(rows[_ALONG_BEAM // 2])
+            builder.add_rigid("load", row, arrow_head(builder.size))
+        builder.add_name(rows[middle])
         return
-    load = _values(part.laws, sketch)
+    load = _evaluate_laws(part.laws, builder)
     tails = []
-    for row, place in zip(rows, places, strict=True):
-        turned = _turned(load, row, sketch, place.inclination)
-        tails.append(_push(sketch, row, turned if part.axes == "section" else load, 0.5))
-    sketch.curve("load", np.stack([sketch.pose(tail)[:, :2] for tail in tails], axis=1))
-    sketch.name(tails[_ALONG_BEAM // 2])
+    for row, section in zip(rows, sections, strict=True):
+        rotated = _rotate_to_inertial(load, row, builder, section.inclination)
+        own = rotated if part.axes == "section" else load
+        tails.append(_draw_force_arrow(builder, row, own, 0.5))
+    tail_positions = np.stack([builder.pose(tail)[:, :2] for tail in tails], axis=1)
+    builder.add_curve("load", tail_positions)
+    builder.add_name(tails[middle])
 
 
-@symbol.register
-def _moving(part: MovingForce, sketch: SceneBuilder) -> None:
+def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
+    """Draw an arrow that ends at the axis of the beam."""
     beam = part.beam
-    at = np.linspace(0.0, beam.length, _SECTIONS)
-    axis = sketch.through([beam.at(s) for s in at])
-    s = part.start + part.speed * sketch.times
+    sections = np.linspace(0.0, beam.length, _AXIS_SECTIONS)
+    axis = builder.positions([beam.at(s) for s in sections])
+    s = part.start + part.speed * builder.times
     pose = np.zeros((len(s), 3))
     for k in range(2):
-        pose[:, k] = [np.interp(x, at, y) for x, y in zip(s, axis[..., k], strict=True)]
-    # In the drawing it is shown before it comes and after it has gone.
-    gone = (s < 0.0) | (s > beam.length)
-    load = np.where(gone[:, None] & (len(s) > 1), 0.0, np.array(part.force))
-    sketch.name(_push(sketch, sketch.follow(pose), load))
+        pose[:, k] = [np.interp(x, sections, y) for x, y in zip(s, axis[..., k], strict=True)]
+    # A drawing shows the force also if it is off the beam.
+    off_beam = (s < 0.0) | (s > beam.length)
+    load = np.where(off_beam[:, None] & (len(s) > 1), 0.0, np.array(part.force))
+    builder.add_name(_draw_force_arrow(builder, builder.add_pose(pose), load))
 
 
-def _push(sketch: SceneBuilder, row: int, load: Array, share: float = 1.0) -> int:
-    """An arrow that ends at a pose, of a force (frames, 2); returns where it begins."""
-    tail = sketch.pose(row).copy()
-    tail[:, :2] -= share * _REACH * sketch.size * _of_largest(load)
+def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: float = 1.0) -> int:
+    """Draw an arrow that ends at a pose, for a force (frames, 2); return the pose of its tail."""
+    tail = builder.pose(row).copy()
+    tail[:, :2] -= length * _FORCE_LENGTH * builder.size * _relative_to_largest(load)
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
-    begin = sketch.follow(tail)
-    sketch.link("load", begin, row)
-    head = np.column_stack([np.ones(4), tip(sketch.size)])
-    sketch.stretched("load tip", begin, row, head)
-    return begin
+    start = builder.add_pose(tail)
+    builder.add_link("load", start, row)
+    head = np.column_stack([np.ones(4), arrow_head(builder.size)])
+    builder.add_stretched("load tip", start, row, head)
+    return start
 
 
-def _twist(sketch: SceneBuilder, row: int, moment: Array) -> None:
-    """An arrow around a pose, counter-clockwise for a positive moment (frames,)."""
-    share = _of_largest(moment[:, None])[:, 0]
+def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
+    """Draw an arc around a pose, counter-clockwise for a positive moment (frames,)."""
+    share = _relative_to_largest(moment[:, None])[:, 0]
     if not np.any(np.isfinite(share)):
         return
-    start, sweep, radius = -0.25 * math.pi, _SWEEP * share, _RADIUS * sketch.size
-    ends = np.tile(sketch.pose(row), (2, 1, 1))
-    ends[0, :, 2], ends[1, :, 2] = start, start + sweep
-    angle = ends[1, :, 2] + np.sign(sweep) * 0.5 * math.pi
+    start_angle, angle = -0.25 * math.pi, _MOMENT_ANGLE * share
+    radius = _MOMENT_RADIUS * builder.size
+    ends = np.tile(builder.pose(row), (2, 1, 1))
+    ends[0, :, 2], ends[1, :, 2] = start_angle, start_angle + angle
     head = ends[1].copy()
     head[:, :2] += radius * np.column_stack([np.cos(ends[1, :, 2]), np.sin(ends[1, :, 2])])
-    head[:, 2] = angle
-    first, last = map(sketch.follow, ends)
+    head[:, 2] = ends[1, :, 2] + np.sign(angle) * 0.5 * math.pi
+    first, last = map(builder.add_pose, ends)
     arc = [(x, radius, 0.0) for x in np.linspace(0.0, 0.95, 24)]
-    sketch.between("load", first, last, np.array(arc))
-    sketch.carried(
-        "load tip", sketch.follow(head), np.add(tip(sketch.size), (0.2 * sketch.size, 0.0))
-    )
+    builder.add_between("load", first, last, np.array(arc))
+    tip = np.add(arrow_head(builder.size), (0.2 * builder.size, 0.0))
+    builder.add_rigid("load tip", builder.add_pose(head), tip)
 
 
-def _of_largest(load: Array) -> Array:
-    """Loads (frames, k) over the size of the largest of them; what is next to nothing is nan."""
+def _relative_to_largest(load: Array) -> Array:
+    """Divide loads (frames, k) by the size of the largest; nan where the load is negligible."""
     size = np.hypot(*load.T) if load.shape[1] == 2 else np.abs(load[:, 0])
     largest = float(np.max(size[np.isfinite(size)], initial=0.0))
-    seen = size > _NOTHING * largest
+    visible = size > _MIN_VISIBLE_LOAD * largest
     shares = np.full(load.shape, math.nan)
-    shares[seen] = load[seen] / largest
+    shares[visible] = load[visible] / largest
     return shares
 
 
-def _values(laws: Sequence[Law], sketch: SceneBuilder) -> Array:
-    """What laws give in the frames (frames, laws).
+def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
+    """Return the values of laws in the frames (frames, laws).
 
-    In a drawing, a frame alone, what they give at the first time at which they give something.
+    A drawing, which has a single frame, takes the first time at which a law is not zero.
     """
-    if len(sketch.times) > 1:
-        return np.array([[law.at(t) for law in laws] for t in sketch.times])
-    for t in (0.0, *_LATER):
+    if len(builder.times) > 1:
+        return np.array([[law.at(t) for law in laws] for t in builder.times])
+    for t in (0.0, *_LATER_TIMES):
         values = [law.at(t) for law in laws]
         if any(values):
             return np.array([values])
-    # What never is anything is shown all the same, forces downward.
+    # Loads that are zero at all these times are drawn too, forces downward.
     return np.array([[1.0] if len(laws) == 1 else [0.0, -1.0]])

@@ -1,9 +1,8 @@
-"""Bodies as they are seen: beams along their axes, rigid bodies by their outlines."""
+"""Scene of a mechanism: axes of beams, outlines of rigid bodies, symbols of other parts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,24 +11,25 @@ from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
-from beamdae.report.scene import elastic_symbols as elastic  # noqa: F401 (they register symbols)
-from beamdae.report.scene import load_arrows as loads  # noqa: F401 (they register symbols)
-from beamdae.report.scene.joint_symbols import symbol
-from beamdae.report.scene.outlines import outlines
 from beamdae.report.scene.poses import Poses
 from beamdae.report.scene.scene import Scene, bounding_box
-from beamdae.report.scene.scene_builder import Measure, SceneBuilder, circle
+from beamdae.report.scene.scene_builder import Measure, SceneBuilder
+from beamdae.report.scene.shapes import circle
+from beamdae.report.scene.symbols import draw_symbol
 
 Array = np.ndarray
 
-# Points a beam is drawn through: enough for a curve where it is as large as the picture.
-SECTIONS = 49
-# Of all beams of a mechanism together; each has some.
-_MOST_SECTIONS, _LEAST_SECTIONS = 600, 9
-# Of the extent of what is drawn.
-_SYMBOL = 0.022
-# Of the size of a symbol: a particle, which is seen around the pin of a joint.
-_MASS = 0.42
+# Sections of a beam, which give a smooth curve at the size of a figure.
+MAX_BEAM_SECTIONS = 49
+_MIN_BEAM_SECTIONS = 9
+# Sections of all beams together, as long as each has the minimum.
+_MAX_SECTIONS = 600
+# Size of a symbol, relative to the extent of the scene.
+_SYMBOL_SIZE = 0.022
+# Radii of a particle and of a body with a single point, in sizes of a symbol; a particle is larger
+# than the pin of a joint at the same point.
+_PARTICLE_RADIUS = 0.42
+_SINGLE_POINT_RADIUS = 0.28
 
 
 def build_scene(
@@ -37,72 +37,98 @@ def build_scene(
     poses: Poses,
     times: Array,
     measure: Measure | None = None,
-    left_out: Callable[[Part], bool] = lambda part: False,
+    is_hidden: Callable[[Part], bool] = lambda part: False,
     name: str = "draw",
 ) -> Scene:
-    """What is seen of a mechanism in the frames that poses are of, see `SceneBuilder`.
+    """Return the scene of a mechanism.
 
-    Parts that are no bodies are drawn unless `left_out`; `name` asks for it.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    poses, times, measure
+        See `SceneBuilder`.
+    is_hidden
+        Selects joints, forces and other parts without an outline that are not drawn.
+    name
+        Name of the calling function, for messages.
 
     Raises
     ------
     BeamdaeError
-        If nothing of it can be drawn.
+        If the mechanism has no parts that can be drawn.
     """
-    sketch = SceneBuilder(poses, times, measure)
-    shown = [
-        x for x in outlines(mechanism, count_beam_sections(mechanism)) if x[1].kind != "ground"
-    ]
-    lines = [sketch.through(drawing.places) for _, drawing in shown]
-    others = [a for part in mechanism.parts.values() for a in part.attachments]
-    points = [x.reshape(-1, 2) for x in lines]
-    points += [sketch.pose(sketch.at(a))[:, :2] for a in others]
+    builder = SceneBuilder(poses, times, measure)
+    drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
+    bodies = [(body, drawing) for body, drawing in drawings if drawing.kind != "ground"]
+    lines = [builder.positions(drawing.places) for _, drawing in bodies]
+    attachments = [a for part in mechanism.parts.values() for a in part.attachments]
+    points = [line.reshape(-1, 2) for line in lines]
+    points += [builder.pose(builder.attach(a))[:, :2] for a in attachments]
     if not points:
-        raise BeamdaeError(f"{name}: the mechanism has no parts that could be drawn.")
+        raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
     low, high = bounding_box(np.concatenate(points))
-    sketch.size = _SYMBOL * (float(np.max(high - low)) or 1.0)
-    for (body, drawing), line in zip(shown, lines, strict=True):
-        sketch.part = body
-        _body(drawing, line, sketch)
-    bodies = {body for body, _ in shown}
+    builder.size = _SYMBOL_SIZE * (float(np.max(high - low)) or 1.0)
+    for (body, drawing), line in zip(bodies, lines, strict=True):
+        builder.part = body
+        _draw_body(drawing, line, builder)
+    body_names = {body for body, _ in bodies}
     for part in mechanism.parts.values():
-        if part.name not in bodies and not left_out(part):
-            sketch.part = part.name
-            symbol(part, sketch)
-    return sketch.scene()
+        if part.name not in body_names and not is_hidden(part):
+            builder.part = part.name
+            draw_symbol(part, builder)
+    return builder.build()
+
+
+def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
+    """Return the names and drawings of parts with an outline, the ground first.
+
+    Beams are drawn through `points` sections, rigid bodies through the points that parts attach to.
+    """
+    parts = list(mechanism.parts.values())
+    drawings = [
+        (part.name, part.draw(_collect_attachments(parts, part), points))
+        for part in (mechanism.ground, *parts)
+    ]
+    return [(name, x) for name, x in drawings if x is not None and x.places]
+
+
+def _collect_attachments(parts: list[Part], body: Part) -> list[Attachment]:
+    """Return the attachments of all parts to a body, one for each point."""
+    attachments = [a for part in parts for a in part.attachments if a.body is body]
+    return list({attachment.point: attachment for attachment in attachments}.values())
 
 
 def count_beam_sections(mechanism: Mechanism) -> int:
-    """How many sections beams are drawn through."""
+    """Return the number of sections through which each beam of a mechanism is drawn."""
     beams = sum(isinstance(part, Beam) for part in mechanism.parts.values())
-    return int(np.clip(_MOST_SECTIONS // max(beams, 1), _LEAST_SECTIONS, SECTIONS))
+    return int(np.clip(_MAX_SECTIONS // max(beams, 1), _MIN_BEAM_SECTIONS, MAX_BEAM_SECTIONS))
 
 
-def _body(drawing: Drawing, line: Array, sketch: SceneBuilder) -> None:
-    if drawing.kind == "rigid" and len({id(place.body) for place in drawing.places}) == 1:
-        _rigid(drawing.places, sketch)
+def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
+    attachments = drawing.places
+    if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
+        _draw_rigid_body(attachments, builder)
     elif drawing.kind == "point":
-        row = sketch.at(drawing.places[0])
-        sketch.carried("point", row, circle(_MASS * sketch.size))
-        sketch.name(row)
+        row = builder.attach(attachments[0])
+        builder.add_rigid("point", row, circle(_PARTICLE_RADIUS * builder.size))
+        builder.add_name(row)
     else:
-        sketch.curve(drawing.kind, line)
-        sketch.name(sketch.at(drawing.places[len(drawing.places) // 2]))
+        builder.add_curve(drawing.kind, line)
+        builder.add_name(builder.attach(attachments[len(attachments) // 2]))
 
 
-def _rigid(places: Sequence[Attachment], sketch: SceneBuilder) -> None:
-    """All points move with the first of them; outlines are closed."""
-    row, points = sketch.at(places[0]), np.array([place.point for place in places])
+def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
+    """Draw a closed outline through the attachments, fixed to the pose of the first one."""
+    row, points = builder.attach(attachments[0]), np.array([a.point for a in attachments])
     points = points - points[0]
-    closed = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-    kind = "rigid" if len(points) > 1 else "joint"
-    sketch.carried(kind, row, closed if len(points) > 1 else circle(0.28 * sketch.size))
-    sketch.name(_middle(row, points.mean(axis=0), sketch))
-
-
-def _middle(row: int, arm: Any, sketch: SceneBuilder) -> int:
-    pose = sketch.pose(row).copy()
-    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    pose[:, 0] += c * arm[0] - s * arm[1]
-    pose[:, 1] += s * arm[0] + c * arm[1]
-    return sketch.follow(pose)
+    if len(points) > 1:
+        closed = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
+        builder.add_rigid("rigid", row, closed)
+    else:
+        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS * builder.size))
+    arm, center = points.mean(axis=0), builder.pose(row).copy()
+    c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
+    center[:, 0] += c * arm[0] - s * arm[1]
+    center[:, 1] += s * arm[0] + c * arm[1]
+    builder.add_name(builder.add_pose(center))

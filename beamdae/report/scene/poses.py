@@ -60,7 +60,7 @@ class CoordinatePoses:
             if attachment.size:
                 bodies.setdefault(id(attachment.body), []).append(k)
         for members in bodies.values():
-            q = self._q[:, self._coordinates.slice(attachments[members[0]].body)]
+            q = self._q[:, self._coordinates.slice_of(attachments[members[0]].body)]
             functions = [
                 SectionFunction(attachments[k].operator, attachments[k].checked_kinematics)
                 for k in members

@@ -22,7 +22,7 @@ class MovingCurve:
     part
         Name of the part.
     kind
-        Key of the style, see `line_styles`.
+        Key of the style, see `pictures.scene_artists`.
     positions
         Positions of the k points, (frames, k, 2) [m].
     """
@@ -41,7 +41,7 @@ class Symbol:
     part
         Name of the part.
     kind
-        Key of the style, see `line_styles`.
+        Key of the style, see `pictures.scene_artists`.
     start, end
         Indices of two poses of the scene, which may be the same.
     along
@@ -98,9 +98,9 @@ class Scene:
         if isinstance(glyph, MovingCurve):
             return glyph.positions
         share, along, across = glyph.points.T
-        start, change = self.poses[glyph.start][:, None], self.poses[glyph.end]
-        change = change - self.poses[glyph.start]
-        pose = start + share[:, None] * change[:, None]
+        start = self.poses[glyph.start]
+        change = self.poses[glyph.end] - start
+        pose = start[:, None] + share[:, None] * change[:, None]
         angle = np.arctan2(change[:, 1], change[:, 0])[:, None] if glyph.along else pose[..., 2]
         c, s = np.cos(angle), np.sin(angle)
         arm = np.stack([c * along - s * across, s * along + c * across], axis=-1)

@@ -18,7 +18,7 @@ Array = np.ndarray
 # Evaluates a quantity in the frames, (frames, columns).
 Measure = Callable[[Quantity], Array]
 
-# Support of a ground point, in sizes of a symbol: depth below the point, half width of the hatching.
+# Support of a ground point, in sizes of a symbol: depth and half width.
 _SUPPORT_DEPTH = 1.1
 _SUPPORT_HALF_WIDTH = 0.9
 _SUPPORT_HATCHES = 5

@@ -1,4 +1,4 @@
-"""The books of a run: energies, works, and how well it kept its promises."""
+"""Energy balance of a run, with its residual and constraint drift."""
 
 from __future__ import annotations
 
@@ -15,23 +15,27 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 _TINY = np.finfo(float).tiny
-# Energies below are those of rounding: of forces over the size of the mechanism, and of energies.
-_BY_FORCES, _BY_ENERGIES = 1e-8, 1e-11
+# Energies below the sum of these two are rounding noise.
+_ROUNDING_OF_FORCES = 1e-8  # relative to the largest force times the length of the mechanism
+_ROUNDING_OF_ENERGIES = 1e-11  # relative to the largest energy
+# Signs of (kinetic, strain, gravity, work of loads, work of drivers, dissipated) in the balance.
+_BALANCE_SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How well a run keeps its promises, over all its steps.
+    """Accuracy measures of a run, the largest over all its steps.
 
     Attributes
     ----------
     max_residual
-        Largest |F + G^T lam| relative to the largest constraint, applied or elastic force.
+        Largest |F + G^T lam| relative to the largest constraint, applied or elastic force [-].
     max_position_drift, max_velocity_drift
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated - start| relative to the
-        largest energy turned over; at rest to 1e-8 of the forces over the size of the mechanism.
+        largest energy exchanged [-]. For systems at rest it is relative to 1e-8 of the largest
+        force times the length of the mechanism.
     """
 
     max_residual: float
@@ -41,40 +45,43 @@ class Quality:
 
 
 class Imbalance(NamedTuple):
-    """What adds up to nothing in a perfect run, over all steps.
+    """Largest deviation over all steps of a sum that is zero in an exact solution.
 
     Attributes
     ----------
-    off
-        By how much it does not.
+    value
+        The deviation.
     scale
-        What that is small against: the energy turned over, or the largest force.
-    largest
-        The largest of the terms.
+        Reference value: the energy exchanged, or the largest force.
+    largest_term
+        The largest term of the sum.
     """
 
-    off: float
+    value: float
     scale: float
-    largest: float
+    largest_term: float
 
     @property
-    def share(self) -> float:
-        """How much it is off by, relative to its scale."""
-        return self.off / max(self.scale, _TINY)
+    def ratio(self) -> float:
+        """The deviation relative to its scale."""
+        return self.value / max(self.scale, _TINY)
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyLedger:
-    """Energies and works over all steps of a run.
+    """Energies, works and accuracy norms of a run.
 
     Attributes
     ----------
+    trajectory
+        The run.
     length
-        Size of the mechanism [m].
+        Length of the mechanism [m].
     energies, powers, norms
-        By interval: rows at its nodes, see `measures.balance`.
+        One array per interval with rows at its nodes: energies (k, 3) [J], powers (k, 3) [W] and
+        norms (k, 5), see `measures.plan_balance`.
     works
-        By interval: the works until each of its steps [J].
+        One array per interval: works (steps, 3) from the start of the run to each step [J].
     """
 
     trajectory: Trajectory
@@ -86,101 +93,100 @@ class EnergyLedger:
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> EnergyLedger:
-        """Keep the books of a run."""
-        keepers: dict[int, measures.BalanceRows] = {}
+        """Evaluate the energies of a run at all nodes and integrate the powers."""
+        functions: dict[int, measures.BalanceRows] = {}
         rows: list[tuple[Array, ...]] = []
         works: list[Array] = []
-        work, before = np.zeros(3), None
+        work, previous = np.zeros(3), None
         for interval in trajectory.intervals:
-            active, state = interval.configuration, interval.rows
-            own = equations if active is None else active.equations
-            if active is not None:
-                state = state._replace(lam=active.select_multipliers(state.lam))
-            if id(own) not in keepers:
-                keepers[id(own)] = measures.balance_rows(own)
-            function = keepers[id(own)]
-            values = np.split(function(interval.times, *state), [3, 6], axis=1)
+            configuration, state = interval.configuration, interval.rows
+            active = equations if configuration is None else configuration.equations
+            if configuration is not None:
+                state = state._replace(lam=configuration.select_multipliers(state.lam))
+            if id(active) not in functions:
+                functions[id(active)] = measures.balance_rows(active)
+            values = np.split(functions[id(active)](interval.times, *state), [3, 6], axis=1)
             energies, powers, norms = map(np.ascontiguousarray, values)
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
-                if active is before:
-                    # A law whose rate jumps at a breakpoint changes the velocities at once.
+                if configuration is previous:
+                    # A driver whose rate jumps at a breakpoint changes the velocities at once.
                     work = work + np.array([0.0, jump[0], 0.0])
                 else:
-                    # So do events: impacts, and joints that are switched on; springs that are
-                    # switched off take along what they have stored.
+                    # Impacts and joints that are switched on dissipate energy; springs that are
+                    # switched off take their stored energy with them.
                     work = work - np.array([0.0, 0.0, jump.sum()])
-            before = active
+            previous = configuration
             rows.append((energies, powers, norms))
-            works.append(work + interval.sums(powers))
+            works.append(work + interval.integrate_to_steps(powers))
             work = works[-1][-1]
         all_energies, all_powers, all_norms = zip(*rows, strict=True)
-        books = (all_energies, all_powers, all_norms, tuple(works))
-        return cls(trajectory, equations.length, *books)
+        return cls(trajectory, equations.length, all_energies, all_powers, all_norms, tuple(works))
 
     def at(self, times: Array) -> Array:
-        """Energies, works and what the books are off by [J] at ascending times of the run.
+        """Return the ledger at ascending times (k,) of the run [s], (k, 7) [J].
 
-        Columns as in `measures.LEDGER_COLUMNS`.
+        The columns are `measures.LEDGER_COLUMNS`.
         """
-        which = self.trajectory.which(times)
-        books = np.concatenate(
-            [self._books(k, times[which == k]) for k in range(len(self.trajectory.intervals))]
+        index = self.trajectory.interval_index(times)
+        rows = np.concatenate(
+            [self._interpolate(k, times[index == k]) for k in range(len(self.energies))]
         )
         start = np.append(self.energies[0][0], np.zeros(3))
-        return np.column_stack([books, _imbalance(books, start)])
+        return np.column_stack([rows, _sum_balance(rows, start)])
 
-    def _books(self, k: int, times: Array) -> Array:
-        """Energies and works at times inside an interval, (3 + 3) columns.
-
-        Energies and powers lie on the polynomials of the dense output.
-        """
+    def _interpolate(self, k: int, times: Array) -> Array:
+        """Return energies and works at times inside interval k, (len(times), 6) [J]."""
         interval = self.trajectory.intervals[k]
-        works = interval.integrals(self.powers[k], times, self.works[k])
-        return np.hstack([interval.smooth(self.energies[k], times), works])
+        works = interval.integrate_to(times, self.powers[k], self.works[k])
+        return np.hstack([interval.interpolate(self.energies[k], times), works])
 
     @cached_property
     def energy(self) -> Imbalance:
-        """Energy - work of loads - work of drivers + dissipated - start, at all steps [J]."""
-        books = np.hstack([self._at_steps(self.energies), np.concatenate(self.works)])
-        turnover = max(
-            np.max(books[:, :2].sum(axis=1)), np.max(np.abs(books[:, 3:])), np.ptp(books[:, 2])
+        """Imbalance of the energy at the steps [J], relative to the energy exchanged."""
+        rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
+        exchanged = max(
+            np.max(rows[:, :2].sum(axis=1)),  # kinetic and strain energy
+            np.max(np.abs(rows[:, 3:])),  # works
+            np.ptp(rows[:, 2]),  # gravity, whose datum is arbitrary
         )
-        off, largest = (float(np.max(np.abs(x))) for x in (_imbalance(books, books[0]), books))
-        rounding = _BY_FORCES * self.force.scale * self.length + _BY_ENERGIES * largest
-        return Imbalance(off, max(float(turnover), rounding), largest)
-
-    @cached_property
-    def _norms(self) -> Array:
-        """Norms at all steps, see `measures.balance`."""
-        return self._at_steps(self.norms)
-
-    def _at_steps(self, values: tuple[Array, ...]) -> Array:
-        """Of values at the nodes those at the steps."""
-        intervals = self.trajectory.intervals
-        return np.concatenate([x[:: i.per_step] for x, i in zip(values, intervals, strict=True)])
+        imbalance = float(np.max(np.abs(_sum_balance(rows, rows[0]))))
+        largest = float(np.max(np.abs(rows)))
+        rounding = (
+            _ROUNDING_OF_FORCES * self.force.scale * self.length + _ROUNDING_OF_ENERGIES * largest
+        )
+        return Imbalance(imbalance, max(float(exchanged), rounding), largest)
 
     @property
     def force(self) -> Imbalance:
-        """F + G^T lam, beside the largest constraint, applied or elastic force, at all steps."""
-        residual, reaction, force, _, _ = map(float, np.max(self._norms, axis=0))
+        """Residual F + G^T lam at the steps, relative to the largest force."""
+        residual, reaction, force, _, _ = map(float, np.max(self._step_norms, axis=0))
         scale = max(reaction, force)
         return Imbalance(residual, scale, scale)
 
-    def time_off(self, residual: float) -> float:
-        """Share of the run over which F + G^T lam is larger than `residual`, or no number."""
-        lasting = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
-        off = ~(self._norms[:, 0] <= residual)
-        duration = self.trajectory.end - self.trajectory.intervals[0].t[0]
-        return float(np.concatenate(lasting) @ off) / max(duration, _TINY)
+    def time_above(self, residual: float) -> float:
+        """Return the fraction of the run with |F + G^T lam| above `residual` or not a number."""
+        durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
+        is_above = ~(self._step_norms[:, 0] <= residual)
+        duration = self.trajectory.end - self.trajectory.start
+        return float(np.concatenate(durations) @ is_above) / max(duration, _TINY)
 
     @property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance."""
-        position, velocity = map(float, np.max(self._norms[:, 3:], axis=0))
-        return Quality(self.force.share, position, velocity, self.energy.share)
+        position, velocity = map(float, np.max(self._step_norms[:, 3:], axis=0))
+        return Quality(self.force.ratio, position, velocity, self.energy.ratio)
+
+    @cached_property
+    def _step_norms(self) -> Array:
+        return self._select_steps(self.norms)
+
+    def _select_steps(self, values: tuple[Array, ...]) -> Array:
+        """Return the rows at the steps from rows at the nodes of each interval."""
+        intervals = self.trajectory.intervals
+        return np.concatenate([x[:: i.per_step] for x, i in zip(values, intervals, strict=True)])
 
 
-def _imbalance(books: Array, start: Array) -> Array:
-    signs = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
-    return (books[:, :6] - start[:6]) @ signs
+def _sum_balance(rows: Array, start: Array) -> Array:
+    """Return the energy imbalance of each row [J]."""
+    return (rows[:, :6] - start[:6]) @ _BALANCE_SIGNS

@@ -1,4 +1,4 @@
-"""What of a run is not to be trusted by its own books: energies, forces, columns."""
+"""Warnings about runs whose energy balance, residual or columns indicate an unreliable result."""
 
 from __future__ import annotations
 
@@ -9,52 +9,60 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
-# From this share of the energy turned over on a run is doubtful, and where it leaves the other one
-# of the largest force for more than this share of the time: single steps do so, those after a load
-# that is there at once and those through a singular position, up to 0.8 % of published cases.
-_IMBALANCE, _RESIDUAL, _TIME = 0.1, 0.5, 0.05
-# What moves by less than this share of its size is at rest.
-_AT_REST = 1e-9
+_MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
+_MAX_RESIDUAL = 0.5  # relative to the largest force
+# Fraction of the run above that residual. Single steps exceed it after a sudden load and at
+# singular positions; in published cases they take up to 0.008 of the run.
+_MAX_TIME_ABOVE_RESIDUAL = 0.05
+_REST_TOLERANCE = 1e-9  # energy over length below which a force is rounding noise, relative
 
 _REMEDY = (
-    "take a tenth of rtol or a smaller step, or another integrator, and look for loads and "
-    "positions near which something becomes infinite"
+    "reduce rtol or the step by a factor of ten, try another integrator, and look for loads or "
+    "positions that become infinite"
 )
 
 
 def quality_warnings(
     equations: EquationsOfMotion,
-    books: EnergyLedger,
+    energy_ledger: EnergyLedger,
     observed: Mapping[str, np.ndarray],
     times: np.ndarray,
 ) -> Iterator[str]:
-    """A sentence on each of the energy balance, the equations of motion and the columns.
+    """Yield one warning per failed check of the energy balance, the residual and the columns.
 
-    Energies and forces that a mechanism at rest is full of by rounding alone are none.
+    Systems at rest are exempt from the first two: there, energies and forces are rounding noise.
+
+    Parameters
+    ----------
+    observed
+        The observed columns by header, (k,) each.
+    times
+        Times of their rows (k,) [s].
     """
-    energy, force = books.energy, books.force
-    if not energy.share <= _IMBALANCE:
+    energy, force = energy_ledger.energy, energy_ledger.force
+    # Negated, so that an imbalance that is not a number is reported.
+    if not energy.ratio <= _MAX_ENERGY_IMBALANCE:
         yield (
-            f"energy: its balance is off by {_percent(energy.share)} of the energy turned over, "
-            f"so the motion is not to be trusted; {_REMEDY}."
+            f"energy: the energy imbalance is {_format_percent(energy.ratio)} of the energy "
+            f"exchanged, so the motion is unreliable; {_REMEDY}."
         )
-    at_rest = _AT_REST * energy.largest / equations.length
-    time_off = books.time_off(max(_RESIDUAL * force.scale, at_rest))
-    if time_off > _TIME:
+    rounding = _REST_TOLERANCE * energy.largest_term / equations.length
+    time_above = energy_ledger.time_above(max(_MAX_RESIDUAL * force.scale, rounding))
+    if time_above > _MAX_TIME_ABOVE_RESIDUAL:
         yield (
-            f"forces: the equations of motion are off by more than half the largest force for "
-            f"{_percent(time_off)} of the time, so accelerations, reactions and section forces are "
-            f"not to be trusted; {_REMEDY}."
+            "forces: the residual of the equations of motion exceeds half the largest force during "
+            f"{_format_percent(time_above)} of the run, so accelerations, reactions and section "
+            f"forces are unreliable; {_REMEDY}."
         )
     for name in observed:
-        (bad,) = np.nonzero(~np.isfinite(observed[name]))
-        if len(bad):
+        (rows,) = np.nonzero(~np.isfinite(observed[name]))
+        if len(rows):
             yield (
-                f"{name}: it is not finite at {len(bad)} of {len(times)} times, from "
-                f"t = {times[bad[0]]:.6g} s; check what is observed, and numbers of the model that "
-                "are very large or very small."
+                f"{name}: this column is not finite at {len(rows)} of {len(times)} times, first at "
+                f"t = {times[rows[0]]:.6g} s; check the observable, and the model for very large "
+                "or very small numbers."
             )
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.3g} %"
+def _format_percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.3g} %"

@@ -1,8 +1,7 @@
-"""Singular positions a run passed, where its joints lose rank and motions branch."""
+"""Singular positions that a run passed: there, joints lose rank and the motion may branch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -18,22 +17,28 @@ from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
-# Smallest singular value of the joints, over the largest it has in the run, that is none. On
-# parallelograms runs come to 2e-3 at most where they pass it, and motions that miss the singular
-# position by a ten-thousandth of a bar stay above 7e-3.
-_NONE = 4e-3
-# Velocities jump where they change between two looks so many times as much as they mostly do there,
-# and by more than this share of themselves. Measured on parallelograms: 2 where a run goes on, 40
-# and more where it goes over to another branch.
-_TIMES, _SHARE = 10.0, 0.1
-# Where it is looked for that, in looks at the run.
-_AROUND = np.linspace(-2.0, 2.0, 25)
-# Looks at a run: between, with the cube of the number of constraints, and how many dips are seen
-# through, by how many looks each time.
-_LEAST_LOOKS, _MOST_LOOKS, _WORK = 24, 400, 2e7
-_DIPS, _INTO = 64, 17
-# Ratio of two neighboring looks at the bottom of a dip from which on it may go down to nothing.
-_STEEP = 1.5
+# A position is singular where the smallest singular value of G, relative to its largest value over
+# the run, is below this. On parallelograms, runs that pass a singular position reach at most 2e-3;
+# motions that miss it by a ten-thousandth of a bar stay above 7e-3.
+_SINGULAR_RATIO = 4e-3
+
+# The velocity jumps where its change between two samples exceeds this multiple of the median change
+# and this fraction of the velocity. On parallelograms the first is 2 where a run stays on its
+# branch, and 40 or more where it leaves it.
+_JUMP_TO_MEDIAN_CHANGE = 10.0
+_JUMP_TO_VELOCITY = 0.1
+_JUMP_SAMPLES = np.linspace(-2.0, 2.0, 25)  # around a singular position, in sample distances
+
+# The number of samples of a run falls with the cube of the number of constraints.
+_MIN_SAMPLES = 24
+_MAX_SAMPLES = 400
+_SAMPLING_WORK = 2e7  # samples times the cube of the number of constraints
+
+_MAX_MINIMA = 64  # minima that are refined
+_REFINEMENTS = 3
+_REFINEMENT_SAMPLES = 17  # of each refinement of a minimum
+# A minimum may reach zero between two samples if its neighbors differ by at least this factor.
+_STEEP_RATIO = 1.5
 
 
 @dataclass(frozen=True)
@@ -43,11 +48,11 @@ class SingularPosition:
     Attributes
     ----------
     t
-        When it was passed [s].
+        Time at which the run passed it [s].
     joints
-        Those whose reactions balance each other there.
+        Joints whose reactions balance each other there.
     jump
-        Whether the velocity jumped there: the run went over to another branch of the motion.
+        Whether the velocity jumped there, so that the run continued on another branch.
     """
 
     t: float
@@ -58,145 +63,137 @@ class SingularPosition:
 def find_singular_positions(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[SingularPosition, ...]:
-    """Singular positions of a run: dips of the smallest singular value of G to nothing.
+    """Return the singular positions of a run: minima of the smallest singular value of G near zero.
 
-    It is looked at up to 400 times of the run; dips are then seen through. A beam in a loop that
-    its elasticity decides loses no rank. Where parts are switched each stretch of the run is looked
-    at with the joints that are active in it; where redundant constraints are spared it is the
-    smallest singular value that is none of theirs.
+    The run is sampled at up to 400 times, and minima are refined. A beam in a loop that its
+    elasticity closes does not lose rank. If events switch parts, each stretch of the run is sampled
+    with the joints that are active in it. If redundant constraints are removed, the smallest
+    singular value is that of the independent ones.
     """
-    return tuple(
-        position
-        for own, stretch in _stretches(equations, trajectory)
-        for position in _of_stretch(own, stretch)
-    )
+
+    def active_equations(interval: Interval) -> EquationsOfMotion:
+        configuration = interval.configuration
+        return equations if configuration is None else configuration.equations
+
+    positions: list[SingularPosition] = []
+    for _, group in groupby(trajectory.intervals, lambda interval: id(active_equations(interval))):
+        intervals = tuple(group)
+        stretch = Trajectory(intervals)
+        positions += _find_in_stretch(active_equations(intervals[0]), stretch)
+    return tuple(positions)
 
 
-def _stretches(
+def _find_in_stretch(
     equations: EquationsOfMotion, trajectory: Trajectory
-) -> Iterator[tuple[EquationsOfMotion, Trajectory]]:
-    """What is run through with the same joints, with the equations of these."""
-
-    def own(interval: Interval) -> EquationsOfMotion:
-        active = interval.configuration
-        return equations if active is None else active.equations
-
-    for _, some in groupby(trajectory.intervals, lambda interval: id(own(interval))):
-        intervals = tuple(some)
-        yield own(intervals[0]), Trajectory(intervals)
-
-
-def _of_stretch(
-    equations: EquationsOfMotion, trajectory: Trajectory
-) -> tuple[SingularPosition, ...]:
-    start, end = trajectory.intervals[0].t[0], trajectory.end
+) -> list[SingularPosition]:
+    """Return the singular positions of a run during which the same joints are active."""
+    start, end = trajectory.start, trajectory.end
     if end <= start or not has_closed_loops(equations):
-        return ()
-    matrix = build_constraint_jacobian(equations)
+        return []
+    jacobian = build_constraint_jacobian(equations)
     if equations.redundant:
-        matrix = matrix.of_rank_at(*_first(trajectory))
-    looks = int(np.clip(_WORK / equations.m**3, _LEAST_LOOKS, _MOST_LOOKS))
-    t = np.linspace(start, end, looks + 1)
-    values = _smallest(matrix, trajectory, t)
-    largest = values.max()
-    dips = _dips(values)
-    if not len(dips):
-        return ()
-    width = t[1] - t[0]
-    at, value = _seen_through(matrix, trajectory, t[dips], width)
-    passed = at[value < _NONE * largest]
-    if not len(passed):
-        return ()
-    times, state = trajectory.at(passed)
-    jumps = _jumps(equations, trajectory, passed, width)
-    return tuple(
-        SingularPosition(float(when), tuple(matrix.losing(time, q)), bool(jump))
-        for when, time, q, jump in zip(passed, times, state.q, jumps, strict=True)
-    )
+        first = trajectory.intervals[0]
+        jacobian = jacobian.with_rank_at(first.times[0], first.state.q[0])
+    samples = int(np.clip(_SAMPLING_WORK / equations.m**3, _MIN_SAMPLES, _MAX_SAMPLES))
+    t = np.linspace(start, end, samples + 1)
+    values = _smallest_singular_values(jacobian, trajectory, t)
+    minima = _select_minima(values)
+    if not len(minima):
+        return []
+    distance = t[1] - t[0]
+    at, minimum = _refine_minima(jacobian, trajectory, t[minima], distance)
+    singular = at[minimum < _SINGULAR_RATIO * values.max()]
+    if not len(singular):
+        return []
+    times, state = trajectory.at(singular)
+    jumps = _has_velocity_jump(equations, trajectory, singular, distance)
+    return [
+        SingularPosition(float(when), tuple(jacobian.singular_joints(time, q)), bool(jump))
+        for when, time, q, jump in zip(singular, times, state.q, jumps, strict=True)
+    ]
 
 
-def _first(trajectory: Trajectory) -> tuple[Array, Array]:
-    first = trajectory.intervals[0]
-    return first.times[0], first.state.q[0]
+def _select_minima(values: Array) -> Array:
+    """Return the samples nearest to possible zeros, one for each stretch below the threshold."""
+    is_low = values < _SINGULAR_RATIO * values.max()
+    following = np.append(values[1:], np.inf)
+    preceding = np.append(np.inf, values[:-1])
+    is_minimum = (values <= preceding) & (values < following)
+    # A value that vanishes between two samples falls steeply towards it.
+    neighbor = np.maximum(preceding, np.where(np.isinf(following), 0.0, following))
+    is_steep = _STEEP_RATIO * values < neighbor
+    is_first_low = is_low & ~np.append(False, is_low[:-1])
+    (samples,) = np.nonzero((is_minimum & is_steep & ~is_low) | is_first_low)
+    return samples[samples > 0][:_MAX_MINIMA]
 
 
-def _dips(values: Array) -> Array:
-    """Looks nearest to where values may have come to nothing, the first of each stretch of them."""
-    low = values < _NONE * values.max()
-    beside = np.append(values[1:], np.inf)
-    before = np.append(np.inf, values[:-1])
-    bottom = (values <= before) & (values < beside)
-    # What comes to nothing between two looks falls as steeply up to there.
-    steep = _STEEP * values < np.maximum(before, np.where(np.isinf(beside), 0.0, beside))
-    entered = low & ~np.append(False, low[:-1])
-    (found,) = np.nonzero((bottom & steep & ~low) | entered)
-    return found[found > 0][:_DIPS]
-
-
-def _smallest(matrix: ConstraintJacobian, trajectory: Trajectory, t: Array) -> Array:
-    times, state = trajectory.at(t)
-    return matrix.smallest(times, state.q)
-
-
-def _seen_through(
-    matrix: ConstraintJacobian, trajectory: Trajectory, at: Array, width: float
-) -> tuple[Array, Array]:
-    """Time and value of the bottom of dips that are known to +- width [s]."""
-    value = np.full(len(at), np.inf)
-    begin, end = trajectory.intervals[0].t[0], trajectory.end
-    for _ in range(3):
-        looks = at[:, None] + width * np.linspace(-1.0, 1.0, _INTO)
-        looks = np.clip(looks, begin, end)
-        order = np.argsort(looks, axis=None)
-        found = np.empty(looks.size)
-        found[order] = _smallest(matrix, trajectory, looks.ravel()[order])
-        values = found.reshape(looks.shape)
-        best = np.argmin(values, axis=1)[:, None]
-        at = np.take_along_axis(looks, best, axis=1).ravel()
-        value = np.take_along_axis(values, best, axis=1).ravel()
-        width *= 2.0 / (_INTO - 1)
-    return at, value
-
-
-def _jumps(
-    equations: EquationsOfMotion, trajectory: Trajectory, passed: Array, width: float
+def _smallest_singular_values(
+    jacobian: ConstraintJacobian, trajectory: Trajectory, t: Array
 ) -> Array:
-    """Whether velocities jump near each time, by looks in this distance [s]."""
+    times, state = trajectory.at(t)
+    return jacobian.smallest_singular_values(times, state.q)
+
+
+def _refine_minima(
+    jacobian: ConstraintJacobian, trajectory: Trajectory, at: Array, width: float
+) -> tuple[Array, Array]:
+    """Return time and value of minima whose times are known to +- `width` [s]."""
+    minimum = np.full(len(at), np.inf)
+    for _ in range(_REFINEMENTS):
+        samples = at[:, None] + width * np.linspace(-1.0, 1.0, _REFINEMENT_SAMPLES)
+        samples = np.clip(samples, trajectory.intervals[0].t[0], trajectory.end)
+        order = np.argsort(samples, axis=None)
+        values = np.empty(samples.shape)
+        values.flat[order] = _smallest_singular_values(jacobian, trajectory, samples.ravel()[order])
+        best = np.argmin(values, axis=1)[:, None]
+        at = np.take_along_axis(samples, best, axis=1).ravel()
+        minimum = np.take_along_axis(values, best, axis=1).ravel()
+        width *= 2.0 / (_REFINEMENT_SAMPLES - 1)
+    return at, minimum
+
+
+def _has_velocity_jump(
+    equations: EquationsOfMotion, trajectory: Trajectory, at: Array, distance: float
+) -> Array:
+    """Return whether the velocity jumps near each time, by samples at this distance [s]."""
     steps, first = np.unique(
         np.concatenate([interval.t for interval in trajectory.intervals]), return_index=True
     )
     rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
-    t = np.clip(passed[:, None] + width * _AROUND, steps[0], steps[-1])
-    # Straight from step to step: a polynomial of higher degree would ring about a jump.
-    v = _straight(steps, rates / equations.position_scales, t)
+    t = np.clip(at[:, None] + distance * _JUMP_SAMPLES, steps[0], steps[-1])
+    # Linear interpolation: a polynomial of higher degree would oscillate near a jump.
+    v = _interpolate_linearly(steps, rates / equations.position_scales, t)
     changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
-    most, mostly = changes.max(axis=1), np.median(changes, axis=1)
-    return (most > _TIMES * mostly) & (most > _SHARE * np.linalg.norm(v, axis=2).max(axis=1))
+    largest, median = changes.max(axis=1), np.median(changes, axis=1)
+    speed = np.linalg.norm(v, axis=2).max(axis=1)
+    return (largest > _JUMP_TO_MEDIAN_CHANGE * median) & (largest > _JUMP_TO_VELOCITY * speed)
 
 
-def _straight(steps: Array, values: Array, t: Array) -> Array:
-    """Values at times t (., .) on straight lines between rows of values at the steps."""
+def _interpolate_linearly(steps: Array, values: Array, t: Array) -> Array:
+    """Interpolate rows of values at the steps linearly at times t (., .)."""
     k = np.clip(np.searchsorted(steps, t) - 1, 0, len(steps) - 2)
-    share = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
-    return (1.0 - share) * values[k] + share * values[k + 1]
+    fraction = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
+    return (1.0 - fraction) * values[k] + fraction * values[k + 1]
 
 
-def singularity_warnings(found: tuple[SingularPosition, ...]) -> tuple[str, ...]:
-    """A sentence on what was passed, and one on where a run left its branch."""
-    if not found:
+def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:
+    """Return a warning about the first singular position and one about the first jump."""
+    if not positions:
         return ()
-    first, count = found[0], len(found)
-    more = f", and at {count - 1} later times" if count > 1 else ""
+    first, count = positions[0], len(positions)
+    later = ""
+    if count > 1:
+        later = f" and at {count - 1} later time{'s' if count > 2 else ''}"
     passed = (
-        f"{', '.join(first.joints)}: these joints lose rank near t = {first.t:.5g} s{more}, where "
-        "motions branch; the one computed is one of two."
+        f"{', '.join(first.joints)}: these joints lose rank near t = {first.t:.5g} s{later}, where "
+        "the motion branches; the result is one of two possible motions."
     )
-    jumps = [position for position in found if position.jump]
+    jumps = [position for position in positions if position.jump]
     if not jumps:
         return (passed,)
-    left = (
-        f"{', '.join(jumps[0].joints)}: near t = {jumps[0].t:.5g} s, where these joints lose rank, "
-        "the velocity jumps and the run goes over to another branch; take a formulation that holds "
-        "positions and velocities, such as 'stabilized-index1', or shorter steps."
+    jumped = (
+        f"{', '.join(jumps[0].joints)}: the velocity jumps near t = {jumps[0].t:.5g} s, where "
+        "these joints lose rank, and the run continues on another branch; use a formulation that "
+        "enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
     )
-    return (passed, left)
+    return (passed, jumped)

@@ -1,4 +1,4 @@
-"""What the start of a run differs by from what was asked for."""
+"""Changes that making the start consistent with the joints made to the requested start."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 
 Array = np.ndarray
 
-# Of the size of the mechanism: what a projection may move without a word.
-_FAR = 1e-3
+_MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _AS_DRAWN = "as drawn"
 
 
 @dataclass(frozen=True)
 class StartChange:
-    """What making a start consistent changed of one part.
+    """Change of one part when the start was made consistent.
 
     Attributes
     ----------
     part
-        Its name.
+        Name of the part.
     displacement, velocity
-        Largest change of a coordinate [m] and of a velocity [m/s]; angles count by the way they
-        carry a point as far away as the part is long.
+        Largest change of a coordinate [m] and of a velocity [m/s]. Angles are multiplied by the
+        length of the part.
     coordinate
-        The one that was displaced most.
+        Name of the coordinate with the largest displacement.
     """
 
     part: str
@@ -38,16 +37,18 @@ class StartChange:
 
 @dataclass(frozen=True)
 class StartSummary:
-    """How a run started.
+    """Start of a run.
 
     Attributes
     ----------
     asked
-        "as drawn", "equilibrium", or the values given.
+        Requested start: "as drawn", "equilibrium", or the given values as text.
     changes
-        Of each part that has coordinates, what the joints changed of what was asked for.
+        Difference between the requested and the consistent start, one entry per part that has
+        coordinates.
     warning
-        A sentence if that is more than a thousandth of the mechanism and was not asked for.
+        Warning if a mechanism that starts as drawn was displaced by more than a thousandth of its
+        length; otherwise empty.
     """
 
     asked: str
@@ -56,30 +57,34 @@ class StartSummary:
 
     @property
     def largest(self) -> StartChange | None:
-        """The part that was displaced most."""
+        """The part with the largest displacement."""
         return max(self.changes, key=lambda change: change.displacement, default=None)
 
 
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
-    """How a run with these equations that starts at this state differs from what was asked for."""
-    asked, q, v, moves = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
-    angles = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
+    """Compare the requested start of these equations with the state at which a run starts."""
+    asked, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
+    is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
     changes = []
     for part in e.parts:
-        weight = np.where(angles[part.rows], part.size, 1.0)
-        moved = np.abs(state.q - q)[part.rows] * weight
-        faster = np.abs(state.v - v)[part.rows] * weight
-        most = e.q_names[part.rows][int(np.argmax(moved))]
-        changes.append(StartChange(part.name, float(moved.max()), float(faster.max()), most))
-    return StartSummary(asked, tuple(changes), "" if moves else _warned(e, changes))
-
-
-def _warned(e: EquationsOfMotion, changes: list[StartChange]) -> str:
-    most = max(changes, key=lambda change: change.displacement, default=None)
-    if most is None or not most.displacement > _FAR * e.length:
-        return ""
-    return (
-        f"{most.part}: the joints are not closed as drawn, this part was moved by "
-        f"{most.displacement:.3g} m ({most.coordinate} most) before the run, beside a mechanism "
-        f"of {e.length:.3g} m; draw it as it starts, or say start= by name."
+        lever = np.where(is_angle[part.rows], part.size, 1.0)
+        displacement = np.abs(state.q - q)[part.rows] * lever
+        velocity = np.abs(state.v - v)[part.rows] * lever
+        largest = e.q_names[part.rows][int(np.argmax(displacement))]
+        changes.append(
+            StartChange(part.name, float(displacement.max()), float(velocity.max()), largest)
+        )
+    summary = StartSummary(asked, tuple(changes), "")
+    change = summary.largest
+    if (
+        is_moved
+        or change is None
+        or not (change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length)
+    ):
+        return summary
+    warning = (
+        f"{change.part}: the joints are not closed as drawn, and this part was displaced by "
+        f"{change.displacement:.3g} m (mostly {change.coordinate}) to close them, in a mechanism "
+        f"of {e.length:.3g} m; draw the parts as they start, or pass start= by name."
     )
+    return StartSummary(asked, summary.changes, warning)

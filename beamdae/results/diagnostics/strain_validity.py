@@ -1,4 +1,4 @@
-"""Whether the beams of a run stayed where their strains hold."""
+"""Range of validity of the strain measures of floating-frame beams, checked over a run."""
 
 from __future__ import annotations
 
@@ -10,35 +10,34 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.trajectory import Trajectory
 
-# From this error of its deformation on a beam is warned of.
-LEAST_ERROR = 0.01
-# What is left of the error of a beam that is cut in half (validation/reach/run.py): 0.05 to 0.3.
-_LEFT_BY_HALVING = 0.2
-# Predictions say little beyond this.
-_MOST_ERROR = 0.5
-_ROWS = 400
+MAX_UNREPORTED_ERROR = 0.01  # relative error of the deformation above which a beam is reported
+_MAX_PREDICTED_ERROR = 0.5  # beyond this, predictions of the error are meaningless
+# Error that remains after a beam is split in half; 0.05 to 0.3 measured by validation/reach/run.py.
+_ERROR_AFTER_HALVING = 0.2
+_SAMPLES = 400  # times of a run at which beams are checked
 
 
 @dataclass(frozen=True)
 class BeamRange:
-    """How far a beam went from its floating frame, over a run.
+    """Largest deformation of a beam relative to its floating frame.
 
     Attributes
     ----------
     name
-        Of the beam.
+        Name of the beam.
     deflection
         Largest displacement relative to the undeformed beam in its frame, over its length [-].
     rotation
         Largest section rotation relative to the frame [rad].
     strain
-        Largest axial strain with that of bending at the outer fibers of a rectangle [-].
+        Largest axial strain at the outer fibers of a rectangular section, bending included [-].
     error
-        What the strains of the beam make of that: error of its deformation relative to itself;
-        None if they have no limit. Measured (see validation/): up to three times as much for a
-        single beam, down to a thirtieth in pure bending, less for one of several welded together.
+        Predicted relative error of the deformation due to the strain measure; None if the strain
+        measure has no such limit. Measured errors (see validation/) are up to three times as large
+        for a single beam, down to a thirtieth in pure bending, and smaller for one of several beams
+        welded together.
     remedies
-        What helps besides cutting it into several bodies, as settings of the beam.
+        Settings of the beam that reduce the error, besides splitting it into several bodies.
     """
 
     name: str
@@ -50,39 +49,44 @@ class BeamRange:
 
     @property
     def warning(self) -> str | None:
-        """A sentence, if its strains are not good for so much."""
-        if self.error is None or self.error <= LEAST_ERROR:
+        """Warning if the predicted error exceeds 1 %."""
+        if self.error is None or self.error <= MAX_UNREPORTED_ERROR:
             return None
-        worth = f"off by about {100 * self.error:.2g} %" if self.error < _MOST_ERROR else "wrong"
-        bodies = 2 ** ceil(log(LEAST_ERROR / min(self.error, _MOST_ERROR)) / log(_LEFT_BY_HALVING))
+        consequence = "the deformation is wrong"
+        if self.error < _MAX_PREDICTED_ERROR:
+            consequence = f"the error of the deformation is about {100 * self.error:.2g} %"
+        reduction = MAX_UNREPORTED_ERROR / min(self.error, _MAX_PREDICTED_ERROR)
+        bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
         settings = "".join(f", or set {remedy}" for remedy in self.remedies)
         return (
             f"{self.name}: it bends {self.rotation:.2g} rad away from its floating frame "
-            f"({self.deflection:.2g} of its length), where its strains make the deformation "
-            f"{worth}: cut it into {bodies} with bd.welded_beams(..., bodies={bodies}){settings}."
+            f"(deflection {self.deflection:.2g} of its length), where {consequence}; split it with "
+            f"bd.welded_beams(..., bodies={bodies}){settings}."
         )
 
 
 def measure_beam_ranges_of_run(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[BeamRange, ...]:
-    """How far each beam went, over some hundreds of the times of a run."""
+    """Return the largest deformation of each beam over a run, sampled at 400 times."""
     if not equations.ranges:
         return ()
-    # Between steps as well: those of Radau are long.
-    start = trajectory.intervals[0].t[0]
-    _, state = trajectory.at(np.unique(np.linspace(start, trajectory.end, _ROWS)))
+    # Equally spaced times rather than steps, because the steps of Radau may be long.
+    times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLES)
+    _, state = trajectory.at(np.unique(times))
     return measure_beam_ranges(equations, state.q)
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: np.ndarray) -> tuple[BeamRange, ...]:
-    """How far each beam went, over rows of coordinates."""
-    found = []
+    """Return the largest deformation of each beam over rows of coordinates (k, n)."""
+    ranges = []
     for term in equations.ranges:
-        said = term.statement
-        deflection, rotation, strain = map(float, term.largest(q))
+        statement = term.statement
+        deflection, rotation, strain = map(float, term.largest_deformation(q))
         error = None
-        if said.error is not None:
-            error = said.error[0] * rotation + said.error[1] * rotation**2
-        found.append(BeamRange(said.part, deflection, rotation, strain, error, said.remedies))
-    return tuple(found)
+        if statement.error is not None:
+            error = statement.error[0] * rotation + statement.error[1] * rotation**2
+        ranges.append(
+            BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
+        )
+    return tuple(ranges)

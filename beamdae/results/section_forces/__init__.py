@@ -1,1 +1,5 @@
-"""section_forces."""
+"""Section forces N, Q, M of beams: loads along a beam, their balance, stresses and safety.
+
+May import: results.run and results.displays, beams, equations, symbolic.
+Next: a quantity derived from N, Q and M is a method of `SectionForces`.
+"""

@@ -1,6 +1,6 @@
-"""What acts on a beam, section by section: forces of parts, reactions of joints, inertia, weight.
+"""Loads on a beam by arc length: forces of parts, reactions of joints, inertia, weight.
 
-A wrench is (Fx, Fy [N], M [N m]) in inertial components, M about the start of the beam.
+A wrench is (Fx [N], Fy [N], M [N m]) in inertial components, M about the start of the beam.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -31,34 +31,26 @@ from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Loc
 
 Array = np.ndarray
 
-GRAVITY = "gravity"
-ALL_LOADS: Mapping[str, float] = MappingProxyType({})
+GRAVITY = "gravity"  # key of gravity among the load factors of parts
+ALL_LOADS: Mapping[str, float] = MappingProxyType({})  # every load with the factor 1
 
 
 @dataclass(frozen=True)
 class AppliedLoads:
-    """What acts on a beam at rows of states.
+    """Loads on a beam at rows of states.
 
     Attributes
     ----------
-    lines
-        Wrenches per element coordinate xi at the points at which inertia is integrated,
-        (rows, elements, points, 3): loads per length, weight, and inertia with the other sign.
-    places, wrenches
-        Arc lengths (rows, k) [m] and wrenches (rows, k, 3) of what acts at sections.
+    line_loads
+        Wrenches per unit of the element coordinate xi at the points at which inertia is integrated,
+        (rows, elements, points, 3): distributed loads, weight, and inertia with the opposite sign.
+    arc_lengths, wrenches
+        Arc lengths (rows, k) [m] and wrenches (rows, k, 3) of the loads at single sections.
     """
 
-    lines: Array
-    places: Array
+    line_loads: Array
+    arc_lengths: Array
     wrenches: Array
-
-
-class _Said(NamedTuple):
-    """A statement of a part, and the multipliers it depends on."""
-
-    part: Part
-    statement: ForceStatement | ConstraintStatement
-    lam: slice
 
 
 def collect_applied_loads(
@@ -68,213 +60,222 @@ def collect_applied_loads(
     state: State,
     factors: Mapping[str, float] = ALL_LOADS,
 ) -> AppliedLoads:
-    """What acts on a beam of the mechanism that the equations are of.
+    """Collect all loads on a beam of the mechanism.
 
     Parameters
     ----------
     times
-        (t, branch) rows.
+        Rows (t, branch).
     state
         Rows of states.
     factors
-        How much of what parts do acts, by name, and of "gravity"; all of it where it is not given.
+        Load factors of parts by name, and of "gravity"; default 1.
     """
     mechanism = equations.mechanism
     assert mechanism is not None
-    on = _OnBeam(beam, equations, map_coordinates(mechanism), times, state)
-    weight = factors.get(GRAVITY, 1.0)
-    gravity = weight * _gravity(mechanism, times)
-    on.inertia(gravity)
-    for said in _statements(mechanism, None if weight == 1.0 else gravity[0]):
-        factor = factors.get(said.part.name, 1.0)
-        if said.part is not beam and factor:
-            on.add(said, factor)
-    return on.found()
+    collector = _LoadCollector(beam, mechanism, times, state)
+    gravity_factor = factors.get(GRAVITY, 1.0)
+    gravity = gravity_factor * _evaluate_gravity(mechanism, times)
+    collector.add_inertia_and_weight(gravity)
+    constant_gravity = None if gravity_factor == 1.0 else gravity[0]
+    for statement in _list_statements(mechanism, constant_gravity):
+        factor = factors.get(statement.part.name, 1.0)
+        if statement.part is not beam and factor:
+            collector.add_statement(statement, factor)
+    return collector.collect()
 
 
-def _gravity(mechanism: Mechanism, times: Array) -> Array:
+def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
+    """Return the gravitational acceleration at rows (t, branch), (rows, 2) [m/s^2]."""
     laws = mechanism.gravity_laws
     if laws is None:
         return np.broadcast_to(mechanism.gravity, (len(times), 2))
     local = Local(0)
-    along = ca.densify(ca.vertcat(*(law(local.time) for law in laws.laws)))
-    return RowFunction(ca.Function("gravity", [local.time], [along]))(times)
+    acceleration = ca.densify(ca.vertcat(*(law(local.time) for law in laws.laws)))
+    return RowFunction(ca.Function("gravity", [local.time], [acceleration]))(times)
 
 
-def _statements(mechanism: Mechanism, gravity: Array | None) -> list[_Said]:
-    """What all parts state, with the multipliers of each joint; under this gravity, if given."""
+class _PartStatement(NamedTuple):
+    """A statement of a part, with the slice of the multipliers that it depends on."""
+
+    part: Part
+    statement: ForceStatement | ConstraintStatement
+    lam: slice
+
+
+def _list_statements(mechanism: Mechanism, gravity: Array | None) -> list[_PartStatement]:
+    """List the statements of all parts, with the gravity of the mechanism by default."""
     parts, laws = list(mechanism.parts.values()), mechanism.gravity_laws
     if gravity is not None:
         laws = None
     else:
         gravity = mechanism.gravity
-    found: list[_Said] = []
-    rows: dict[str, slice] = {}
+    statements: list[_PartStatement] = []
+    multipliers: dict[str, slice] = {}
     first = 0
     for part in parts:
-        for held in part.constraints():
-            last = first + len(held.multipliers)
-            found.append(_Said(part, held, slice(first, last)))
-            rows[part.name] = slice(rows.get(part.name, slice(first, last)).start, last)
+        for constraint in part.constraints():
+            last = first + len(constraint.multipliers)
+            statements.append(_PartStatement(part, constraint, slice(first, last)))
+            start = multipliers.get(part.name, slice(first, last)).start
+            multipliers[part.name] = slice(start, last)
             first = last
     for part in parts:
-        forces = part.forces(gravity) if laws is None else laws.statements(part.forces)
-        for said in forces:
-            asked = slice(0, 0) if said.joint is None else rows[said.joint]
-            found.append(_Said(part, said, asked))
-    return found
+        for force in part.forces(gravity) if laws is None else laws.statements(part.forces):
+            lam = slice(0, 0) if force.joint is None else multipliers[force.joint]
+            statements.append(_PartStatement(part, force, lam))
+    return statements
 
 
-class _OnBeam:
-    """Adds up what acts on one beam."""
+class _LoadCollector:
+    """Sum of the loads on one beam."""
 
-    def __init__(
-        self,
-        beam: Beam,
-        equations: EquationsOfMotion,
-        owners: CoordinateMap,
-        times: Array,
-        state: State,
-    ) -> None:
-        self._beam, self._owners, self._times, self._state = beam, owners, times, state
-        self._own = tuple(x[:, owners.slice(beam)] for x in state[:3])
+    def __init__(self, beam: Beam, mechanism: Mechanism, times: Array, state: State) -> None:
+        self._beam, self._times, self._state = beam, times, state
+        self._coordinates = map_coordinates(mechanism)
+        own = self._coordinates.slice_of(beam)
+        self._beam_state = tuple(x[:, own] for x in state[:3])
         self._rows, mesh = len(times), beam.mesh
-        self._lines = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
-        self._places: list[Array] = []
+        self._line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
+        self._arc_lengths: list[Array] = []
         self._wrenches: list[Array] = []
-        self._spread: dict[Part, list[tuple[float, Array]]] = {}
+        # Loads that parts distribute over several sections: (arc length, wrench) by part.
+        self._distributed: dict[Part, list[tuple[float, Array]]] = {}
         self._functions: dict[int, RowFunction] = {}
-        self._start = self._motions(self._sections(np.zeros(1)))[:, 0, :2]
+        self._start = self._evaluate_motion(self._sections_at(np.zeros(1)))[:, 0, :2]
 
-    def _sections(self, places: Array) -> list[SectionFunction]:
-        points = (self._beam.kinematics.material_point(s) for s in places.tolist())
-        return [SectionFunction(point.operator, point.motion) for point in points]
-
-    @cached_property
-    def _axis(self) -> list[SectionFunction]:
-        """Sections at which inertia is integrated."""
-        mesh = self._beam.mesh
-        places = mesh.gauss_arc_lengths(mesh.nodes).tolist()
-        points = (self._beam.kinematics.axis_point(s) for s in places)
-        return [SectionFunction(point.operator, point.motion) for point in points]
-
-    def _motions(self, at: list[SectionFunction]) -> Array:
-        """Rows of (x, y, turn) and accelerations of sections."""
-        return evaluate_sections(section_motion, at, *self._own)
-
-    def inertia(self, gravity: Array) -> None:
-        """Add weight, and inertia with the other sign."""
+    def add_inertia_and_weight(self, gravity: Array) -> None:
+        """Add weight, and inertia with the opposite sign."""
         mesh = self._beam.mesh
         s, weights = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)[0]
         xi_weights = np.tile(gauss_points(mesh.nodes)[1], mesh.elements)
         sections = [self._beam.section.at(x) for x in s.tolist()]
         rhoA, rhoI = (np.array([getattr(x, name) for x in sections]) for name in ("rhoA", "rhoI"))
-        moved, ds = self._motions(self._axis), weights / xi_weights
-        force = (rhoA * ds)[:, None] * (gravity[:, None] - moved[..., 3:5])
-        wrench = self._about_start(moved[..., :2], force, -rhoI * ds * moved[..., 5])
-        self._lines += wrench.reshape(self._lines.shape)
+        motion, ds = self._evaluate_motion(self._inertia_sections), weights / xi_weights
+        force = (rhoA * ds)[:, None] * (gravity[:, None] - motion[..., 3:5])
+        wrench = self._move_to_start(motion[..., :2], force, -rhoI * ds * motion[..., 5])
+        self._line_loads += wrench.reshape(self._line_loads.shape)
 
-    def _about_start(self, place: Array, force: Array, moment: Array) -> Array:
-        arm = place - self._start[:, None]
-        turned = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
-        return np.concatenate([force, (moment + turned)[..., None]], axis=-1)
-
-    def add(self, said: _Said, factor: float) -> None:
-        """Add what a statement does to the beam, or so much of it."""
-        pieces = said.statement.pieces
+    def add_statement(self, entry: _PartStatement, factor: float) -> None:
+        """Add the forces of a statement on the beam, multiplied by the factor."""
+        pieces = entry.statement.pieces
         if not any(piece.owner is self._beam for piece in pieces):
             return
-        count = said.statement.data.shape[1]
+        count = entry.statement.data.shape[1]
         sizes = [piece.operator.shape[0] // count for piece in pieces]
-        forces = -factor * self._evaluated(said, count)
+        forces = -factor * self._evaluate_statement(entry, count)
         for piece, last, size in zip(pieces, np.cumsum(sizes), sizes, strict=True):
             if piece.owner is not self._beam:
                 continue
-            own = forces[..., last - size : last]
+            force = forces[..., last - size : last]
             if piece.s is None:
-                self._on_elements(own)
+                self._add_to_elements(force)
             else:
                 s = np.clip(piece.s, 0.0, self._beam.length)
-                self._at_section(said.part, float(s), own.sum(axis=1))
+                self._add_at_section(entry.part, float(s), force.sum(axis=1))
 
-    def _evaluated(self, said: _Said, count: int) -> Array:
-        """Forces on the local coordinates, on the left-hand side, (rows, count, size)."""
-        statement, (q, v, a, lam) = said.statement, self._state
-        rows = self._rows
-        multipliers = np.repeat(lam[:, said.lam], count, axis=0)
-        data = np.tile(statement.data.T, (rows, 1))
+    def collect(self) -> AppliedLoads:
+        """Return the sum of all loads."""
+        weights = gauss_points(self._beam.mesh.nodes)[1]
+        for part, loads in self._distributed.items():
+            wrenches = np.stack([wrench for _, wrench in loads], axis=1)
+            if part.load_distribution == "line":
+                self._line_loads += wrenches.reshape(self._line_loads.shape) / weights[:, None]
+            else:
+                s = np.array([s for s, _ in loads])
+                self._arc_lengths.append(_center_of_force(s, wrenches))
+                self._wrenches.append(wrenches.sum(axis=1))
+        if not self._wrenches:
+            no_arc_lengths, no_wrenches = np.zeros((self._rows, 0)), np.zeros((self._rows, 0, 3))
+            return AppliedLoads(self._line_loads, no_arc_lengths, no_wrenches)
+        arc_lengths, wrenches = (np.stack(x, axis=1) for x in (self._arc_lengths, self._wrenches))
+        return AppliedLoads(self._line_loads, arc_lengths, wrenches)
+
+    @cached_property
+    def _inertia_sections(self) -> list[SectionFunction]:
+        """Sections at which inertia is integrated."""
+        mesh = self._beam.mesh
+        s = mesh.gauss_arc_lengths(mesh.nodes).tolist()
+        points = (self._beam.kinematics.axis_point(x) for x in s)
+        return [SectionFunction(point.operator, point.motion) for point in points]
+
+    def _sections_at(self, s: Array) -> list[SectionFunction]:
+        points = (self._beam.kinematics.material_point(x) for x in s.tolist())
+        return [SectionFunction(point.operator, point.motion) for point in points]
+
+    def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
+        """Return (x, y, angle) of sections and their accelerations, (rows, sections, 6)."""
+        return evaluate_sections(section_motion, at, *self._beam_state)
+
+    def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:
+        """Return the wrenches about the start of the beam of forces and moments at positions."""
+        arm = position - self._start[:, None]
+        transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+        return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
+
+    def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
+        """Return the forces on the local coordinates, as on the left-hand side, (rows, count, .)."""
+        statement, (q, v, a, lam) = entry.statement, self._state
+        multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
+        data = np.tile(statement.data.T, (self._rows, 1))
         if isinstance(statement, ConstraintStatement):
-            made = statement.kernel.residual_kernel((), False)
-            given = [self._local(statement, q, count), multipliers, data]
+            kernel = statement.kernel.residual_kernel((), False)
+            inputs = [self._select_local(statement, q, count), multipliers, data]
         else:
-            made = statement.kernel.force_kernel
-            moved = [self._local(statement, x, count) for x in (q, v, a)]
-            given = [*moved, multipliers, data]
-        if id(made) not in self._functions:
-            self._functions[id(made)] = RowFunction(made.function)
-        local = np.concatenate(given, axis=1)
-        found = self._functions[id(made)](np.repeat(self._times, count, axis=0), local)
-        return found.reshape(rows, count, -1)
+            kernel = statement.kernel.force_kernel
+            motion = [self._select_local(statement, x, count) for x in (q, v, a)]
+            inputs = [*motion, multipliers, data]
+        if id(kernel) not in self._functions:
+            self._functions[id(kernel)] = RowFunction(kernel.function)
+        times = np.repeat(self._times, count, axis=0)
+        forces = self._functions[id(kernel)](times, np.concatenate(inputs, axis=1))
+        return forces.reshape(self._rows, count, -1)
 
-    def _local(self, statement: Any, x: Array, count: int) -> Array:
-        found = []
+    def _select_local(self, statement: Any, x: Array, count: int) -> Array:
+        """Return the local coordinates of a statement, (rows * count, size)."""
+        columns = []
         for piece in statement.pieces:
-            own = (piece.operator @ x[:, self._owners.slice(piece.owner)].T).T
-            found.append(own.reshape(self._rows * count, -1))
-        return np.concatenate(found, axis=1)
+            local = (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
+            columns.append(local.reshape(self._rows * count, -1))
+        return np.concatenate(columns, axis=1)
 
-    def _at_section(self, part: Part, s: float, force: Array) -> None:
-        """Add a force on the local coordinates of a section."""
-        wrench = self._wrenches_at(self._sections(np.array([s])), force)[:, 0]
+    def _add_at_section(self, part: Part, s: float, force: Array) -> None:
+        """Add a force on the local coordinates of the section at s [m]."""
+        wrench = self._equivalent_wrenches(self._sections_at(np.array([s])), force)[:, 0]
         if part.load_distribution == "points":
-            self._places.append(np.full(self._rows, s))
+            self._arc_lengths.append(np.full(self._rows, s))
             self._wrenches.append(wrench)
         else:
-            self._spread.setdefault(part, []).append((s, wrench))
+            self._distributed.setdefault(part, []).append((s, wrench))
 
-    def _wrenches_at(self, at: list[SectionFunction], force: Array) -> Array:
-        """Wrenches at so many sections that together are a force on local coordinates."""
-        motion = self._motions(at)
+    def _add_to_elements(self, forces: Array) -> None:
+        """Add forces on the coordinates of each element as a uniform load along it."""
+        mesh = self._beam.mesh
+        for element in range(mesh.elements):
+            at = self._inertia_sections[element * mesh.nodes :][: mesh.nodes]
+            wrench = self._equivalent_wrenches(at, forces[:, element]).sum(axis=1)
+            self._line_loads[:, element] += 0.5 * wrench[:, None]
+
+    def _equivalent_wrenches(self, at: list[SectionFunction], force: Array) -> Array:
+        """Return wrenches at sections that do the virtual work of a force on the coordinates.
+
+        The equality holds in the least-squares sense if the sections are fewer than the coordinates.
+        """
+        motion = self._evaluate_motion(at)
         size, count = at[0].operator.shape[0], len(at)
-        jacobians = evaluate_sections(section_jacobian, at, *self._own)
+        jacobians = evaluate_sections(section_jacobian, at, *self._beam_state)
         rows = np.swapaxes(jacobians.reshape(self._rows, count, size, 3), 2, 3)
         stacked = rows.reshape(self._rows, 3 * count, size)
         work = stacked @ force[..., None]
         loads = np.linalg.solve(stacked @ np.swapaxes(stacked, 1, 2), work)
         loads = loads.reshape(self._rows, count, 3)
-        return self._about_start(motion[..., :2], loads[..., :2], loads[..., 2])
-
-    def _on_elements(self, forces: Array) -> None:
-        """Add a force on the coordinates of each element, as one per length all along it."""
-        mesh = self._beam.mesh
-        for element in range(mesh.elements):
-            at = self._axis[element * mesh.nodes :][: mesh.nodes]
-            wrench = self._wrenches_at(at, forces[:, element]).sum(axis=1)
-            self._lines[:, element] += 0.5 * wrench[:, None]
-
-    def found(self) -> AppliedLoads:
-        """All of it."""
-        mesh = self._beam.mesh
-        weights = gauss_points(mesh.nodes)[1]
-        for part, stated in self._spread.items():
-            wrenches = np.stack([wrench for _, wrench in stated], axis=1)
-            if part.load_distribution == "line":
-                self._lines += wrenches.reshape(self._lines.shape) / weights[:, None]
-            else:
-                self._places.append(_center(np.array([s for s, _ in stated]), wrenches))
-                self._wrenches.append(wrenches.sum(axis=1))
-        none = np.zeros((self._rows, 0))
-        return AppliedLoads(
-            self._lines,
-            np.stack(self._places, axis=1) if self._places else none,
-            np.stack(self._wrenches, axis=1) if self._places else np.zeros((self._rows, 0, 3)),
-        )
+        return self._move_to_start(motion[..., :2], loads[..., :2], loads[..., 2])
 
 
-def _center(places: Array, wrenches: Array) -> Array:
-    """Where the shares of a force have their center; at the first place where there is none."""
+def _center_of_force(s: Array, wrenches: Array) -> Array:
+    """Return the arc length of the center of partial forces, or the first one if they cancel."""
     force = wrenches[..., :2]
     along = np.einsum("rkc,rc->rk", force, force.sum(axis=1))
-    size = along.sum(axis=1)
-    center = along @ places / np.where(size > 0.0, size, 1.0)
-    return np.where(size > 0.0, center, places[0])
+    total = along.sum(axis=1)
+    center = along @ s / np.where(total > 0.0, total, 1.0)
+    return np.where(total > 0.0, center, s[0])

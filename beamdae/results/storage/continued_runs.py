@@ -186,7 +186,9 @@ def _join_metadata(names: Sequence[str], metadata: Sequence[dict[str, Any]]) -> 
         elif name != "last_time" and is_number:
             result[name] = sum(one[name] for one in results)
     # An event that a run did not execute is executed, and listed, by the next one.
-    events = [event for part in metadata[:-1] for event in part["events"] if event.get("done", True)]
+    events = [
+        event for part in metadata[:-1] for event in part["events"] if event.get("done", True)
+    ]
     works = {name: sum(part["end"][name] for part in metadata) for name in CUMULATIVE_COLUMNS}
     status = _join_status(metadata)
     return {k: x for k, x in latest.items() if k not in _OF_ONE_RUN} | {

@@ -1,0 +1,83 @@
+"""Table of symbols: the function that draws each symbol a part may name in `Part.symbol`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from beamdae.errors import require_choice
+from beamdae.parts.part import Part
+from beamdae.report.scene.elastic_symbols import (
+    draw_bushing,
+    draw_contact,
+    draw_spring_damper,
+    draw_torsion_spring,
+)
+from beamdae.report.scene.joint_symbols import (
+    draw_distance,
+    draw_driver,
+    draw_gear,
+    draw_joint,
+    draw_markers,
+    draw_point_on_line,
+    draw_prismatic,
+    draw_rack_and_pinion,
+    draw_revolute,
+    draw_rolling_on_circle,
+    draw_rolling_on_line,
+    draw_skate,
+    draw_sliding_on_beam,
+    draw_translational_driver,
+    draw_weld,
+)
+from beamdae.report.scene.load_arrows import (
+    draw_distributed_force,
+    draw_force,
+    draw_force_law,
+    draw_moment,
+    draw_moving_force,
+)
+from beamdae.report.scene.scene_builder import SceneBuilder
+
+# A function may use all fields of the built-in parts with its symbol, such as `a` and `direction`.
+_SYMBOLS: dict[str, Callable[[Any, SceneBuilder], None]] = {
+    "marker": draw_markers,
+    # Joints.
+    "joint": draw_joint,
+    "hinge": draw_revolute,
+    "weld": draw_weld,
+    "slot": draw_point_on_line,
+    "slider": draw_prismatic,
+    "link": draw_distance,
+    "driver": draw_driver,
+    "translational driver": draw_translational_driver,
+    "gear": draw_gear,
+    "rack and pinion": draw_rack_and_pinion,
+    "rolling on line": draw_rolling_on_line,
+    "rolling on circle": draw_rolling_on_circle,
+    "skate": draw_skate,
+    "sleeve": draw_sliding_on_beam,
+    # Springs, dampers and contacts.
+    "spring-damper": draw_spring_damper,
+    "torsion spring": draw_torsion_spring,
+    "bushing": draw_bushing,
+    "contact": draw_contact,
+    # Loads.
+    "force": draw_force,
+    "moment": draw_moment,
+    "force law": draw_force_law,
+    "distributed force": draw_distributed_force,
+    "moving force": draw_moving_force,
+}
+
+
+def draw_symbol(part: Part, builder: SceneBuilder) -> None:
+    """Add the symbol of a part.
+
+    Raises
+    ------
+    BeamdaeError
+        If it names a symbol that does not exist.
+    """
+    symbol = require_choice(part.name, "symbol", part.symbol, tuple(_SYMBOLS))
+    _SYMBOLS[symbol](part, builder)
