@@ -160,9 +160,9 @@ class Check:
         return f"<Check of {self.name}: mobility {self.mobility}; {told}>"
 
     def _repr_html_(self) -> str:
-        from beamdae.report.card import table
+        from beamdae.report.run_summary import format_html_table
 
-        return table(describe_check(self))
+        return format_html_table(describe_check(self))
 
     def __str__(self) -> str:
         """All of it as text."""

@@ -4,10 +4,10 @@ import numpy as np
 import scipy.sparse as sp
 
 import beamdae as bd
-from beamdae.equations.formulations import first_order
-from beamdae.equations.starts.start_sums import StartEquations
-from beamdae.equations.step_equations import Predicted, step_equations
-from beamdae.integrators.radau.coefficients import GAMMA, PAIR
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.integrators.radau.coefficients import COMPLEX_EIGENVALUE, REAL_EIGENVALUE
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)
@@ -38,7 +38,7 @@ def matrices(equations, step):
     """Patterns and non-zeros of Ida, Radau, generalized-alpha and the start, by name."""
     q, v, a, lam = state(equations)
     time, still = np.zeros(2), np.zeros(equations.m)
-    form = first_order(equations, "stabilized-index1")
+    form = formulate_first_order(equations, "stabilized-index1")
 
     def at(c):
         y, yp = np.concatenate([q, v, still, still]), np.concatenate([v, a, lam, still])
@@ -47,17 +47,17 @@ def matrices(equations, step):
     stiffness, inertia = at(0.0), at(1.0) - at(0.0)
     found = {
         "Ida": (form.pattern, at(1.0 / step)),
-        "Radau": (form.pattern, at(GAMMA / step)),
-        "Radau, complex": (form.pattern, stiffness + (PAIR / step) * inertia),
+        "Radau": (form.pattern, at(REAL_EIGENVALUE / step)),
+        "Radau, complex": (form.pattern, stiffness + (COMPLEX_EIGENVALUE / step) * inertia),
     }
     for name, stabilized in (("index 3", False), ("index 2", True)):
-        form = step_equations(equations, stabilized)
+        form = formulate_step(equations, stabilized)
         x = np.zeros(form.size)
         x[equations.n :][: equations.m] = step**2 * lam
         coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
-        predicted = Predicted(q, v, a, q, coefficients)
+        predicted = StepPrediction(q, v, a, q, coefficients)
         found[name] = (form.pattern, form.jacobian(time, predicted, x))
-    start = StartEquations(equations)
+    start = StateEvaluator(equations)
     nonzeros = start.saddle(time, q, v, a, (0.0, 0.0, 1.0))
     return {**found, "start": (start.sums.saddle_pattern, nonzeros)}
 

@@ -11,12 +11,12 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.start_sums import StartEquations
-from beamdae.equations.sums import Places, reaction_sum
-from beamdae.integrators.ida import ida
+from beamdae.equations.formulations.sums import InputLayout, assemble_reactions
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.integrators.ida import stepper
 from beamdae.sundials.library import UnavailableError
-from beamdae.symbolic.kernel_sums import evaluate
+from beamdae.symbolic.kernel_sums import evaluate_sum
 
 # Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
 SOFT = bd.Material(E=60.0, nu=0.3, rho=1.3)
@@ -134,7 +134,7 @@ class Numeric:
 
     @cached_property
     def _start(self):
-        return StartEquations(self.equations)
+        return StateEvaluator(self.equations)
 
     def _given(self, q, v, a, lam, time):
         """(time, q, v, a, lam), what is left out of the start or of rest."""
@@ -148,8 +148,8 @@ class Numeric:
         return self._start.force(*self._given(q, v, a, lam, time)[:4])
 
     def _block(self, c, q, v, a, lam, time):
-        nonzeros = self._start.saddle(*self._given(q, v, a, lam, time)[:4], c)
-        return self._start.sums.block.matrix(nonzeros).toarray()
+        nonzeros = self._start.saddle_matrix(*self._given(q, v, a, lam, time)[:4], c)
+        return self._start.sums.saddle_pattern.matrix(nonzeros).toarray()
 
     def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
         """dF/dq."""
@@ -166,7 +166,7 @@ class Numeric:
     def _balance(self, q=None, v=None, a=None, lam=None, time=None):
         """The row of the books at a state."""
         given = self._given(q, v, a, lam, time)
-        return measures.books_of(self.equations)(*(x[None] for x in given))[0]
+        return measures.balance_rows(self.equations)(*(x[None] for x in given))[0]
 
     def energies(self, *state, **more):
         """(kinetic, strain, gravity, power of the loads, dissipated power)."""
@@ -182,20 +182,20 @@ class Numeric:
         return [partial(self._level, k) for k in range(3)]
 
     def _level(self, k, q=None, v=None, a=None, lam=None, time=None):
-        return self._start.levels(*self._given(q, v, a, lam, time)[:4])[k]
+        return self._start.constraint_levels(*self._given(q, v, a, lam, time)[:4])[k]
 
     def constraint_matrix(self, q=None, v=None, a=None, lam=None, time=None):
         """G = dg/dq."""
         given = self._given(q, v, a, lam, time)
-        return Starter(self.equations).constraint_matrix(*given[:2]).toarray()
+        return ConsistencySolver(self.equations).constraint_matrix(*given[:2]).toarray()
 
     def reaction(self, q=None, v=None, a=None, lam=None, time=None):
         """G^T lam."""
         time, q, _, _, lam = self._given(q, v, a, lam, time)
-        plan = reaction_sum(self.equations.structure, Places(q=0, lam=self.n)).vector()
+        plan = assemble_reactions(self.equations.structure, InputLayout(q=0, lam=self.n)).vector()
         total, result = plan.sum(False, self.equations.p), np.zeros(self.n)
         total.shared[:] = time
-        evaluate(total, np.concatenate([q, lam]), result)
+        evaluate_sum(total, np.concatenate([q, lam]), result)
         return result
 
     def _observed(self, q=None, v=None, a=None, lam=None, time=None):
@@ -268,4 +268,4 @@ def by_class(monkeypatch):
     def unavailable(*arguments):
         raise UnavailableError("they cannot be had")
 
-    monkeypatch.setattr(ida, "CompiledIda", unavailable)
+    monkeypatch.setattr(stepper, "CompiledIda", unavailable)

@@ -33,7 +33,7 @@ def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution
 
     def restore(interval: Interval) -> Interval:
         rows = interval.rows
-        lam = reduced.reactions(interval.times, rows.q, rows.lam)
+        lam = reduced.restore_reactions(interval.times, rows.q, rows.lam)
         return replace(interval, rows=rows._replace(lam=lam))
 
     return replace(

@@ -369,7 +369,7 @@ def test_check_finds_what_run_would(command, name):
     assert all(word in line for word in words)
     if name == "dependent constraints":
         told = " ".join(result.stdout.split())
-        assert "hinge and again both block the travel of the beam along (1, 0)" in told
+        assert "hinge and again both block the translation of the beam along (1, 0)" in told
 
 
 def test_list_shows_every_model_and_why_a_file_has_none(tmp_path):
@@ -463,7 +463,7 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     def second(_):
         raise AssertionError("went again")
 
-    monkeypatch.setattr("beamdae.integrators.ida.ida.IdaStepper.advance", interrupted)
+    monkeypatch.setattr("beamdae.integrators.ida.stepper.IdaStepper.advance", interrupted)
     monkeypatch.setattr("beamdae.verification.error_estimate", second)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)

@@ -104,14 +104,14 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 # Interrupts, each sent by the process to itself at the moment in question.
 
 AT_STEP = """
-from beamdae.integrators.ida import ida
-taken, advance = [], ida.Bdf.advance
+from beamdae.integrators.ida.stepper import IdaStepper
+taken, advance = [], IdaStepper.advance
 def striking(self, most):
     taken.append(None)
     if len(taken) in {at}:
         strike()
     return advance(self, 1)
-ida.Bdf.advance = striking
+IdaStepper.advance = striking
 """
 WHILE_WRITING = """
 from beamdae.results.storage import files
@@ -311,7 +311,7 @@ def test_a_model_that_ends_the_process_is_a_mistake(here, command, place, line, 
 def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
     titles = []
     monkeypatch.setattr(
-        "beamdae.report.pictures.figures.plot_run",
+        "beamdae.report.pictures.time_plots.save_run_figure",
         lambda path, table, title: titles.append(title) or path,
     )
     result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])

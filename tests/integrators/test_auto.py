@@ -34,7 +34,7 @@ def test_ida_says_where_another_method_takes_less():
         for rtol in (1e-4, 1e-6)
     ]
     assert told[0] == ""
-    assert "take Radau(rtol) or Auto(rtol)" in told[1]
+    assert "use Radau(rtol) or Auto(rtol)" in told[1]
 
 
 def test_it_is_the_default():

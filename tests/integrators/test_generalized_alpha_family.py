@@ -394,7 +394,7 @@ def test_the_jerk_within_loops_is_that_of_the_start(equations):
     q = equations.q0 + 1e-2 * random.normal(size=equations.n)
     v, a = random.normal(size=(2, equations.n))
     state = State(q, v, a, np.zeros(equations.m))
-    expected = ConsistencySolver(equations).normal_jerk(time, state, delta)
+    expected = ConsistencySolver(equations).evaluate_normal_jerk(time, state, delta)
     jerk = JerkEquations.from_equations(equations).buffers(native=False)
     at = Motion(q, v, a, a, state.lam)
     assert evaluate_normal_jerk(jerk, *time, at, delta) == DONE

@@ -54,9 +54,9 @@ def one_step(equations, h):
     method.begin(0.0, h, 0.5 * h, plan.state)
     run = method._run
     known = run.yp[: 2 * equations.n]
-    run.bounds[:] = 1e13 / np.maximum(np.abs(known) * h, 1.0)
-    run.velocity_bounds[:] = run.bounds[equations.n :]
-    run.velocity_rounding[:] = np.inf
+    run.iteration_weights[:] = 1e13 / np.maximum(np.abs(known) * h, 1.0)
+    run.velocity_weights[:] = run.iteration_weights[equations.n :]
+    run.velocity_rounding_weights[:] = np.inf
     assert solve_stages(run, h, True) == DONE
     return run
 
@@ -155,17 +155,17 @@ def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
     scales = MotionScales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
     tolerance = StepTolerance(1e-4, scales, velocities)
     assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
-    assert_allclose(tolerance.tested, tolerance.weights[: 4 if velocities else 2], rtol=0.0)
+    assert_allclose(tolerance.test_weights, tolerance.weights[: 4 if velocities else 2], rtol=0.0)
     bounds = np.concatenate(tolerance.iteration_weights)
     assert_allclose(bounds, tolerance.weights / 0.03, rtol=1e-14)
 
 
 def test_rounding_of_the_positions_bounds_the_iteration_over_the_shortest_steps(plain):
     run = one_step(oscillator(50.0), 1e-3)
-    run.velocity_bounds[:], run.velocity_rounding[:] = 7.0, 1e10
+    run.velocity_weights[:], run.velocity_rounding_weights[:] = 7.0, 1e10
     for h, bound in ((1e-3, 7.0), (1e-11, 0.1)):
         solve_stages(run, h, True)
-        assert_allclose(run.bounds[1:], bound, rtol=1e-14)
+        assert_allclose(run.iteration_weights[1:], bound, rtol=1e-14)
 
 
 def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
@@ -173,7 +173,7 @@ def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
         1e-9, MotionScales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False
     )
     assert_allclose(1.0 / tolerance.weights[:2], [1e-14, 1e-9], rtol=1e-14)
-    assert_allclose(tolerance.rounding, 1e14, rtol=1e-14)
+    assert_allclose(tolerance.rounding_weights, 1e14, rtol=1e-14)
     assert np.all(1.0 / tolerance.iteration_weights[0] >= 1e-14 * (1.0 - 1e-12))
 
 
@@ -191,7 +191,7 @@ def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
 
 def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
     monkeypatch.setattr(radau_stages, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(radau_stages, "UNKNOWN_RATE", 1.0)
+    monkeypatch.setattr(radau_stages, "FIRST_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
     assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence
@@ -247,7 +247,7 @@ def test_a_matrix_without_pivots_refuses_the_step_and_no_other(plain, monkeypatc
     monkeypatch.setattr(radau_stages, "factorize", factorize)
     _, run, _ = eight_steps(pendulum)
     assert run.filled == 24
-    assert run.real.singular == run.pair.singular == 0
+    assert run.real_solver.singular == run.complex_solver.singular == 0
     assert run.rejected == usual.rejected + 2
     assert run.failures == usual.failures + 2
     assert run.t < usual.t

@@ -1,4 +1,4 @@
-"""Radau IIA of order 5: an adaptive implicit Runge-Kutta method on the stabilized index-1 form."""
+"""`Radau`: adaptive implicit Runge-Kutta method of order 5 on the stabilized index-1 form."""
 
 from __future__ import annotations
 
@@ -24,26 +24,33 @@ class Radau(AdaptiveIntegrator):
 
     Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
     (4 + sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. It is L-stable
-    at its full order, so modes too fast for the step are damped, not resolved; and constraints
-    hold at every step. Positions and velocities are of order 5, multipliers and, in what the
-    joints hold, accelerations of order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics
-    1409, 1989, for index 2, whose stages these are). Hairer & Wanner, Solving ODEs II, 1996,
-    section IV.8: RADAU5.
+    at its full order, so that modes too fast for the step are damped, not resolved, and constraints
+    hold at every step. Positions and velocities are of order 5, multipliers and, in constrained
+    directions, accelerations of order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409,
+    1989, for index 2, whose stages these are). RADAU5: Hairer & Wanner, Solving ODEs II, 1996,
+    section IV.8.
+
+    Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
+    failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), and
+    error weights come from the scales of the mechanism.
 
     Parameters
     ----------
     rtol
         Relative tolerance; absolute ones follow from the scales of the mechanism.
     error_control
-        Which components the error test sees: "positions" or "velocities" (and positions); "auto"
-        decides by the stiffness of the mechanism. Multipliers are not tested.
+        Components in the error test: "positions" or "velocities" (and positions). "auto" decides by
+        the stiffness of the mechanism. Multipliers are not tested.
     max_step
-        Largest step [s]; None: a twentieth of the run, and a quarter of the laws' time scale.
+        Longest step [s]. Default: a twentieth of the run, at most a quarter of the time scale of
+        the laws.
     linear_solver
         "dense", "sparse", or "auto" by size.
-    max_steps, time_limit
-        The run is given up after so many steps or seconds. None: no limit, but without max_steps it
-        is given up as well where no end is in sight, see `limits.Pace`.
+    max_steps
+        Maximum number of steps. Default: no limit, but a run stops if its steps become too short to
+        reach the end; see `limits.StallDetector`.
+    time_limit
+        Maximum wall time [s]. Default: no limit.
     """
 
     rtol: float = 1e-5
@@ -64,9 +71,9 @@ class Radau(AdaptiveIntegrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        scout = replace(self, rtol=PILOT_RTOL).method_on
-        return drive(self, equations, times, self.method_on, progress, scout)
+        pilot = replace(self, rtol=PILOT_RTOL)
+        return drive(self, equations, times, self.method_on, progress, pilot.method_on)
 
     def method_on(self, plan: RunPlan) -> RadauStepper:
-        """What takes its steps."""
+        """Return the method that takes the steps of a run."""
         return RadauStepper(self.rtol, self.error_control, self.max_step, self.linear_solver, plan)

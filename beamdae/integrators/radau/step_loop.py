@@ -1,6 +1,6 @@
-"""Steps of three-stage Radau IIA that pass the error test.
+"""Step loop of three-stage Radau IIA: error test and step size control.
 
-Plain Python over arrays: `native.loops` compiles it, and where that cannot be had it runs as it is.
+Plain Python over arrays that `native.loops` compiles; without machine code it runs as it is.
 """
 
 from __future__ import annotations
@@ -17,102 +17,104 @@ from beamdae.integrators.radau.workspace import ERROR_TOO_LARGE, TOO_SMALL, Rada
 from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS
 
-# One over the order of what is estimated: the embedded method is of order 3.
+# One over the order of the error of a step of the embedded method, which is of order 3.
 _ERROR_EXPONENT = 1.0 / 4.0
 _SAFETY = 0.9
-_MIN_FACTOR, _MAX_FACTOR = 0.2, 4.0
-# An error below this says no more about the next step.
+# Bounds on the factor between two steps.
+_MIN_FACTOR = 0.2
+_MAX_FACTOR = 4.0
+# Least error, relative to the tolerance, for the prediction of the next step.
 _MIN_ERROR = 1e-2
-# A step that would grow by less keeps its size, and with it the factors, if they shrink the
-# changes of Newton's iteration to _KEEP_RATE.
+# A step that would grow by less than this keeps its length, and with it the factors, if Newton's
+# iteration converges faster than _KEEP_RATE with them.
 _KEPT_GROWTH = 1.2
 _KEEP_RATE = 0.05
-# Steps too long for Newton's iteration: how far to go back, and how to return from there while it
-# converges as fast as this.
+# Factor of a step after a failure of Newton's iteration.
 _FAILURE_FACTOR = 0.5
+# Factor by which the limit it set grows again while the iteration is faster than _SLOW_RATE.
 _RECOVERY_FACTOR = 1.1
 _SLOW_RATE = 0.2
 
 
 def take_radau_steps(run: RadauWorkspace) -> int:
-    """Steps that pass the error test, as many as are asked for and there are."""
-    size = run.size
+    """Take steps that pass the error test until the interval ends or the rows are full."""
+    size = run.step_size
     while run.t < run.end:
         if run.filled == 3 * run.most:
             return FULL
-        left = run.end - run.t
-        h = clip_step(size.next, left)
-        # Of states beyond all numbers the step is none either.
-        if size.next != size.next or h < min(size.smallest, left):
-            return run.reason
+        remaining = run.end - run.t
+        h = clip_step(size.next_step, remaining)
+        # After states that are not finite the step is not a number.
+        if size.next_step != size.next_step or h < min(size.smallest, remaining):
+            return run.failure_code
         renew = not _can_reuse_factors(run, h)
         code = solve_stages(run, h, renew)
         if code == NEW_PIVOTS:
             return code
         if code != DONE:
             run.failures += 1
-            run.factorized = 0.0
+            run.factors_step = 0.0
             if renew:
                 run.rejected += 1
-                run.reason = code
-                size.next = size.manageable = _FAILURE_FACTOR * h
-                size.repeated = 1
+                run.failure_code = code
+                size.next_step = size.newton_limit = _FAILURE_FACTOR * h
+                size.is_retry = 1
             continue
         estimate_error(run, h)
-        error = max_norm(run.error[: run.tested.size], run.tested)
+        error = max_norm(run.error[: run.test_weights.size], run.test_weights)
         if error < 1.0:
             _accept_step(run, h, error)
-            _store_step(run, h, h == left)
+            _store_step(run, h, h == remaining)
             continue
         run.rejected += 1
-        run.reason = ERROR_TOO_LARGE
-        size.next = h * min(max(_step_factor(run, error), _MIN_FACTOR), _SAFETY)
+        run.failure_code = ERROR_TOO_LARGE
+        size.next_step = h * min(max(_step_factor(run, error), _MIN_FACTOR), _SAFETY)
         if error != error:
-            size.next = error
-        size.repeated = 1
+            size.next_step = error
+        size.is_retry = 1
     return DONE
 
 
 def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
-    """Whether there are factors for this step that shrank the last change by much."""
-    return h == run.factorized and run.rate <= _KEEP_RATE
+    """Return True if factors of this step exist and the iteration converged fast with them."""
+    return h == run.factors_step and run.rate <= _KEEP_RATE
 
 
 def _step_factor(run: RadauWorkspace, error: float) -> float:
-    """By how much the error lets a step grow, less where the iteration was slow."""
+    """Factor by which the error lets the step change, smaller after a slow iteration."""
     most = 2 * MAX_ITERATIONS
     return _SAFETY * (most + 1) / (most + run.iterations) / error**_ERROR_EXPONENT
 
 
 def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
-    """Find the step after a step h."""
-    size = run.size
+    """Choose the step after an accepted step `h` [s]."""
+    size = run.step_size
     error = max(error, _MIN_ERROR)
     factor = _step_factor(run, error)
-    if size.before > 0.0:
-        factor *= min(1.0, h / size.before * (size.error_before / error) ** _ERROR_EXPONENT)
-    factor = min(max(factor, _MIN_FACTOR), 1.0 if size.repeated == 1 else _MAX_FACTOR)
+    if size.last_step > 0.0:
+        factor *= min(1.0, h / size.last_step * (size.last_error / error) ** _ERROR_EXPONENT)
+    factor = min(max(factor, _MIN_FACTOR), 1.0 if size.is_retry == 1 else _MAX_FACTOR)
     if run.rate < _SLOW_RATE:
-        size.manageable = min(_RECOVERY_FACTOR * size.manageable, size.longest)
-    wanted = min(factor * h, size.manageable)
-    keep = h <= wanted and wanted <= _KEPT_GROWTH * h and _can_reuse_factors(run, h)
-    size.next = h if keep else wanted
-    size.before, size.error_before, size.repeated = h, error, 0
-    run.reason = TOO_SMALL
+        size.newton_limit = min(_RECOVERY_FACTOR * size.newton_limit, size.longest)
+    candidate = min(factor * h, size.newton_limit)
+    keep = h <= candidate and candidate <= _KEPT_GROWTH * h and _can_reuse_factors(run, h)
+    size.next_step = h if keep else candidate
+    size.last_step, size.last_error, size.is_retry = h, error, 0
+    run.failure_code = TOO_SMALL
 
 
 def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:
-    """Take the step: the stages are rows, and the last one is where the next step starts."""
+    """Store the stages of an accepted step as rows; the next step starts at the last one."""
     set_stages(run, h)
     n = run.form.n
     for i in range(3):
         row, y, yp = run.rows[run.filled + i], run.stages[i], run.rates[i]
         row[0] = run.t + C[i] * h
         combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
-        # Multipliers are derivatives of unknowns and follow the accelerations.
-        held = yp[n : n + row.size - 1 - 2 * n]
-        combine(row[1 + 2 * n :], (1.0,), (held,))
-        combine(run.before[i], (1.0,), (run.w[i],))
+        # Multipliers are derivatives of unknowns, and follow the accelerations in y'.
+        accelerations_and_multipliers = yp[n : n + row.size - 1 - 2 * n]
+        combine(row[1 + 2 * n :], (1.0,), (accelerations_and_multipliers,))
+        combine(run.last_w[i], (1.0,), (run.w[i],))
     run.t = run.end if last else run.t + h
     run.rows[run.filled + 2][0] = run.t
     run.filled += 3

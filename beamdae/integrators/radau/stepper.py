@@ -1,4 +1,4 @@
-"""Runs of Radau: what it weighs errors with, and what a drive asks of its loop."""
+"""The method of `Radau`: error weights and restarts around its compiled step loop."""
 
 from __future__ import annotations
 
@@ -40,11 +40,12 @@ Array = np.ndarray
 
 _FORM = "stabilized-index1"
 _ORDER = 5
-# Relative to the times of an interval: what differs over it would be lost in rounding.
+# Shortest step, relative to the times of an interval: shorter ones are lost in rounding.
 _MIN_STEP_SHARE = 1e-12
-# One costs as much as ten of Ida's.
+# A step of Radau costs as much as ten of Ida's.
 _STEPS_PER_CHECK = 8
-_REASONS = {
+_STAGES = 3
+_FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge at the smallest step; check the model near "
     "this time",
     NOT_FINITE: "the residual is not finite; check laws and start values",
@@ -53,25 +54,29 @@ _REASONS = {
     TOO_SMALL: "the step is too small to advance time; check laws and start values",
 }
 
-# The largest error over a run stays below 100 rtol (30 rtol with damping) with these.
+# Local tolerance: factor times rtol to the power. With these the largest error of a run stays below
+# 100 rtol, with damping below 30 rtol.
 _TOLERANCE_FACTOR = 0.15
 _TOLERANCE_EXPONENT = 0.9
-# What Newton's iteration may leave of the local tolerance: at most this much, and less at tight
-# tolerances, for the error of order 6 falls faster than the estimate of order 4 that is tested.
+# Largest error of Newton's iteration, relative to the local tolerance, ...
 _MAX_ITERATION_FRACTION = 0.03
+# ... and this times its root for tight tolerances, because the error of order 6 falls faster than
+# the estimate of order 4 that is tested.
 _ITERATION_FRACTION_OF_ROOT = 3.0
 
 
 @dataclass(frozen=True)
 class StepTolerance:
-    """Tolerances of a step, for positions and velocities.
+    """Tolerances of a step for positions and velocities.
 
     Attributes
     ----------
     local
-        Relative to the scales of the mechanism.
+        Tolerance relative to the scales of the mechanism.
+    scales
+        Scales of the motion.
     velocities
-        Whether the error test sees velocities.
+        True if velocities are in the error test.
     """
 
     local: float
@@ -80,82 +85,92 @@ class StepTolerance:
 
     @classmethod
     def from_rtol(cls, rtol: float, scales: MotionScales, velocities: bool) -> StepTolerance:
-        """The one that keeps the error of a whole run near `rtol`.
+        """Return the tolerance that keeps the error of a run near `rtol`.
 
-        The estimate falls with the fourth power of the step and the error of a run with the
-        fifth, which asks for an exponent of 4/5, but with a lower one where fast modes are
-        undamped: 0.9 serves both, on the cases of validation/tolerances.
+        The estimate falls with the fourth power of the step and the error of a run with the fifth,
+        which suggests an exponent of 4/5, and a lower one where fast modes are undamped. 0.9 suits
+        both in the cases of validation/tolerances.
         """
         return cls(_TOLERANCE_FACTOR * rtol**_TOLERANCE_EXPONENT, scales, velocities)
 
     @cached_property
     def weights(self) -> Array:
-        """One over the tolerances of (q, v)."""
+        """One over the tolerances of (q, v), (2 n,)."""
         positions = self.scales.tolerances(self.local)
         return 1.0 / np.concatenate([positions, self.scales.rate * positions])
 
     @property
-    def tested(self) -> Array:
-        """One over the tolerances of those the error test sees."""
+    def test_weights(self) -> Array:
+        """One over the tolerances of the components in the error test."""
         return self.weights if self.velocities else self.weights[: len(self.scales.size)]
 
     @property
     def iteration_weights(self) -> tuple[Array, Array]:
-        """One over what Newton's iteration may leave of q, and of v in long steps.
+        """One over the errors of Newton's iteration in q, and in v for long steps.
 
-        Velocities count whether they are tested or not: they are where the next step begins, and
-        over short steps positions say nothing of them.
+        Velocities count whether tested or not: the next step starts from them, and over short steps
+        positions do not show their errors.
         """
         fraction = min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * np.sqrt(self.local))
         positions, velocities = np.split(self.weights / fraction, 2)
-        return np.minimum(positions, self.rounding), velocities
+        return np.minimum(positions, self.rounding_weights), velocities
 
     @property
-    def rounding(self) -> Array:
-        """One over what rounding leaves of q."""
+    def rounding_weights(self) -> Array:
+        """One over the rounding errors of q."""
         return 1.0 / (POSITION_ROUNDING * self.scales.size)
 
 
 class RadauStepper:
-    """Collocation, a few steps at a time."""
+    """Steps of Radau IIA, up to 8 at a time, with a row for each of the three stages."""
 
-    rows_per_step: ClassVar[int] = 3
+    rows_per_step: ClassVar[int] = _STAGES
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
 
     def __init__(
-        self, rtol: float, error_control: str, max_step: float | None, solver: str, plan: RunPlan
+        self,
+        rtol: float,
+        error_control: str,
+        max_step: float | None,
+        linear_solver: str,
+        plan: RunPlan,
     ) -> None:
         self._form = form = formulate_first_order(plan.equations, _FORM, apart=True)
-        self._scales = size = motion_scales(plan)
+        self._scales = scales = motion_scales(plan)
         self._control = resolve_error_control(
             error_control,
             _ORDER,
             form.formulation,
             rtol,
-            size.rate,
+            scales.rate,
             STIFF_RATIO_RADAU,
             plan.fastest_modes,
         )
         velocities = self._control.policy == "velocities"
-        self._tolerance = tolerance = StepTolerance.from_rtol(rtol, size, velocities)
+        self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, velocities)
         longest = plan.longest_step("Radau", max_step)
         real = plan.matrix("Radau", form.pattern)
-        pair = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
+        complex_ = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
 
-        def make(native: bool) -> RadauWorkspace:
-            factors = real.make_solver(native, solver), pair.make_solver(native, solver)
-            numbers = real.nonzeros, pair.nonzeros
-            return _make_workspace(form, form.buffers(native), factors, numbers, tolerance, longest)
+        def make_workspace(native: bool) -> RadauWorkspace:
+            return _make_workspace(
+                form,
+                form.buffers(native),
+                (real.make_solver(native, linear_solver), real.nonzeros),
+                (complex_.make_solver(native, linear_solver), complex_.nonzeros),
+                tolerance,
+                longest,
+            )
 
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.real, real), (run.pair, pair)]
+            return [(run.real_solver, real), (run.complex_solver, complex_)]
 
-        self._running = StepLoop(take_radau_steps, make, matrices, form.is_native)
-        self._run = self._running.work
+        self._step_loop = StepLoop(take_radau_steps, make_workspace, matrices, form.is_native)
+        self._run = self._step_loop.work
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """What was chosen."""
+        """Error control and tolerance of the run."""
         return {
             "error_control": self._control.policy,
             "auto": self._control.reason,
@@ -165,82 +180,86 @@ class RadauStepper:
 
     @property
     def counts(self) -> Statistics:
-        """What it cost; residuals are counted by stage, factorizations as real and complex ones."""
+        """Calls, factorizations and failures so far.
+
+        Residuals are counted by stage, factorizations as real and complex ones.
+        """
         run = self._run
         return Statistics(
             rejected_steps=run.rejected,
             residual_calls=run.residuals,
             jacobian_calls=run.jacobians,
-            factorizations=run.real.factorizations + run.pair.factorizations,
-            solves=run.real.solves + run.pair.solves,
+            factorizations=run.real_solver.factorizations + run.complex_solver.factorizations,
+            solves=run.real_solver.solves + run.complex_solver.solves,
             newton_failures=run.failures,
         )
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval, without factors and without a step before."""
-        run, size = self._run, self._run.size
+        """Begin a smooth interval [s] at a consistent state, without factors or a last step."""
+        run, size = self._run, self._run.step_size
         run.t, run.end, run.branch = start, end, branch
         run.y[:], run.yp[:] = self._form.pack(state)
-        run.factorized, run.iterations, run.rate, run.reason = 0.0, 0, 1.0, TOO_SMALL
+        run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
         size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
-        size.manageable = size.longest
-        size.next = min(self._scales.first_step(self._tolerance.local, state), size.longest)
-        size.before, size.error_before, size.repeated = 0.0, 0.0, 0
+        size.newton_limit = size.longest
+        size.next_step = min(self._scales.first_step(self._tolerance.local, state), size.longest)
+        size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
     def advance(self, most: int) -> Array:
-        """Rows of one to `most` more steps and of the stages inside them.
+        """Return rows (t, q, v, a, lam) of the stages of one to `most` more steps.
 
         Raises
         ------
         StepError
-            If there is none.
+            If no step is possible.
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
-        # Asked again after a failure it fails again: what went before is not lost.
-        code = self._running()
+        # The steps before a failure are returned first: the loop fails again on the next call.
+        code = self._step_loop()
         if run.filled == 0:
-            raise StepError(_REASONS[code], run.residuals_at[-1])
+            raise StepError(_FAILURES[code], run.stage_residuals[-1])
         return run.rows[: run.filled]
 
 
 def _make_workspace(
     form: FirstOrderForm,
     buffers: FirstOrderBuffers,
-    factors: tuple[Any, Any],
-    nonzeros: tuple[Array, Array],
+    real: tuple[Any, Array],
+    complex_: tuple[Any, Array],
     tolerance: StepTolerance,
     longest: float,
 ) -> RadauWorkspace:
+    """Return the memory of the loop; `real` and `complex_` are a solver with its non-zeros."""
     n, m, size = form.equations.n, form.equations.m, form.size
     positions, velocities = tolerance.iteration_weights
     return RadauWorkspace(
         form=buffers,
-        real=factors[0],
-        pair=factors[1],
-        size=StepSizeState(longest),
+        real_solver=real[0],
+        complex_solver=complex_[0],
+        step_size=StepSizeState(longest),
         y=np.zeros(size),
         yp=np.zeros(size),
-        before=np.zeros((3, size)),
+        last_w=np.zeros((3, size)),
         w=np.zeros((3, size)),
         stages=np.zeros((3, size)),
         rates=np.zeros((3, size)),
-        residuals_at=np.zeros((3, size)),
-        change=np.zeros(size),
-        pair_change=np.zeros(size, complex),
-        pair_real=np.zeros(size),
-        pair_imaginary=np.zeros(size),
-        ahead=np.zeros((3, 3)),
+        stage_residuals=np.zeros((3, size)),
+        real_change=np.zeros(size),
+        complex_change=np.zeros(size, complex),
+        complex_real=np.zeros(size),
+        complex_imaginary=np.zeros(size),
+        extrapolation=np.zeros((3, 3)),
         jacobian=np.zeros(2 * form.pattern.nnz),
-        real_nonzeros=nonzeros[0],
-        pair_nonzeros=nonzeros[1],
-        of_row=form.pattern.indices.astype(np.int64),
-        of_column=np.repeat(np.arange(size), np.diff(form.pattern.indptr)),
+        real_nonzeros=real[1],
+        complex_nonzeros=complex_[1],
+        entry_rows=form.pattern.indices.astype(np.int64),
+        entry_columns=np.repeat(np.arange(size), np.diff(form.pattern.indptr)),
         error=np.zeros(size),
-        right=np.zeros(size),
-        tested=tolerance.tested,
-        bounds=np.concatenate([positions, velocities]),
-        velocity_bounds=velocities,
-        velocity_rounding=tolerance.rounding,
-        rows=np.zeros((3 * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+        difference=np.zeros(size),
+        test_weights=tolerance.test_weights,
+        iteration_weights=np.concatenate([positions, velocities]),
+        velocity_weights=velocities,
+        velocity_rounding_weights=tolerance.rounding_weights,
+        rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
     )
