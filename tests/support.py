@@ -149,7 +149,7 @@ class Numeric:
 
     def _block(self, c, q, v, a, lam, time):
         nonzeros = self._start.saddle_matrix(*self._given(q, v, a, lam, time)[:4], c)
-        return self._start.sums.saddle_pattern.matrix(nonzeros).toarray()
+        return self._start.sums.block.matrix(nonzeros).toarray()
 
     def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
         """dF/dq."""

@@ -100,7 +100,7 @@ class Section:
     def rectangle(
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
-        """Return a rectangle of `height` [m] in the plane of motion and `width` [m] normal to it."""
+        """Return a rectangle of `width` [m] and of `height` [m] in the plane of motion."""
         width = require_positive("Section.rectangle", "width", width)
         height = require_positive("Section.rectangle", "height", height)
         area, second_moment = width * height, width * height**3 / 12.0

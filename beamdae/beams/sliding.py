@@ -51,8 +51,8 @@ _MAX_EXTRAPOLATION_NODES = 5
 _SEARCH_SAMPLES = 257
 _SEARCH_ITERATIONS = 10
 
-# The constraint has one kernel with all nodes of the beam. A step with 30 elements takes 35 times as
-# long as with 16, with 60 elements thousands of times.
+# The constraint has one kernel with all nodes of the beam. Measured: a step with 30 elements takes
+# 35 times as long as with 16, with 60 elements thousands of times.
 _MAX_ELEMENTS = 32
 
 _SLIDER_OPERATOR = sp.eye_array(1, format="csr")

@@ -78,6 +78,7 @@ class InterpolatedStrains:
     element: _StrainElement
 
     def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return the strains (3,) from local coordinates."""
         layout = self.element.layout
         count, rows = layout.stiffness_points, range(1, len(layout.stiffness_point))
         points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]

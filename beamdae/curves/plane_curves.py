@@ -167,8 +167,8 @@ class Arc:
             raise BeamdaeError("Arc: radius must not be zero.")
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
-                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, beyond which rounding distorts the "
-                f"curve, got {self.angle:g}."
+                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, beyond which rounding distorts "
+                f"the curve, got {self.angle:g}."
             )
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):

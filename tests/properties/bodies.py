@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from properties.frames import Frame, section
+from properties.similarity import Similarity, create_section
 
 import beamdae as bd
 
@@ -63,7 +63,7 @@ class Body:
         x = self.start[0] + c * along - s * left
         return float(x), float(self.start[1] + s * along + c * left)
 
-    def part(self, frame: Frame):
+    def part(self, frame: Similarity):
         start = frame.point(*self.start)
         moving = {
             "velocity": frame.way(*self.velocity, "m/s"),
@@ -82,7 +82,7 @@ class Body:
             axis = bd.Arc(length / bend, length, start, heading)
         else:
             axis = bd.Line(start, frame.point(*self.point(1.0)))
-        own = section(frame, self.modulus, 0.03, self.height, self.damping)
+        own = create_section(frame, self.modulus, 0.03, self.height, self.damping)
         theory = THEORIES[self.theory]
         return bd.Beam(self.name, axis, own, elements=self.elements, **theory, **moving)
 
@@ -101,7 +101,7 @@ class World:
     """The mechanism under construction."""
 
     mech: bd.Mechanism
-    frame: Frame
+    frame: Similarity
     bodies: tuple[Body, ...]
     parts: dict
 

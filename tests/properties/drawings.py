@@ -7,14 +7,14 @@ from random import Random
 
 from properties.bodies import GROUND, Body, Place, World
 from properties.forces import FORCES
-from properties.frames import Frame
+from properties.similarity import Similarity
 from properties.joints import JOINTS
 
 import beamdae as bd
 
 BUILDERS = JOINTS | FORCES
 # In which friction can act, and which of them has a radius.
-RUBBING = {"revolute": True, "prismatic": True, "point on line": False}
+FRICTION_JOINTS = {"revolute": True, "prismatic": True, "point on line": False}
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Drawing:
     def is_free(self) -> bool:
         """Whether nothing acts on it from outside."""
         return not any(self.gravity) and all(
-            piece.kind not in OUTSIDE
+            piece.kind not in EXTERNAL_FORCES
             and GROUND not in (piece.a.body, piece.b.body)
             and (piece.kind != "gear" or "carrier" in piece.numbers)
             for piece in self.pieces
@@ -61,9 +61,11 @@ class Drawing:
                 found[piece.name] = "b"
         return found
 
-    def mechanism(self, frame: Frame | None = None, order: Random | None = None) -> bd.Mechanism:
+    def mechanism(
+        self, frame: Similarity | None = None, order: Random | None = None
+    ) -> bd.Mechanism:
         """Build it in a frame, its parts in the order of the drawing or in one drawn by `order`."""
-        frame = frame or Frame()
+        frame = frame or Similarity()
         mech = bd.Mechanism(gravity=frame.way(*self.gravity, "m/s^2"))
         world = World(mech, frame, self.bodies, {})
         bodies, pieces = list(self.bodies), list(self.pieces)
@@ -79,4 +81,4 @@ class Drawing:
         return mech
 
 
-OUTSIDE = {"skate", "force", "moment", "load by length", "moving force", "drag", "Rayleigh"}
+EXTERNAL_FORCES = {"skate", "force", "moment", "load by length", "moving force", "drag", "Rayleigh"}

@@ -21,7 +21,7 @@ def spring(w, name, a, b, n):
     )
 
 
-def lawful(w, name, a, b, n):
+def spring_by_law(w, name, a, b, n):
     """A progressive spring with a damper, and its energy."""
     f = w.frame
     size, force = f.number(n["free"], "m"), f.number(abs(n["preload"]), "N")
@@ -36,7 +36,7 @@ def lawful(w, name, a, b, n):
     )
 
 
-def torsion(w, name, a, b, n):
+def torsion_spring(w, name, a, b, n):
     f = w.frame
     return bd.TorsionSpring(
         name,
@@ -65,7 +65,7 @@ def bushing(w, name, a, b, n):
     )
 
 
-def _touching(w, name, point, surface, n):
+def _contact(w, name, point, surface, n):
     f = w.frame
     return bd.Contact(
         name,
@@ -82,12 +82,12 @@ def _touching(w, name, point, surface, n):
 def contact_line(w, name, a, b, n):
     x, y = n["direction"]
     direction = w.frame.way(w.frame.sense * x, w.frame.sense * y, unit="")
-    return _touching(w, name, b, bd.LineSurface(w.at(a), direction), n)
+    return _contact(w, name, b, bd.LineSurface(w.at(a), direction), n)
 
 
 def contact_circle(w, name, a, b, n):
     surface = bd.CircleSurface(w.at(a), w.frame.number(n["radius"], "m"), n["side"])
-    return _touching(w, name, b, surface, n)
+    return _contact(w, name, b, surface, n)
 
 
 def force(w, name, a, b, n):
@@ -98,7 +98,7 @@ def moment(w, name, a, b, n):
     return bd.Moment(name, w.at(b), w.frame.law(n["wave"], "N m", w.frame.sense))
 
 
-def pair_law(w, name, a, b, n):
+def force_law(w, name, a, b, n):
     """Two points draw each other near with a pull of finite range, damped along the way."""
     f = w.frame
     force, reach = f.number(n["preload"], "N"), f.number(1.0, "m")
@@ -166,14 +166,14 @@ def friction(w, name, a, b, n):
 
 FORCES = {
     "spring": spring,
-    "law of a spring": lawful,
-    "torsion spring": torsion,
+    "law of a spring": spring_by_law,
+    "torsion spring": torsion_spring,
     "bushing": bushing,
     "contact with a line": contact_line,
     "contact with a circle": contact_circle,
     "force": force,
     "moment": moment,
-    "law of two points": pair_law,
+    "law of two points": force_law,
     "load by length": line_load,
     "moving force": moving_force,
     "Rayleigh": rayleigh,

@@ -38,7 +38,7 @@ def travel(w, name, a, b, n):
     return bd.TranslationalDriver(name, w.at(a), w.at(b), law, direction)
 
 
-def along(kind):
+def joint_with_direction(kind):
     """A joint with a direction."""
 
     def build(w, name, a, b, n):
@@ -47,7 +47,7 @@ def along(kind):
     return build
 
 
-def plain(kind):
+def joint_of_two_points(kind):
     return lambda w, name, a, b, n: kind(name, w.at(a), w.at(b))
 
 
@@ -81,10 +81,10 @@ def skate(w, name, a, b, n):
 
 
 JOINTS = {
-    "revolute": plain(bd.Revolute),
-    "weld": plain(bd.Weld),
-    "prismatic": along(bd.Prismatic),
-    "point on line": along(bd.PointOnLine),
+    "revolute": joint_of_two_points(bd.Revolute),
+    "weld": joint_of_two_points(bd.Weld),
+    "prismatic": joint_with_direction(bd.Prismatic),
+    "point on line": joint_with_direction(bd.PointOnLine),
     "distance": distance,
     "driven distance": driven_distance,
     "driver": driver,

@@ -8,51 +8,51 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
 from properties.drawings import BUILDERS
-from properties.random_drawings import draw
-from properties.rests import REST_LAWS
-from properties.runs import RUN_LAWS
-from properties.states import STATE_LAWS, unrefused
+from properties.random_drawings import draw_mechanism
+from properties.equilibrium_laws import EQUILIBRIUM_LAWS
+from properties.run_laws import RUN_LAWS
+from properties.state_laws import STATE_LAWS, build_unless_contradictory
 
 import beamdae as bd
 
-LAWS = STATE_LAWS | REST_LAWS | RUN_LAWS
+LAWS = STATE_LAWS | EQUILIBRIUM_LAWS | RUN_LAWS
 # Of all that are drawn, half are of no use: they contradict themselves, fall without end, or lock.
-DRAWN = {"suppress_health_check": list(HealthCheck), "database": None}
+SETTINGS = {"suppress_health_check": list(HealthCheck), "database": None}
 
 
-def tried(name, data):
+def check_law(name, data):
     """One drawing, by its law."""
     law, options = LAWS[name]
     rng = data.draw(st.randoms(use_true_random=False))
-    drawing = draw(rng, **options)
+    drawing = draw_mechanism(rng, **options)
     note(repr(drawing))
-    unrefused(drawing.mechanism)
+    build_unless_contradictory(drawing.mechanism)
     law(drawing, rng)
 
 
 # The first example is always one bar.
 @pytest.mark.parametrize("name", STATE_LAWS)
-@settings(max_examples=2, **DRAWN)
+@settings(max_examples=2, **SETTINGS)
 @given(data=st.data())
 def test_law_of_states(name, data):
-    tried(name, data)
+    check_law(name, data)
 
 
 @pytest.mark.slow(reason="many examples")
 # The first example is always one bar.
 @pytest.mark.parametrize("name", STATE_LAWS)
-@settings(max_examples=25, **DRAWN)
+@settings(max_examples=25, **SETTINGS)
 @given(data=st.data())
 def test_law_of_many_states(name, data):
-    tried(name, data)
+    check_law(name, data)
 
 
 @pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
-@pytest.mark.parametrize("name", REST_LAWS | RUN_LAWS)
-@settings(max_examples=5, phases=[Phase.generate], **DRAWN)
+@pytest.mark.parametrize("name", EQUILIBRIUM_LAWS | RUN_LAWS)
+@settings(max_examples=5, phases=[Phase.generate], **SETTINGS)
 @given(data=st.data())
 def test_law_of_many_runs(name, data):
-    tried(name, data)
+    check_law(name, data)
 
 
 def test_every_part_is_drawn():
@@ -62,7 +62,7 @@ def test_every_part_is_drawn():
     kinds, drawn = set(), {bd.Part, bd.Spring, bd.Damper, bd.TorsionDamper}
     expected = {*BUILDERS, "bar", "disk", "beam", "particle"}
     for seed in range(400):
-        drawing = draw(Random(seed))
+        drawing = draw_mechanism(Random(seed))
         own = {piece.kind for piece in (*drawing.bodies, *drawing.pieces)}
         if not own <= kinds:
             kinds |= own

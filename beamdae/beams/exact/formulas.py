@@ -34,6 +34,7 @@ class ExactSectionMotion:
         return 1 + self.nodes + 2 * self.has_offset
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
+        """Return position and rotation from local coordinates."""
         reference_angle = numbers[0]
         nodal = ca.reshape(q, NODE_SIZE, self.nodes)
         section = nodal @ slice_column(numbers, 1, self.nodes)
@@ -74,6 +75,7 @@ class ExactDeformation:
     axes: str
 
     def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return (u, v, phi) from local coordinates."""
         section_count = self.section.count
         offset_first = self.frame_count + section_count
         frame_numbers = slice_column(numbers, 0, self.frame_count)

@@ -35,6 +35,7 @@ class SectionMotion:
     nodes: int
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
+        """Return position and rotation from local coordinates."""
         x, y, cosine, sine, frame_angle = (numbers[k] for k in range(5))
         axis, row = AxisMotion(q), slice_column(numbers, 5, self.nodes)
         rotation = q[THETA] - frame_angle + axis.rotation(row)
@@ -54,6 +55,7 @@ class FloatingFrameDeformation:
     axes: str
 
     def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return (u, v, phi) from local coordinates."""
         row = slice_column(numbers, 1, self.nodes)
         nodal = ca.reshape(local.q[FRAME_SIZE:], NODE_SIZE, self.nodes) @ row
         axis_angle = numbers[0]

@@ -10,9 +10,9 @@ import numpy as np
 import beamdae as bd
 
 # Angles that are those of the drawing, not since then.
-ABSOLUTE = ("theta", "psi")
+ABSOLUTE_ANGLES = ("theta", "psi")
 # Powers of length, mass and time.
-POWERS = {
+UNIT_EXPONENTS = {
     "": (0, 0, 0),
     "m": (1, 0, 0),
     "kg": (0, 1, 0),
@@ -46,7 +46,7 @@ class Wave:
 
 
 @dataclass(frozen=True)
-class Frame:
+class Similarity:
     """Where a drawing lies, and how many new units of length, mass and time each old one is."""
 
     angle: float = 0.0
@@ -62,7 +62,7 @@ class Frame:
         return -1.0 if self.mirrored else 1.0
 
     def number(self, value: float, unit: str) -> float:
-        m, kg, s = POWERS[unit]
+        m, kg, s = UNIT_EXPONENTS[unit]
         return value * self.length**m * self.mass**kg * self.time**s
 
     def turn(self, value: float, unit: str = "") -> float:
@@ -96,7 +96,9 @@ class Frame:
         return self.law(wave, unit, x), self.law(wave, unit, y)
 
 
-def carried(frame: Frame, equations, values: np.ndarray, kind: str) -> dict[str, float]:
+def transform_values(
+    frame: Similarity, equations, values: np.ndarray, kind: str
+) -> dict[str, float]:
     """Coordinates "q", their rates "v", "a", or generalized forces "Q" in the frame, by name."""
     found = {}
     time = {"q": 0, "v": -1, "a": -2, "Q": -2}[kind]
@@ -104,7 +106,7 @@ def carried(frame: Frame, equations, values: np.ndarray, kind: str) -> dict[str,
     length = 1.0 / frame.length if kind == "Q" else frame.length
     c, s = np.cos(frame.angle), np.sin(frame.angle)
     for k, coordinate in enumerate(equations.coordinates):
-        own = bare(coordinate.name)
+        own = base_name(coordinate.name)
         value = weight * values[k] * (1.0 if coordinate.unit == "rad" else length)
         if own == "x":
             y = frame.sense * weight * length * values[k + 1]
@@ -116,17 +118,17 @@ def carried(frame: Frame, equations, values: np.ndarray, kind: str) -> dict[str,
         elif own != "y":
             mirrored = coordinate.unit == "rad" or own == "v"
             value *= frame.sense if mirrored else 1.0
-            turned = own in ABSOLUTE and kind == "q"
+            turned = own in ABSOLUTE_ANGLES and kind == "q"
             found[coordinate.name] = value + (frame.angle if turned else 0.0)
     return found
 
 
-def bare(name: str) -> str:
+def base_name(name: str) -> str:
     """The name of a coordinate without that of its part and the number of its node."""
     return name.rpartition(".")[2].rstrip("0123456789")
 
 
-def section(frame: Frame, modulus: float, width: float, height: float, damping: float):
+def create_section(frame: Similarity, modulus: float, width: float, height: float, damping: float):
     material = bd.Material(
         E=frame.number(modulus, "Pa"), nu=0.3, rho=frame.number(2000.0, "kg/m^3")
     )

@@ -17,7 +17,7 @@ def particle_and_disk():
     return mech, particle.point, disk.at(0.0, 0.0)
 
 
-REFUSED = {
+JOINTS_OF_PARTICLE_ANGLES = {
     "friction in a bearing": lambda p, d: bd.Friction(
         "rub", bd.Revolute("pin", p, d), 0.3, regularization=0.1, radius=0.1
     ),
@@ -30,7 +30,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("make", REFUSED.values(), ids=REFUSED)
+@pytest.mark.parametrize("make", JOINTS_OF_PARTICLE_ANGLES.values(), ids=JOINTS_OF_PARTICLE_ANGLES)
 def test_regression_nothing_holds_on_to_the_angle_of_a_particle(make):
     """Moments that a particle cannot bear came from nowhere: angular momentum was not conserved."""
     _, particle, disk = particle_and_disk()

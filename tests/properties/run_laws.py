@@ -8,22 +8,22 @@ from random import Random
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.mechanics import State
-from properties.states import built
+from properties.mechanism_state import MechanismState
+from properties.state_laws import consistent_state
 
 import beamdae as bd
 
 T_END, RTOL = 0.5, 1e-4
 # What takes more is not for tests: it is left out.
 LIMITS = {"max_steps": 4000}
-METHODS = (
+INTEGRATORS = (
     bd.Ida(RTOL, **LIMITS),
     bd.Radau(RTOL, **LIMITS),
     bd.GeneralizedAlpha(rtol=RTOL, **LIMITS),
 )
 
 
-def observed(drawing: Drawing) -> bd.Mechanism:
+def build_with_observations(drawing: Drawing) -> bd.Mechanism:
     """Built, with a far point of each body to look at."""
     mech = drawing.mechanism()
     for body in drawing.bodies:
@@ -36,15 +36,15 @@ def observed(drawing: Drawing) -> bd.Mechanism:
     return mech
 
 
-def places(solution: bd.Solution) -> dict[str, np.ndarray]:
+def position_columns(solution: bd.Solution) -> dict[str, np.ndarray]:
     """Columns of positions and angles."""
     own = ("x", "y", "angle")
     return {k: c for k, c in solution.columns.items() if k.split(".")[-1].split(" ")[0] in own}
 
 
-def apart(one: bd.Solution, other: bd.Solution) -> float:
+def max_relative_difference(one: bd.Solution, other: bd.Solution) -> float:
     """Largest difference of a column, over half its range, or over a share of the widest one."""
-    here, there = places(one), places(other)
+    here, there = position_columns(one), position_columns(other)
     half = {name: 0.5 * np.ptp(column) for name, column in there.items()}
     widest = max(half.values())
     worst = 0.0
@@ -54,12 +54,12 @@ def apart(one: bd.Solution, other: bd.Solution) -> float:
     return worst
 
 
-class Motion:
+class ReferenceRun:
     """A run that can be trusted, of a motion that can be foretold."""
 
     def __init__(self, drawing: Drawing) -> None:
-        self.mech = observed(drawing)
-        built(drawing)
+        self.mech = build_with_observations(drawing)
+        consistent_state(drawing)
         self.run = bd.simulate(self.mech, bd.Radau(1e-3 * RTOL, **LIMITS), T_END)
         # A drive can be led beyond what a linkage reaches.
         assume(self.run.status.success)
@@ -75,33 +75,33 @@ class Motion:
         )
         pushed = replace(e, v0=v0)
         other = bd.simulate(pushed, bd.Radau(1e-3 * RTOL, **LIMITS), T_END)
-        return apart(other, self.run) / RTOL if other.status.success else np.inf
+        return max_relative_difference(other, self.run) / RTOL if other.status.success else np.inf
 
 
-def ended(run: bd.Solution) -> bd.Solution:
+def require_completed(run: bd.Solution) -> bd.Solution:
     """A run that reached its end; what is too long for a test is left out."""
     assume(run.status.kind != "limited")
     assert run.status.success, f"{run.integrator['integrator']}: {run.status.sentence}"
     return run
 
 
-def integrators_agree_and_keep_the_books(drawing: Drawing, rng: Random) -> None:
-    motion = Motion(drawing)
+def check_integrator_agreement(drawing: Drawing, rng: Random) -> None:
+    motion = ReferenceRun(drawing)
     assert motion.run.quality.energy_imbalance <= RTOL
-    for method in METHODS:
-        run = ended(bd.simulate(motion.mech, method, T_END))
-        off = apart(run, motion.run) / RTOL
+    for method in INTEGRATORS:
+        run = require_completed(bd.simulate(motion.mech, method, T_END))
+        off = max_relative_difference(run, motion.run) / RTOL
         assert off <= 100.0, f"{method.method}: off by {off:.0f} rtol"
         imbalance = run.quality.energy_imbalance / RTOL
         assert imbalance <= 100.0, f"{method.method}: energy off by {imbalance:.0f} rtol"
 
 
-def free_systems_keep_their_momentum(drawing: Drawing, rng: Random) -> None:
+def check_momentum_conservation(drawing: Drawing, rng: Random) -> None:
     """To a tenth of what is promised of positions, relative to all that moves."""
-    motion = Motion(drawing)
-    state = State(motion.mech)
-    for method in METHODS:
-        run = ended(bd.simulate(motion.mech, method, T_END))
+    motion = ReferenceRun(drawing)
+    state = MechanismState(motion.mech)
+    for method in INTEGRATORS:
+        run = require_completed(bd.simulate(motion.mech, method, T_END))
         rows = range(0, len(run.t), 50)
         momentum = np.array([state.momentum(run.q[k], run.v[k]) for k in rows])
         size = max(np.sum(np.abs(state.mass(q=run.q[k]) @ run.v[k])) for k in rows)
@@ -109,20 +109,22 @@ def free_systems_keep_their_momentum(drawing: Drawing, rng: Random) -> None:
         assert off <= 10.0 * RTOL * size, f"{method.method}: off by {off:.2g} of {size:.2g}"
 
 
-def going_on_is_going_straight_on(drawing: Drawing, rng: Random) -> None:
-    motion = Motion(drawing)
-    method, row = rng.choice(METHODS), 1e-3 * T_END
-    first = ended(bd.simulate(motion.mech, method, rng.choice(range(200, 800)) * row, row))
-    later = ended(bd.simulate(motion.mech, method, T_END, row, start=first))
+def check_continuation(drawing: Drawing, rng: Random) -> None:
+    motion = ReferenceRun(drawing)
+    method, row = rng.choice(INTEGRATORS), 1e-3 * T_END
+    first = require_completed(
+        bd.simulate(motion.mech, method, rng.choice(range(200, 800)) * row, row)
+    )
+    later = require_completed(bd.simulate(motion.mech, method, T_END, row, start=first))
     assert later.t[0] == first.trajectory.end
     whole = first.followed_by(later)
-    off = apart(whole, motion.run) / RTOL
+    off = max_relative_difference(whole, motion.run) / RTOL
     assert off <= 100.0, f"{method.method}: off by {off:.0f} rtol"
     assert whole.quality.energy_imbalance <= 100.0 * RTOL
 
 
 RUN_LAWS = {
-    "integrators": (integrators_agree_and_keep_the_books, {"damped": True}),
-    "momentum of runs": (free_systems_keep_their_momentum, {"damped": True, "free": True}),
-    "going on": (going_on_is_going_straight_on, {"damped": True}),
+    "integrators": (check_integrator_agreement, {"damped": True}),
+    "momentum of runs": (check_momentum_conservation, {"damped": True, "free": True}),
+    "going on": (check_continuation, {"damped": True}),
 }

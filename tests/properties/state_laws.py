@@ -9,38 +9,38 @@ from typing import TypeVar
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.frames import Frame
-from properties.mechanics import State, observe_pulls
+from properties.similarity import Similarity
+from properties.mechanism_state import MechanismState, observe_ground_reactions
 
 import beamdae as bd
 
 T = TypeVar("T")
 
 # What may be said of a drawing that contradicts itself.
-REFUSALS = (
+CONTRADICTIONS = (
     *("depend on each other", "Painleve", "cannot be closed"),
     *("are drawn at one place", "that lie apart in the reference drawing"),
 )
 
 
-def unrefused(build: Callable[[], T]) -> T:
+def build_unless_contradictory(build: Callable[[], T]) -> T:
     """What is built, unless the drawing contradicts itself."""
     try:
         return build()
     except bd.BeamdaeError as refused:
-        assume(not any(words in str(refused) for words in REFUSALS))
+        assume(not any(words in str(refused) for words in CONTRADICTIONS))
         raise
 
 
-def built(drawing: Drawing, mechanism: bd.Mechanism | None = None) -> State:
+def consistent_state(drawing: Drawing, mechanism: bd.Mechanism | None = None) -> MechanismState:
     """Its consistent start, where its joints are independent and not near to losing rank."""
-    state = unrefused(lambda: State(mechanism or drawing.mechanism()))
+    state = build_unless_contradictory(lambda: MechanismState(mechanism or drawing.mechanism()))
     assume(state.is_well_posed)
     return state
 
 
-def the_energy_changes_by_what_is_booked(drawing: Drawing, rng: Random) -> None:
-    state = built(drawing)
+def check_energy_balance(drawing: Drawing, rng: Random) -> None:
+    state = consistent_state(drawing)
     rate, power, terms = state.powers()
     asked = state.energies(q=state.q, v=state.equations.v0)[0]
     size = max(np.max(np.abs(terms)), 1e-2 * asked * state.rate, 1e-6)
@@ -48,8 +48,8 @@ def the_energy_changes_by_what_is_booked(drawing: Drawing, rng: Random) -> None:
     assert abs(rate - power) <= 1e-6 * size
 
 
-def nothing_changes_the_momentum_from_inside(drawing: Drawing, rng: Random) -> None:
-    state = built(drawing)
+def check_internal_momentum(drawing: Drawing, rng: Random) -> None:
+    state = consistent_state(drawing)
     assert drawing.is_free
     # Momentum is linear in accelerations: its rate is what moves it as a whole in the residual.
     travel = state.travel(state.q)
@@ -62,10 +62,10 @@ def nothing_changes_the_momentum_from_inside(drawing: Drawing, rng: Random) -> N
     assert np.max(np.abs(rate)) <= 1e-7 * (size + np.max(np.abs(state.momentum(state.q, state.v))))
 
 
-def the_ground_balances_the_rate_of_momentum(drawing: Drawing, rng: Random) -> None:
+def check_ground_reactions(drawing: Drawing, rng: Random) -> None:
     """Reactions of the ground and weight, about the origin."""
     held = drawing.held
-    state = built(drawing, observe_pulls(drawing.mechanism(), held))
+    state = consistent_state(drawing, observe_ground_reactions(drawing.mechanism(), held))
     travel = state.travel(state.q)
     inertia = travel.T @ state.mass(q=state.q) @ travel
     mass, moments = inertia[0, 0], inertia[:2, 2]
@@ -81,7 +81,7 @@ def the_ground_balances_the_rate_of_momentum(drawing: Drawing, rng: Random) -> N
     assert np.max(np.abs(rate - weight - pulls.sum(axis=0))) <= 1e-7 * size
 
 
-def frames(rng: Random) -> dict[str, Frame]:
+def similarity_transformations(rng: Random) -> dict[str, Similarity]:
     """Moved and turned, seen in a mirror, in other units, and all of it.
 
     Units further away cost digits: the dense factors of what is a thousandth as long and as heavy
@@ -90,37 +90,37 @@ def frames(rng: Random) -> dict[str, Frame]:
     turn = rng.uniform(-3.0, 3.0)
     shift = rng.uniform(-5.0, 5.0), rng.uniform(-5.0, 5.0)
     return {
-        "moved": Frame(angle=turn, shift=shift),
-        "mirrored": Frame(angle=turn, mirrored=True),
-        "mm, g": Frame(length=1e3, mass=1e3),
-        "ten times as large": Frame(length=0.1, mass=1e-2),
-        "mm, ms": Frame(length=1e3, time=1e3),
-        "all": Frame(turn, shift, mirrored=True, length=1e-1, mass=1e2, time=1e2),
+        "moved": Similarity(angle=turn, shift=shift),
+        "mirrored": Similarity(angle=turn, mirrored=True),
+        "mm, g": Similarity(length=1e3, mass=1e3),
+        "ten times as large": Similarity(length=0.1, mass=1e-2),
+        "mm, ms": Similarity(length=1e3, time=1e3),
+        "all": Similarity(turn, shift, mirrored=True, length=1e-1, mass=1e2, time=1e2),
     }
 
 
-def nothing_depends_on_where_and_in_which_units_it_is_drawn(drawing: Drawing, rng: Random) -> None:
-    state = built(drawing)
+def check_similarity_invariance(drawing: Drawing, rng: Random) -> None:
+    state = consistent_state(drawing)
     # Joints that are open in the drawing are closed in a metric of one second.
     is_open = np.max(np.abs(state.levels[0]()), initial=0.0) > 1e-13
-    for name, frame in frames(rng).items():
+    for name, frame in similarity_transformations(rng).items():
         if is_open and frame.time != 1.0:
             continue
-        unlike = state.unlike(State(drawing.mechanism(frame)), frame)
+        unlike = state.unlike(MechanismState(drawing.mechanism(frame)), frame)
         assert max(unlike.values()) <= 1e-8, f"{name}: {unlike}"
 
 
-def nothing_depends_on_the_order_of_parts(drawing: Drawing, rng: Random) -> None:
-    state = built(drawing)
-    unlike = state.unlike(State(drawing.mechanism(order=rng)), Frame())
+def check_order_invariance(drawing: Drawing, rng: Random) -> None:
+    state = consistent_state(drawing)
+    unlike = state.unlike(MechanismState(drawing.mechanism(order=rng)), Similarity())
     assert max(unlike.values()) <= 1e-8, unlike
 
 
 # By name, each with what is drawn for it.
 STATE_LAWS = {
-    "energy": (the_energy_changes_by_what_is_booked, {}),
-    "momentum": (nothing_changes_the_momentum_from_inside, {"free": True}),
-    "ground": (the_ground_balances_the_rate_of_momentum, {"free": False, "outside": False}),
-    "frames": (nothing_depends_on_where_and_in_which_units_it_is_drawn, {}),
-    "order": (nothing_depends_on_the_order_of_parts, {}),
+    "energy": (check_energy_balance, {}),
+    "momentum": (check_internal_momentum, {"free": True}),
+    "ground": (check_ground_reactions, {"free": False, "outside": False}),
+    "frames": (check_similarity_invariance, {}),
+    "order": (check_order_invariance, {}),
 }

@@ -7,17 +7,17 @@ from random import Random
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.frames import Frame
-from properties.mechanics import State
-from properties.states import built, frames
+from properties.similarity import Similarity
+from properties.mechanism_state import MechanismState
+from properties.state_laws import consistent_state, similarity_transformations
 
 import beamdae as bd
 
 # What is said of what does not come to rest, or where joints leave that open.
-NOWHERE = ("no equilibrium was found", "holds velocities alone")
+NO_EQUILIBRIUM = ("no equilibrium was found", "constrains velocities alone")
 
 
-class Rest(State):
+class EquilibriumState(MechanismState):
     """The equilibrium of a mechanism as a state: without velocities.
 
     With all loads from the beginning, for without them it may rest anywhere.
@@ -31,21 +31,21 @@ class Rest(State):
         self.v = self.a = np.zeros(self.n)
 
 
-def rest(drawing: Drawing) -> Rest:
+def find_equilibrium_state(drawing: Drawing) -> EquilibriumState:
     """Where it rests, if it does somewhere that is stable and no motion away is free."""
-    built(drawing)
+    consistent_state(drawing)
     try:
-        found = Rest(drawing.mechanism())
+        found = EquilibriumState(drawing.mechanism())
     except bd.BeamdaeError as refused:
-        assume(not any(words in str(refused) for words in NOWHERE))
+        assume(not any(words in str(refused) for words in NO_EQUILIBRIUM))
         raise
     # What rests anywhere along a motion is noted.
     assume(found.path.status.success and found.path.stable and not found.path.notes)
     return found
 
 
-def nothing_is_left_over(drawing: Drawing, rng: Random) -> None:
-    found = rest(drawing)
+def check_equilibrium(drawing: Drawing, rng: Random) -> None:
+    found = find_equilibrium_state(drawing)
     e = found.equations
     left = np.abs(found.force(q=found.q) + found.held)
     # It would move nothing by more than this share of its size.
@@ -56,11 +56,14 @@ def nothing_is_left_over(drawing: Drawing, rng: Random) -> None:
     assert np.max(np.abs(gaps), initial=0.0) <= 1e-9 * max(1.0, e.length)
 
 
-def rest_does_not_depend_on_the_drawing(drawing: Drawing, rng: Random) -> None:
+def check_equilibrium_invariance(drawing: Drawing, rng: Random) -> None:
     """On where it is drawn, units, the order of its parts."""
-    found = rest(drawing)
-    others = {name: (Rest(drawing.mechanism(frame)), frame) for name, frame in frames(rng).items()}
-    others["order"] = Rest(drawing.mechanism(order=rng)), Frame()
+    found = find_equilibrium_state(drawing)
+    others = {
+        name: (EquilibriumState(drawing.mechanism(frame)), frame)
+        for name, frame in similarity_transformations(rng).items()
+    }
+    others["order"] = EquilibriumState(drawing.mechanism(order=rng)), Similarity()
     for name, (other, frame) in others.items():
         assert other.path.status.success, f"{name}: {other.path.status.sentence}"
         off = found.unlike(other, frame)["q"]
@@ -68,7 +71,7 @@ def rest_does_not_depend_on_the_drawing(drawing: Drawing, rng: Random) -> None:
         assert other.path.unstable[-1] == found.path.unstable[-1], name
 
 
-REST_LAWS = {
-    "rest": (nothing_is_left_over, {"free": False}),
-    "frames of rest": (rest_does_not_depend_on_the_drawing, {"free": False}),
+EQUILIBRIUM_LAWS = {
+    "rest": (check_equilibrium, {"free": False}),
+    "frames of rest": (check_equilibrium_invariance, {"free": False}),
 }

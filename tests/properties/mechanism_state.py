@@ -5,27 +5,27 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from properties.frames import ABSOLUTE, Frame, bare, carried
+from properties.similarity import ABSOLUTE_ANGLES, Similarity, base_name, transform_values
 from support import Numeric
 
 import beamdae as bd
-from beamdae.equations.formulations import State as FullState
-from beamdae.equations.starts.consistent_start import Starter
-from beamdae.equations.starts.rank import joint_matrix
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import build_constraint_jacobian
 
 # Of nine-point differences along a motion, over the time in which it changes: they truncate at
 # 1e-20 of the ninth derivative, and round at 1e-16 / 3e-3.
-STEP = 3e-3
-_NODES = {1: 4.0 / 5.0, 2: -1.0 / 5.0, 3: 4.0 / 105.0, 4: -1.0 / 280.0}
+DIFFERENCE_STEP = 3e-3
+_DIFFERENCE_WEIGHTS = {1: 4.0 / 5.0, 2: -1.0 / 5.0, 3: 4.0 / 105.0, 4: -1.0 / 280.0}
 
 
-class State(Numeric):
+class MechanismState(Numeric):
     """A mechanism in its consistent start."""
 
     def __init__(self, mechanism: bd.Mechanism) -> None:
         super().__init__(mechanism, time=(0.0, 1e-3))
         e = self.equations
-        self.q, self.v, self.a, self.lam = Starter(e).state(self.time, e.q0, e.v0)
+        self.q, self.v, self.a, self.lam = ConsistencySolver(e).state(self.time, e.q0, e.v0)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -37,7 +37,10 @@ class State(Numeric):
         e = self.equations
         if not e.m:
             return True
-        return bool(joint_matrix(e).smallest(self.time[None], self.q[None])[0] > 1e-2)
+        return bool(
+            build_constraint_jacobian(e).smallest_singular_values(self.time[None], self.q[None])[0]
+            > 1e-2
+        )
 
     @cached_property
     def held(self) -> np.ndarray:
@@ -54,8 +57,8 @@ class State(Numeric):
 
     def moving(self, function) -> np.ndarray:
         """Rate of a function of (q, v) along the motion."""
-        rate, step = 0.0, STEP / self.rate
-        for k, weight in _NODES.items():
+        rate, step = 0.0, DIFFERENCE_STEP / self.rate
+        for k, weight in _DIFFERENCE_WEIGHTS.items():
             for d in (k * step, -k * step):
                 q, v = self.q + d * self.v + 0.5 * d**2 * self.a, self.v + d * self.a
                 rate = rate + np.sign(d) * weight * np.asarray(function(q, v))
@@ -77,11 +80,11 @@ class State(Numeric):
         """Rates of the coordinates as all moves along x, along y, and turns, (n, 3)."""
         found = np.zeros((self.n, 3))
         for k, coordinate in enumerate(self.equations.coordinates):
-            own = bare(coordinate.name)
+            own = base_name(coordinate.name)
             if own == "x":
                 found[k, 0] = found[k + 1, 1] = 1.0
                 found[k, 2], found[k + 1, 2] = -q[k + 1], q[k]
-            elif own in ("angle", *ABSOLUTE):
+            elif own in ("angle", *ABSOLUTE_ANGLES):
                 found[k, 2] = 1.0
         return found
 
@@ -92,7 +95,7 @@ class State(Numeric):
     def pulls(self, joints: dict[str, str]) -> np.ndarray:
         """Forces and moments about the origin of joints with the ground, by joint, (k, 3).
 
-        On the bodies at their points "a", "b" or "on"; see `observe_pulls`.
+        On the bodies at their points "a", "b" or "on"; see `observe_ground_reactions`.
         """
         state = {"q": self.q, "v": self.v, "a": self.a, "lam": self.lam}
         found = np.zeros((len(joints), 3))
@@ -111,11 +114,11 @@ class State(Numeric):
         far = np.abs(self.q) + e.position_scales
         force = np.abs(self.stiffness(q=self.q, v=self.v, a=self.a)) @ far
         force *= rng.choice([-1.0, 1.0], self.n)
-        state = FullState(self.q, self.v, self.a, self.lam)
-        a = Starter(e).mass_solver(self.time, state)(force)
+        state = State(self.q, self.v, self.a, self.lam)
+        a = ConsistencySolver(e).mass_solver(self.time, state)(force)
         return a, force - self.mass(q=self.q) @ a
 
-    def unlike(self, other: State, frame: Frame) -> dict[str, float]:
+    def unlike(self, other: MechanismState, frame: Similarity) -> dict[str, float]:
         """Largest relative differences of the same drawing in another frame.
 
         Of coordinates, rates, accelerations and generalized reactions, each of the largest there
@@ -139,11 +142,11 @@ class State(Numeric):
             ("a", self.a, other.a),
             ("Q", self.held, other.held),
         ):
-            by_name = carried(frame, self.equations, here, kind)
+            by_name = transform_values(frame, self.equations, here, kind)
             expected = np.array([by_name[name] for name in other.names])
             off = there - expected
             if kind == "q":
-                turns = [bare(name) in ABSOLUTE for name in other.names]
+                turns = [base_name(name) in ABSOLUTE_ANGLES for name in other.names]
                 off[turns] -= 2.0 * np.pi * np.round(off[turns] / (2.0 * np.pi))
             scales = e.position_scales ** (-1 if kind == "Q" else 1)
             size = max(float(np.max(np.abs(expected) / scales)), least[kind], 1e-300)
@@ -151,7 +154,7 @@ class State(Numeric):
         return found
 
 
-def observe_pulls(mechanism: bd.Mechanism, joints: dict[str, str]) -> bd.Mechanism:
+def observe_ground_reactions(mechanism: bd.Mechanism, joints: dict[str, str]) -> bd.Mechanism:
     """Have joints with the ground observed on the body at their point "a", "b" or "on"."""
     for name, which in joints.items():
         joint = mechanism.part(name)
