@@ -262,7 +262,7 @@ class EquationsOfMotion:
     @cached_property
     def nonholonomic_rows(self) -> Array:
         """Indices of the constraints on velocities alone."""
-        rows = [term.rows.indices for term in self.joints if not term.kernel.holonomic]
+        rows = [term.rows.indices for term in self.joints if not term.kernel.is_holonomic]
         return np.concatenate([np.zeros(0, np.int64), *rows])
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Where a run got stuck, in parts: what is not finite, what is torn, what changes fastest."""
+"""Diagnosis of failed runs: values that are not finite, rank loss, largest residual."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
 
-# Joints this near to losing rank are likely to be the cause; of rows of length one.
-_NEAR = 5e-2
-# What a residual in one of the equations is at least, beside those that balance in it.
-_MATTERS = 1e-6
+_NEARLY_SINGULAR = 5e-2  # smallest singular value of G with rows of length one
+_SIGNIFICANT_RESIDUAL = 1e-6  # relative to the natural size of the equation
+_MIN_FORCE = 1e-300  # avoids division by zero
 
 
 def diagnose_failure(
@@ -23,19 +22,26 @@ def diagnose_failure(
     ahead: float,
     residual: Array | None = None,
 ) -> str:
-    """Likely causes of a run that stopped after `state` at time = (t, branch), most likely first.
+    """Return the likely causes of a run that stopped after `state`, most likely first.
 
     Parameters
     ----------
+    equations
+        Equations of motion of the run.
+    time
+        (t, branch) of the last state.
+    state
+        Last state of the run.
     ahead
-        A time a little later [s], at which forces may no longer be finite.
+        A slightly later time [s], at which forces may no longer be finite.
     residual
-        Of a first-order form where it was given up: rows of velocities, forces and constraints.
+        Residual of a first-order form where the run stopped: rows of velocities, forces and
+        constraints.
 
     Returns
     -------
     str
-        "cause; cause; what to do", or "" where nothing stands out.
+        "cause; cause; remedy", or "" without an evident cause.
     """
     with np.errstate(all="ignore"):
         not_finite = _describe_non_finite(equations, np.array([ahead, time[1]]), state)
@@ -50,51 +56,54 @@ def diagnose_failure(
 
 
 def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str:
-    own = StateEvaluator(e)
-    bad = np.flatnonzero(~np.isfinite(own.force(time, state.q, state.v)))
-    if len(bad):
-        return f"the force on {e.q_names[bad[0]]} is not finite from there on, look at its law"
-    bad = np.flatnonzero(~np.isfinite(own.constraint_levels(time, state.q, state.v)).all(axis=0))
-    return f"{e.lam_names[bad[0]]} is not finite from there on, look at its law" if len(bad) else ""
+    evaluator = StateEvaluator(e)
+    force = evaluator.force(time, state.q, state.v)
+    rows = np.flatnonzero(~np.isfinite(force))
+    if len(rows):
+        return f"the force on {e.q_names[rows[0]]} is not finite from there on, check its law"
+    levels = evaluator.constraint_levels(time, state.q, state.v)
+    rows = np.flatnonzero(~np.isfinite(levels).all(axis=0))
+    return f"{e.lam_names[rows[0]]} is not finite from there on, check its law" if len(rows) else ""
 
 
 def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
     if not e.m or not np.isfinite(state.q).all():
         return ""
-    joints = build_constraint_jacobian(e)
-    if not joints.smallest(time[None], state.q[None])[0] < _NEAR:
+    jacobian = build_constraint_jacobian(e)
+    smallest = jacobian.smallest_singular_values(time[None], state.q[None])[0]
+    if not smallest < _NEARLY_SINGULAR:
         return ""
-    names = ", ".join(joints.losing(time, state.q))
+    names = ", ".join(jacobian.singular_joints(time, state.q))
     return (
-        f"the joints {names} are near a position in which they lock or lose rank, look whether the "
-        "mechanism can go past it"
+        f"the joints {names} are near a position in which they lock or lose rank, check that the "
+        "mechanism can pass it"
     )
 
 
 def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
-    """The equation whose residual is largest, each kind beside its natural size."""
+    """Name the equation with the largest residual relative to its natural size."""
     if residual is None or not np.isfinite(residual).all():
         return ""
     n, m = e.n, e.m
     speed = float(np.max(np.abs(state.v) / e.position_scales)) or 1.0
-    force = max(float(np.max(np.abs(state.lam), initial=0.0)), 1e-300)
+    force = max(float(np.max(np.abs(state.lam), initial=0.0)), _MIN_FORCE)
     sizes = np.concatenate(
         [speed * e.position_scales, np.full(n, force), np.full(len(residual) - 2 * n, e.length)]
     )
-    shares = np.abs(residual) / sizes
-    worst = int(np.argmax(shares))
-    if not shares[worst] > _MATTERS:
+    relative = np.abs(residual) / sizes
+    worst = int(np.argmax(relative))
+    if not relative[worst] > _SIGNIFICANT_RESIDUAL:
         return ""
     if worst >= 2 * n:
-        where = f"the constraint {e.lam_names[(worst - 2 * n) % m]}"
+        equation = f"the constraint {e.lam_names[(worst - 2 * n) % m]}"
     else:
         what = "the balance of forces on" if worst >= n else "the rate of"
-        where = f"{what} {e.q_names[worst % n]}"
-    return f"the largest residual is that of {where}"
+        equation = f"{what} {e.q_names[worst % n]}"
+    return f"the largest residual is that of {equation}"
 
 
 def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
-    """The coordinate that accelerates most, in natural sizes."""
+    """Name the coordinate with the largest acceleration in natural sizes."""
     rates = np.abs(state.a) / e.position_scales
     if not np.isfinite(rates).all() or not np.any(rates):
         return ""

@@ -305,7 +305,7 @@ def test_normal_jerk_of_a_turning_pendulum():
     body = mech.add(bd.RigidBody("bob", 1.0, inertia, (radius, 0.0), (0.0, omega * radius), omega))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     numeric, state = started(mech)
-    found = ConsistencySolver(numeric.equations).normal_jerk(numeric.time, state, 1e-4)
+    found = ConsistencySolver(numeric.equations).evaluate_normal_jerk(numeric.time, state, 1e-4)
     jerk = np.array([0.0, -(omega**3) * radius, 0.0])
     mass, along = np.diag([1.0, 1.0, inertia]), np.array([0.0, radius, 1.0])
     expected = jerk - along * (along @ mass @ jerk) / (along @ mass @ along)

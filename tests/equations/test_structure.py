@@ -104,7 +104,7 @@ def test_as_many_bodies_joined_otherwise_are_another_structure():
 def test_only_so_many_structures_are_kept(forgetful, monkeypatch):
     first = equations().structure
     assert structure._intern_equal.cache_info().maxsize == structure._MAX_STRUCTURES
-    monkeypatch.setattr(structure, "_MOST_COORDINATES", first.n - 1)
+    monkeypatch.setattr(structure, "_MAX_COORDINATES", first.n - 1)
     assert equations().structure is not first
 
 

@@ -1,4 +1,23 @@
-"""From equations of motion to the residuals of first-order forms, see `first_order_sums`."""
+"""Five first-order forms of the equations of motion, with exact Jacobians.
+
+First-order forms of F(t, q, v, a) + G^T lam = 0, g(t, q) = 0 for an integrator of
+0 = R(t, y, y'):
+
+==================  =============  ==========================================================
+form                y              equations
+==================  =============  ==========================================================
+index3              q, v, lam      q' = v; F + G^T lam = 0; g = 0
+index2              q, v, lam      q' = v; F + G^T lam = 0; g_dot = 0
+index1              q, v, lam      q' = v; F + G^T lam = 0; g_ddot = 0
+ggl                 q, v, lam, mu  q' = v - G^T mu; F + G^T lam = 0; g = 0; g_dot = 0
+stabilized-index1   q, v, Lam, Mu  as ggl with lam = Lam', mu = Mu'
+==================  =============  ==========================================================
+
+ggl: Gear, Gupta & Leimkuhler, J. Comput. Appl. Math. 12-13 (1985) 77. stabilized-index1:
+Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. A nonholonomic constraint
+A(t, q) v + b(t, q) = 0 has this row in place of g_dot = 0, with A for G. In place of g = 0 it has
+the same row in index3, and mu = 0 in the forms with mu.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +39,7 @@ from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import require_choice
 from beamdae.native.loop_functions import combine
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
-from beamdae.symbolic.force_kernel import Tangents
+from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -30,23 +49,25 @@ from beamdae.symbolic.kernel_sums import (
 )
 from beamdae.symbolic.local_symbols import C_A
 
+Array = np.ndarray
+
 
 @dataclass(frozen=True)
 class Formulation:
-    """A first-order form.
+    """First-order form of the equations of motion.
 
     Attributes
     ----------
     name, index
-        What it is called, and its differentiation index.
+        Name and differentiation index.
     levels
-        Which of g (0), g_dot (1) and g_ddot (2) are among its equations.
+        Levels of the constraints in the equations: g (0), g_dot (1) and g_ddot (2).
     stabilized
-        Whether multipliers mu of the velocity constraints correct q' = v.
+        True if multipliers mu of the velocity constraints correct q' = v.
     impulses
-        Whether the multipliers among the unknowns are those of time integrals: lam = Lam'.
+        True if the unknowns are time integrals of the multipliers: lam = Lam'.
     note
-        What every run of it has to be told, if anything.
+        Limitation that every run with it reports, or "".
     """
 
     name: str
@@ -57,10 +78,10 @@ class Formulation:
     note: str = ""
 
 
-_DRIFT_NOTE = "positions drift off the joints, in singular positions on to another branch"
-# Measured on a rigid slider-crank: positions off by 20 to 170 rtol and velocities by 160 to 1400,
-# where stabilized-index1 is off by 0.5 and 4 to 19; on the hub beam the two are alike.
-_TOLERANCE_NOTE = "rtol is not kept, positions of rigid mechanisms were off by up to 170 rtol"
+_DRIFT_NOTE = "positions drift off the joints and, at singular positions, to another branch"
+# Measured on a rigid slider-crank: position errors of 20 to 170 rtol and velocity errors of 160 to
+# 1400 rtol, against 0.5 and 4 to 19 with stabilized-index1; equal on the hub beam.
+_TOLERANCE_NOTE = "rtol is not met: positions of rigid mechanisms were off by up to 170 rtol"
 FORMULATIONS = {
     formulation.name: formulation
     for formulation in (
@@ -74,74 +95,6 @@ FORMULATIONS = {
 FIRST_ORDER = tuple(FORMULATIONS)
 
 
-@cache_on_owner
-def plan_residual(structure: Structure, name: str) -> SumPlan:
-    """The residual."""
-    form, n = FORMULATIONS[name], structure.n
-    places = _input_layout(structure, form)
-    return assemble_residual(structure, places, form.levels, form.stabilized, dynamic=n).vector()
-
-
-def _size(structure: Structure, form: Formulation) -> int:
-    return 2 * structure.n + structure.m * (2 if form.stabilized else 1)
-
-
-def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
-    """Where (y, y') has what the kernels ask for."""
-    n, m, size = structure.n, structure.m, _size(structure, form)
-    held = 2 * n + (size if form.impulses else 0)
-    return InputLayout(q=0, v=n, a=size + n, lam=held, mu=held + m)
-
-
-@cache_on_owner
-def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
-    """The pattern of dR/dy + c dR/dy' and its non-zeros, or the two one after the other."""
-    form = FORMULATIONS[name]
-    n, m, size = structure.n, structure.m, _size(structure, form)
-    total, at = create_matrix_sum(), _input_layout(structure, form)
-    # Where what is multiplied by c goes: among the rest, or into a matrix of its own below it.
-    below = size if apart else 0
-    total.add_diagonal(n, (below, 0), C_A, 1.0)
-    total.add_diagonal(n, (0, n), None, -1.0)
-    # Damping and mass add up at one place, unless they are wanted apart.
-    sums: Tangents = ((0,), (1,), (2,)) if apart else ((0,), (1, 2))
-    places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
-    # c_l is c; where the multipliers themselves are unknowns G^T stands without it.
-    reaction, by_c = (1, below) if form.impulses else (0, 0)
-    for term, copies in add_tangents(total, structure, at, sums):
-        for output, place in enumerate(places):
-            total.add_matrix(copies, output, term.operator, term.operator, place)
-        if term.rows is not None:
-            place = (by_c + n, 2 * n)
-            total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, place)
-    for joint, copies in add_joint_matrices(total, structure, at, form.levels, form.stabilized):
-        on_q, on_g = joint.operator, joint.rows
-        levels, corrects = joint.kernel.effective_levels(form.levels, form.stabilized)
-        total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
-        total.add_matrix(copies, 2, on_q, on_q, (n, 0))
-        if corrects:
-            total.add_matrix(copies, reaction, on_g, on_q, (by_c, 2 * n + m), transposed=True)
-            total.add_matrix(copies, 3, on_q, on_q, (0, 0))
-        more = 3 + corrects
-        for k, level in enumerate(levels):
-            row = 2 * n + k * m
-            if level == NO_LEVEL:
-                place = (by_c + row, 2 * n + m)
-                total.add_matrix(copies, more + 1 + reaction, on_g, on_g, place)
-            elif level == 0:
-                total.add_matrix(copies, 0, on_g, on_q, (row, 0))
-            elif level == 1:
-                total.add_matrix(copies, more, on_g, on_q, (row, 0))
-                total.add_matrix(copies, 0, on_g, on_q, (row, n))
-            else:
-                for own, place in enumerate(((row, 0), (row, n), (below + row, n))):
-                    total.add_matrix(copies, more + own, on_g, on_q, place)
-    return total.matrix((size, size), 2 if apart else 1)
-
-
-Array = np.ndarray
-
-
 @dataclass(frozen=True)
 class FirstOrderForm:
     """Residual R(t, y, y') of a first-order form with its exact Jacobian.
@@ -151,7 +104,7 @@ class FirstOrderForm:
     pattern
         CSC pattern of the Jacobian.
     sums
-        Of the residual and of the Jacobian, from (y, y').
+        Sums of the residual and of the Jacobian over (y, y').
     """
 
     equations: EquationsOfMotion
@@ -165,65 +118,88 @@ class FirstOrderForm:
         return self.pattern.shape[0]
 
     @property
-    def _parts(self) -> tuple[slice, slice, slice]:
+    def _slices(self) -> tuple[slice, slice, slice]:
+        """Slices of q, v and lam in y."""
         n, m = self.equations.n, self.equations.m
         return slice(0, n), slice(n, 2 * n), slice(2 * n, 2 * n + m)
 
     def pack(self, state: State) -> tuple[Array, Array]:
-        """Consistent (y, y') of a consistent state."""
-        q, v, lam = self._parts
+        """Return consistent (y, y') of a consistent state."""
+        q, v, lam = self._slices
         y, yp = np.zeros(self.size), np.zeros(self.size)
         y[q], y[v], yp[q], yp[v] = state.q, state.v, state.v, state.a
         (yp if self.formulation.impulses else y)[lam] = state.lam
         return y, yp
 
     def unpack(self, y: Array, yp: Array) -> State:
-        """State of (y, y'), for one row or many."""
-        q, v, lam = self._parts
+        """Return the state of (y, y'), of one row or many."""
+        q, v, lam = self._slices
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
 
     @cached_property
-    def _own(self) -> FirstOrderBuffers:
+    def _buffers(self) -> FirstOrderBuffers:
         return self.buffers()
 
     def residual(self, time: Array, y: Array, yp: Array) -> Array:
-        """R at time = (t, branch), for whoever needs it once; runs have `buffers` of their own."""
+        """Return R at time = (t, branch); in loops use `buffers` and `evaluate_residual`."""
         result = np.zeros(self.size)
         t, branch = time
-        evaluate_residual(self._own, t, branch, y, yp, result)
+        evaluate_residual(self._buffers, t, branch, y, yp, result)
         return result
 
     def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
-        """Non-zeros of dR/dy + c dR/dy' on `pattern`, likewise."""
+        """Return the non-zeros of dR/dy + c dR/dy' on `pattern` at time = (t, branch)."""
         result = np.zeros(self.pattern.nnz)
         t, branch = time
-        evaluate_jacobian(self._own, t, branch, c, y, yp, result)
+        evaluate_jacobian(self._buffers, t, branch, c, y, yp, result)
         return result
 
     @property
     def names(self) -> list[str]:
-        """What the unknowns are, in words where they are not coordinates or multipliers."""
+        """Names of the unknowns."""
         q, lam = self.equations.q_names, self.equations.lam_names
         mu = lam if self.formulation.stabilized else ()
         return [*q, *(f"velocity of {x}" for x in q), *lam, *(f"correction of {x}" for x in mu)]
 
     @property
     def is_native(self) -> bool:
-        """Whether it can be evaluated in machine code."""
+        """True if it can be evaluated in machine code."""
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> FirstOrderBuffers:
-        """What a run evaluates R and its Jacobian with, for itself alone."""
+        """Return buffers to evaluate R and its Jacobian with, for one run."""
         residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
         return FirstOrderBuffers(
             self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
         )
 
 
+@cache_on_owner
+def formulate_first_order(
+    equations: EquationsOfMotion, name: str, apart: bool = False
+) -> FirstOrderForm:
+    """Return a first-order form of equations of motion.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion.
+    name
+        One of `FIRST_ORDER`.
+    apart
+        True to evaluate dR/dy and dR/dy' separately, see `evaluate_jacobian_parts`.
+    """
+    form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
+    pattern, jacobian = _plan_jacobian(equations.structure, name, apart)
+    return FirstOrderForm(
+        equations, form, pattern, (_plan_residual(equations.structure, name), jacobian)
+    )
+
+
 @dataclass(slots=True)
 class FirstOrderBuffers:
-    """Buffers of a first-order form with `n` coordinates and `size` unknowns, x = (y, y')."""
+    """Buffers of a first-order form with `n` coordinates and `size` unknowns; x is (y, y')."""
 
     n: int
     size: int
@@ -235,8 +211,8 @@ class FirstOrderBuffers:
 def evaluate_residual(
     form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
 ) -> None:
-    """R(t, y, y'), into `result`."""
-    _set_time(form, form.residual, t, branch, y, yp)
+    """Write R(t, y, y') into `result`."""
+    _set_inputs(form, form.residual, t, branch, y, yp)
     evaluate_sum(form.residual, form.x, result)
     n = form.n
     kinematic = result[:n]
@@ -246,13 +222,22 @@ def evaluate_residual(
 def evaluate_jacobian(
     form: FirstOrderBuffers, t: float, branch: float, c: float, y: Array, yp: Array, result: Array
 ) -> None:
-    """The non-zeros of dR/dy + c dR/dy', into `result`."""
-    _set_time(form, form.jacobian, t, branch, y, yp)
+    """Write the non-zeros of dR/dy + c dR/dy' into `result`."""
+    _set_inputs(form, form.jacobian, t, branch, y, yp)
     set_matrix_factors(form.jacobian, 1.0, 1.0, c, c, 1.0, 1.0)
     evaluate_sum(form.jacobian, form.x, result)
 
 
-def _set_time(
+def evaluate_jacobian_parts(
+    form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
+) -> None:
+    """Write the non-zeros of dR/dy, then those of dR/dy'; the form is formulated `apart`."""
+    _set_inputs(form, form.jacobian, t, branch, y, yp)
+    set_matrix_factors(form.jacobian, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    evaluate_sum(form.jacobian, form.x, result)
+
+
+def _set_inputs(
     form: FirstOrderBuffers, total: Sum, t: float, branch: float, y: Array, yp: Array
 ) -> None:
     combine(form.x[: form.size], (1.0,), (y,))
@@ -260,30 +245,67 @@ def _set_time(
     set_time(total, t, branch)
 
 
-def evaluate_jacobian_parts(
-    form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
-) -> None:
-    """The non-zeros of dR/dy, then those of dR/dy', into `result`; `form` has them apart."""
-    _set_time(form, form.jacobian, t, branch, y, yp)
-    set_matrix_factors(form.jacobian, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    evaluate_sum(form.jacobian, form.x, result)
+def _size(structure: Structure, form: Formulation) -> int:
+    return 2 * structure.n + structure.m * (2 if form.stabilized else 1)
+
+
+def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
+    """Locate the inputs of the kernels in (y, y')."""
+    n, m, size = structure.n, structure.m, _size(structure, form)
+    lam = 2 * n + (size if form.impulses else 0)
+    return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
 
 
 @cache_on_owner
-def formulate_first_order(
-    equations: EquationsOfMotion, name: str, apart: bool = False
-) -> FirstOrderForm:
-    """A first-order form.
+def _plan_residual(structure: Structure, name: str) -> SumPlan:
+    form, n = FORMULATIONS[name], structure.n
+    layout = _input_layout(structure, form)
+    return assemble_residual(structure, layout, form.levels, form.stabilized, dynamic=n).vector()
 
-    Parameters
-    ----------
-    name
-        One of `FIRST_ORDER`.
-    apart
-        Whether dR/dy and dR/dy' are evaluated one by one, see `evaluate_jacobian_parts`.
-    """
-    form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
-    pattern, jacobian = plan_jacobian(equations.structure, name, apart)
-    return FirstOrderForm(
-        equations, form, pattern, (plan_residual(equations.structure, name), jacobian)
-    )
+
+@cache_on_owner
+def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
+    """Return pattern and non-zeros of dR/dy + c dR/dy', or of both one after the other."""
+    form = FORMULATIONS[name]
+    n, m, size = structure.n, structure.m, _size(structure, form)
+    total, layout = create_matrix_sum(), _input_layout(structure, form)
+    # Terms with the factor c go to the same matrix, or to a second matrix below it.
+    below = size if apart else 0
+    total.add_diagonal(n, (below, 0), C_A, 1.0)
+    total.add_diagonal(n, (0, n), None, -1.0)
+    # Damping and mass share one place, unless they are evaluated apart.
+    sums: Tangents = ((STIFFNESS,), (DAMPING, MASS))
+    if apart:
+        sums = ((STIFFNESS,), (DAMPING,), (MASS,))
+    places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
+    # c_l is c; where the multipliers themselves are unknowns, G^T enters without it.
+    reaction, by_c = (1, below) if form.impulses else (0, 0)
+    for term, copies in add_tangents(total, structure, layout, sums):
+        for output, place in enumerate(places):
+            total.add_matrix(copies, output, term.operator, term.operator, place)
+        if term.rows is not None:
+            place = (by_c + n, 2 * n)
+            total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, place)
+    for joint, copies in add_joint_matrices(total, structure, layout, form.levels, form.stabilized):
+        on_q, on_g = joint.operator, joint.rows
+        levels, corrects = joint.kernel.effective_levels(form.levels, form.stabilized)
+        total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
+        total.add_matrix(copies, 2, on_q, on_q, (n, 0))
+        if corrects:
+            total.add_matrix(copies, reaction, on_g, on_q, (by_c, 2 * n + m), transposed=True)
+            total.add_matrix(copies, 3, on_q, on_q, (0, 0))
+        level_output = 3 + corrects
+        for k, level in enumerate(levels):
+            row = 2 * n + k * m
+            if level == NO_LEVEL:
+                place = (by_c + row, 2 * n + m)
+                total.add_matrix(copies, level_output + 1 + reaction, on_g, on_g, place)
+            elif level == 0:
+                total.add_matrix(copies, 0, on_g, on_q, (row, 0))
+            elif level == 1:
+                total.add_matrix(copies, level_output, on_g, on_q, (row, 0))
+                total.add_matrix(copies, 0, on_g, on_q, (row, n))
+            else:
+                for k_derivative, place in enumerate(((row, 0), (row, n), (below + row, n))):
+                    total.add_matrix(copies, level_output + k_derivative, on_g, on_q, place)
+    return total.matrix((size, size), 2 if apart else 1)

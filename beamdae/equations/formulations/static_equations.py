@@ -1,4 +1,4 @@
-"""Static equilibrium: F(t, q, 0, 0) + G^T lam = 0, g(t, q) = 0, with its tangent."""
+"""Static equilibrium F(t, q, 0, 0) + G^T lam = 0, g(t, q) = 0, with its tangent."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
+from beamdae.symbolic.force_kernel import STIFFNESS
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -31,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class StaticSums:
-    """Sums over (q, 0, lam), and the pattern of the tangent; see `StaticEquations`."""
+    """Sums over (q, 0, lam) and the pattern of the tangent, see `StaticEquations`."""
 
     residual: SumPlan
     tangent: SumPlan
@@ -40,16 +41,15 @@ class StaticSums:
 
 @cache_on_owner
 def plan_static_sums(structure: Structure) -> StaticSums:
-    """The sums of static equilibrium, built once."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
-    # Velocities and accelerations are the same zeros.
-    at = InputLayout(q=0, v=n, a=n, lam=2 * n)
-    residual = assemble_residual(structure, at, (0,), stabilized=False).vector()
-    for term, copies in add_tangents(total, structure, at, ((0,),)):
+    # Velocities and accelerations share the zeros of the input.
+    layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
+    residual = assemble_residual(structure, layout, (0,), stabilized=False).vector()
+    for term, copies in add_tangents(total, structure, layout, ((STIFFNESS,),)):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
             total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
-    for joint, copies in add_joint_matrices(total, structure, at, (0,), False):
+    for joint, copies in add_joint_matrices(total, structure, layout, (0,), False):
         total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
         total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
         total.add_matrix(copies, 2, joint.operator, joint.operator, (0, 0))
@@ -59,30 +59,30 @@ def plan_static_sums(structure: Structure) -> StaticSums:
 
 @dataclass(frozen=True)
 class StaticEquations:
-    """What has to vanish at rest, of the unknowns (q, lam); not for several threads.
+    """Static equations in the unknowns (q, lam). Do not share an instance between threads.
 
     Attributes
     ----------
     equations
-        The equations of motion, of which inertia and damping say nothing here.
+        Equations of motion; inertia and damping do not enter.
     time
-        (t, branch), at which laws and drivers are read.
+        (t, branch), at which laws and drivers are evaluated.
 
     Raises
     ------
     BeamdaeError
-        If a constraint holds velocities alone: then nothing tells where it rests.
+        If a constraint is nonholonomic: the positions at rest are then undetermined.
     """
 
     equations: EquationsOfMotion
     time: Array
 
     def __post_init__(self) -> None:
-        free = self.equations.nonholonomic_rows
-        if len(free):
+        rows = self.equations.nonholonomic_rows
+        if len(rows):
             raise BeamdaeError(
-                f"{self.equations.lam_names[int(free[0])]}: it holds velocities alone, nothing "
-                "tells where it comes to rest; hold a position instead."
+                f"{self.equations.lam_names[int(rows[0])]}: it constrains velocities alone and "
+                "leaves the position at rest undetermined; constrain a position instead."
             )
 
     @property
@@ -104,21 +104,21 @@ class StaticEquations:
         return plan_static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
 
     def residual(self, q: Array, lam: Array) -> Array:
-        """(F + G^T lam, g), (n + m,)."""
-        return self._evaluated(self._residual, q, lam, self.size)
+        """Return (F + G^T lam, g), (n + m,)."""
+        return self._evaluate(self._residual, q, lam, self.size)
 
     def tangent(self, q: Array, lam: Array) -> Array:
-        """Non-zeros of the derivative of the residual by (q, lam) on `pattern`."""
+        """Return the non-zeros of the tangent on `pattern`."""
         # Every factor is one, those of damping and mass have nothing to multiply.
         set_matrix_factors(self._tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-        return self._evaluated(self._tangent, q, lam, self.pattern.nnz)
+        return self._evaluate(self._tangent, q, lam, self.pattern.nnz)
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """The tangent as a matrix."""
-        own = (self.tangent(q, lam), self.pattern.indices, self.pattern.indptr)
-        return sp.csc_array(own, shape=self.pattern.shape)
+        """Return the tangent, sparse (n + m, n + m)."""
+        entries = (self.tangent(q, lam), self.pattern.indices, self.pattern.indptr)
+        return sp.csc_array(entries, shape=self.pattern.shape)
 
-    def _evaluated(self, total: Sum, q: Array, lam: Array, size: int) -> Array:
+    def _evaluate(self, total: Sum, q: Array, lam: Array, size: int) -> Array:
         set_time(total, *self.time)
         result = np.zeros(size)
         with np.errstate(over="ignore", invalid="ignore"):

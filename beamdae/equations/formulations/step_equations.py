@@ -1,4 +1,4 @@
-"""From equations of motion to the equations of one implicit step of a second-order integrator."""
+"""Equations of one implicit step of a second-order integrator (generalized-alpha)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.native.loop_functions import combine, fill
-from beamdae.symbolic.force_kernel import Tangents
+from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -36,22 +36,28 @@ Array = np.ndarray
 class StepEquations:
     """Equations of one implicit step of a second-order integrator, scaled by the step.
 
-    Unknowns x = (d, lam_bar[, eta_bar]): increments d of a prediction,
-    q = q_p + d [+ r, r = -G(q_n)^T eta_bar], v = v_p + c_v d, a = a_p + c_a d, and scaled
-    multipliers lam_bar = c_f lam. Equations: c_f F + G^T lam_bar = 0, g = 0 [, g_dot / c_v = 0]; in
-    brackets the stabilized index-2 form. What holds velocities alone has g_dot / c_v = 0 in place
-    of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition of the iteration matrix does
+    The unknowns x = (d, lam_bar[, eta_bar]) are increments d of a prediction and scaled multipliers
+    lam_bar = c_f lam, with
+
+        q = q_p + d [+ r, r = -G(q_n)^T eta_bar],   v = v_p + c_v d,   a = a_p + c_a d.
+
+    The equations are
+
+        c_f F + G^T lam_bar = 0,   g = 0 [, g_dot / c_v = 0],
+
+    where brackets contain the stabilized index-2 form. Nonholonomic constraints have g_dot / c_v = 0
+    in place of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition number of the iteration matrix does
     not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
 
     Attributes
     ----------
     stabilized
-        Whether it is the stabilized index-2 form.
+        True for the stabilized index-2 form, False for index 3.
     pattern
-        CSC pattern of the iteration matrix: of (d, lam_bar[, eta_bar, r]), of r those entries that
-        are not zero anyhow, which keeps the matrix a sum of local ones.
+        CSC pattern of the iteration matrix in (d, lam_bar[, eta_bar, r]). r stays an unknown, with
+        its entries that can differ from zero: this keeps the matrix a sum of local matrices.
     sums
-        Of the equations, of G(q_n)^T eta_bar, and of the iteration matrix, from
+        Sums of the equations, of G(q_n)^T eta_bar and of the iteration matrix, over
         (q, v, a, lam, q_n, eta_bar).
     """
 
@@ -66,30 +72,30 @@ class StepEquations:
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
 
     @cached_property
-    def _own(self) -> StepBuffers:
+    def _buffers(self) -> StepBuffers:
         return self.buffers()
 
     def residual(self, time: Array, at: StepPrediction, x: Array) -> Array:
-        """The equations at time = (t, branch), for whoever needs them once."""
+        """Return the equations at time = (t, branch); in loops use `buffers`."""
         result = np.zeros(self.pattern.shape[0])
         t, branch = time
-        evaluate_step_residual(self._own, t, branch, at, x, result)
+        evaluate_step_residual(self._buffers, t, branch, at, x, result)
         return result[: self.size]
 
     def jacobian(self, time: Array, at: StepPrediction, x: Array) -> Array:
-        """Non-zeros of the iteration matrix on `pattern`, likewise."""
+        """Return the non-zeros of the iteration matrix on `pattern` at time = (t, branch)."""
         result = np.zeros(self.pattern.nnz)
         t, branch = time
-        evaluate_step_matrix(self._own, t, branch, at, x, result)
+        evaluate_step_matrix(self._buffers, t, branch, at, x, result)
         return result
 
     @property
     def is_native(self) -> bool:
-        """Whether they can be evaluated in machine code."""
+        """True if they can be evaluated in machine code."""
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> StepBuffers:
-        """What a run evaluates the equations with, for itself alone."""
+        """Return buffers to evaluate the equations with, for one run."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
         sums = (total.sum(native, self.equations.p) for total in self.sums)
@@ -97,7 +103,7 @@ class StepEquations:
 
     @property
     def _velocity_rows(self) -> Array:
-        """Rows that have g_dot in place of g."""
+        """Rows with g_dot in place of g."""
         rows = self.equations.n + self.equations.nonholonomic_rows
         return rows[:0] if self.stabilized else rows
 
@@ -113,7 +119,7 @@ class StepBuffers:
     motion
         (q, v, a, lam, q_n, eta_bar).
     velocity_rows
-        Those that have g_dot in place of g.
+        Rows with g_dot in place of g.
     residual, anchor, matrix
         See `StepEquations.sums`.
     """
@@ -130,14 +136,14 @@ class StepBuffers:
 
 @dataclass(slots=True)
 class StepPrediction:
-    """Where the increments of a step are counted from, and how it ends.
+    """Prediction of a step, to which its increments are added.
 
     Attributes
     ----------
     q, v, a
-        Prediction.
+        Predicted coordinates, velocities and accelerations, (n,) each.
     before
-        Positions at the beginning of the step.
+        Positions q_n at the beginning of the step, (n,).
     coefficients
         (c_v, c_a, c_f).
     """
@@ -150,7 +156,7 @@ class StepPrediction:
 
 
 def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
-    """Positions of x, as a view of `form.motion`."""
+    """Return the positions of x, a view of `form.motion`."""
     n, m = form.n, form.m
     q = form.motion[:n]
     if form.stabilized == 1:
@@ -174,7 +180,7 @@ def _set_motion(form: StepBuffers, at: StepPrediction, x: Array, lam_factor: flo
 def evaluate_step_residual(
     form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
-    """The equations at x, into `result`, which has zeros for r."""
+    """Write the equations at x into `result`, followed by zeros for r."""
     n, m, c = form.n, form.m, at.coefficients
     set_time(form.anchor, t, branch)
     set_time(form.residual, t, branch)
@@ -192,7 +198,7 @@ def evaluate_step_residual(
 def evaluate_step_matrix(
     form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
-    """The non-zeros of the iteration matrix at x, into `result`."""
+    """Write the non-zeros of the iteration matrix at x into `result`."""
     c = at.coefficients
     set_time(form.anchor, t, branch)
     set_time(form.matrix, t, branch)
@@ -203,7 +209,7 @@ def evaluate_step_matrix(
 
 @cache_on_owner
 def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
-    """The step equations on index 3, or on the stabilized index-2 form."""
+    """Return the step equations of index 3 or, if `stabilized`, of stabilized index 2."""
     return StepEquations(equations, stabilized, *_plan_step_sums(equations.structure, stabilized))
 
 
@@ -211,18 +217,18 @@ def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
 def _plan_step_sums(
     structure: Structure, stabilized: bool
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:
-    """The pattern of the iteration matrix, and the sums of `StepEquations`."""
+    """Return the pattern of the iteration matrix and the sums of `StepEquations`."""
     n, m = structure.n, structure.m
-    at = InputLayout(q=0, v=n, a=2 * n, lam=3 * n, mu=4 * n + m)
+    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n, mu=4 * n + m)
     anchor = InputLayout(q=3 * n + m, lam=4 * n + m)
     levels = (0, 1) if stabilized else (0,)
-    residual = assemble_residual(structure, at, levels, stabilized=False)
-    held = np.unique(
-        np.concatenate([[], *(j.operator.indices for j in select_holonomic(structure))])
+    residual = assemble_residual(structure, layout, levels, stabilized=False)
+    constrained = np.unique(
+        np.concatenate([[], *(joint.operator.indices for joint in select_holonomic(structure))])
     )
-    corrected = sp.eye_array(n, format="csc")[:, held.astype(int)]
+    corrected = sp.eye_array(n, format="csc")[:, constrained.astype(int)]
     pattern, matrix = _plan_iteration_matrix(
-        structure, at, anchor, sp.csr_array(corrected), stabilized
+        structure, layout, anchor, sp.csr_array(corrected), stabilized
     )
     sums = (
         residual.vector(),
@@ -233,18 +239,20 @@ def _plan_step_sums(
 
 
 def _plan_iteration_matrix(
-    equations: Structure,
-    at: InputLayout,
+    structure: Structure,
+    layout: InputLayout,
     anchor: InputLayout,
     corrected: sp.csr_array,
     stabilized: bool,
 ) -> tuple[sp.csc_array, SumPlan]:
-    """The iteration matrix; `corrected` picks r out of corrections of all coordinates."""
-    n, m, total = equations.n, equations.m, create_matrix_sum()
+    """Return the iteration matrix; `corrected` selects r from corrections of all coordinates."""
+    n, m, total = structure.n, structure.m, create_matrix_sum()
     eta, r = n + m, n + 2 * m
-    # Stiffness alone answers to r, all else adds up at one place.
-    sums: Tangents = ((0,), (1, 2)) if stabilized else ((0, 1, 2),)
-    for term, copies in add_tangents(total, equations, at, sums):
+    # Only the stiffness multiplies r; otherwise all derivatives share one place.
+    sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
+    if stabilized:
+        sums = ((STIFFNESS,), (DAMPING, MASS))
+    for term, copies in add_tangents(total, structure, layout, sums):
         on_q = term.operator
         for output in range(len(sums)):
             total.add_matrix(copies, output, on_q, on_q, (0, 0))
@@ -253,19 +261,19 @@ def _plan_iteration_matrix(
         if stabilized:
             total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))
     levels = (0, 1) if stabilized else (0,)
-    for joint, copies in add_joint_matrices(total, equations, at, levels, False):
+    for joint, copies in add_joint_matrices(total, structure, layout, levels, False):
         on_q, on_g = joint.operator, joint.rows
-        free = not joint.kernel.is_holonomic
-        if not (free and stabilized):
+        nonholonomic = not joint.kernel.is_holonomic
+        if not (nonholonomic and stabilized):
             total.add_matrix(copies, 0, on_g, on_q, (n, 0))
         total.add_matrix(copies, 0, on_g, on_q, (0, n), transposed=True)
         total.add_matrix(copies, 2, on_q, on_q, (0, 0))
-        if free and not stabilized:
+        if nonholonomic and not stabilized:
             total.add_matrix(copies, 3, on_g, on_q, (n, 0))
         if stabilized:
             on_r = sp.csr_array(on_q @ corrected)
             total.add_matrix(copies, 2, on_q, on_r, (0, r))
-            if free:
+            if nonholonomic:
                 total.add_matrix(copies, 4, on_g, on_g, (n, eta))
             else:
                 total.add_matrix(copies, 0, on_g, on_r, (n, r))
@@ -274,7 +282,7 @@ def _plan_iteration_matrix(
             total.add_matrix(copies, 3, on_g, on_r, (eta, r))
     if not stabilized:
         return total.matrix((n + m, n + m))
-    for joint, copies in add_joint_matrices(total, equations, anchor, (), False):
+    for joint, copies in add_joint_matrices(total, structure, anchor, (), False):
         if not joint.kernel.is_holonomic:
             continue
         on_r = sp.csr_array(joint.operator @ corrected)

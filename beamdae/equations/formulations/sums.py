@@ -1,4 +1,4 @@
-"""Equations of motion as sums of kernels: what integrators evaluate in every step."""
+"""Equations of motion as sums of kernels, which integrators evaluate in every step."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ from beamdae.symbolic.rotations import rotate_kernel
 from beamdae.symbolic.sum_builder import KernelCopies, LocalInput, SumBuilder
 
 Array = np.ndarray
-TIME_SIZE = 2
-# Energies and powers, the first rows of a balance.
+
+TIME_SIZE = 2  # (t, branch)
+# Energies (kinetic, strain, gravity) [J] and powers (loads, drivers, dissipated) [W].
 N_BALANCE_SCALARS = 6
+_FORCE_SCALARS = (0, 1, 2, 3, 5)  # scalars of a balance that forces contribute
+_DRIVER_POWER = 4  # the scalar that joints contribute
 
 
 @dataclass(frozen=True)
 class InputLayout:
-    """Where q, v, a, lam and mu begin in the vector that goes into a sum."""
+    """Offsets of q, v, a, lam and mu in the input vector of a sum."""
 
     q: int
     v: int = 0
@@ -34,7 +37,7 @@ class InputLayout:
 
 
 def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
-    """Data of the copies of a term, a column each."""
+    """Return the data of the copies of a term, one column each."""
     return _term_numbers(equations, term)[: term.kernel.local.n_data]
 
 
@@ -43,7 +46,7 @@ def _term_numbers(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm
 
 
 def build_local_operator(equations: EquationsOfMotion, term: ForceTerm) -> sp.csr_array:
-    """From the global to the local coordinates of all copies."""
+    """Return the operator from global to local coordinates of all copies."""
     if term.rotation is None:
         return term.operator
     return term.rotation.operator(
@@ -51,33 +54,40 @@ def build_local_operator(equations: EquationsOfMotion, term: ForceTerm) -> sp.cs
     )
 
 
-def _gather_motion(operator: sp.csr_array, *firsts: int) -> list[LocalInput]:
-    return [LocalInput(operator, first) for first in firsts]
+def _local_inputs(operator: sp.csr_array, *offsets: int) -> list[LocalInput]:
+    return [LocalInput(operator, offset) for offset in offsets]
 
 
-def _gather_joint_inputs(
-    term: ConstraintTerm, at: InputLayout, levels: tuple[int, ...], stabilized: bool
+def _joint_inputs(
+    term: ConstraintTerm, layout: InputLayout, levels: tuple[int, ...], stabilized: bool
 ) -> list[LocalInput]:
+    """Return the inputs of the kernels of a joint: velocities and accelerations if needed."""
     highest = max(levels, default=0)
-    motion = (at.q, *((at.v,) if highest > 0 else ()), *((at.a,) if highest > 1 else ()))
-    held = (at.lam, *((at.mu,) if stabilized or NO_LEVEL in levels else ()))
-    return _gather_motion(term.operator, *motion) + _gather_motion(term.rows, *held)
+    motion = [layout.q]
+    if highest > 0:
+        motion.append(layout.v)
+    if highest > 1:
+        motion.append(layout.a)
+    multipliers = [layout.lam]
+    if stabilized or NO_LEVEL in levels:
+        multipliers.append(layout.mu)
+    return _local_inputs(term.operator, *motion) + _local_inputs(term.rows, *multipliers)
 
 
-def _add_forces(total: SumBuilder, structure: Structure, at: InputLayout, row: int) -> None:
-    """Add F, from a row on."""
+def _add_forces(total: SumBuilder, structure: Structure, layout: InputLayout, row: int) -> None:
+    """Add F, starting at a row."""
     for term in structure.forces:
-        copies = _add_force(total, at, term, term.kernel.force_kernel)
+        copies = _add_force(total, layout, term, term.kernel.force_kernel)
         total.add_column(copies, 0, term.operator, row)
 
 
 def _add_force(
-    total: SumBuilder, at: InputLayout, term: ForceTerm, kernel: Kernel, scalars: int = 0
+    total: SumBuilder, layout: InputLayout, term: ForceTerm, kernel: Kernel, scalars: int = 0
 ) -> KernelCopies:
-    """Add a kernel of a term, whose last outputs, so many, are not in its coordinates."""
-    inputs = _gather_motion(term.operator, at.q, at.v, at.a)
+    """Add a kernel of a term; its last outputs are `scalars` not on local coordinates."""
+    inputs = _local_inputs(term.operator, layout.q, layout.v, layout.a)
     if term.rows is not None:
-        inputs += _gather_motion(term.rows, at.lam)
+        inputs += _local_inputs(term.rows, layout.lam)
     if term.rotation is not None:
         kernel = rotate_kernel(kernel, term.rotation, len(inputs), scalars)
     return total.add(kernel, inputs, term.data, term.count)
@@ -85,21 +95,21 @@ def _add_force(
 
 def assemble_residual(
     structure: Structure,
-    at: InputLayout,
+    layout: InputLayout,
     levels: tuple[int, ...],
     stabilized: bool,
     dynamic: int = 0,
 ) -> SumBuilder:
-    """Rows: from `dynamic` on F + G^T lam, then the `levels`; if `stabilized` the first G^T mu.
+    """Return the sum of F + G^T lam and the constraints on `levels`.
 
-    See `ConstraintKernel.residual_kernel`.
+    F + G^T lam starts at row `dynamic`, the constraints follow; if `stabilized`, the first rows are
+    G^T mu. See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
-    _add_forces(total, structure, at, dynamic)
+    _add_forces(total, structure, layout, dynamic)
     for joint in structure.joints:
-        asked = joint.kernel.effective_levels(levels, stabilized)
-        copies = _add_joint(total, joint, at, *asked)
-        corrects = asked[1]
+        own_levels, corrects = joint.kernel.effective_levels(levels, stabilized)
+        copies = _add_joint(total, joint, layout, own_levels, corrects)
         total.add_column(copies, 0, joint.operator, dynamic)
         if corrects:
             total.add_column(copies, 1, joint.operator, 0)
@@ -111,92 +121,91 @@ def assemble_residual(
 def _add_joint(
     total: SumBuilder,
     joint: ConstraintTerm,
-    at: InputLayout,
+    layout: InputLayout,
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> KernelCopies:
-    """Add the kernel of `ConstraintKernel.residual_kernel`."""
+    """Add the constraints of a joint, see `ConstraintKernel.residual_kernel`."""
     kernel = joint.kernel.residual_kernel(levels, stabilized)
-    inputs = _gather_joint_inputs(joint, at, levels, stabilized)
+    inputs = _joint_inputs(joint, layout, levels, stabilized)
     return total.add(kernel, inputs, joint.data, joint.count)
 
 
-def assemble_motion(structure: Structure, at: InputLayout) -> SumBuilder:
-    """Rows: F, g, g_dot and g_ddot; what is not finite in G leaves them as they are."""
+def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
+    """Return the sum of F, g, g_dot and g_ddot; it stays finite where G is not."""
     total = SumBuilder(TIME_SIZE)
-    _add_forces(total, structure, at, 0)
+    _add_forces(total, structure, layout, 0)
     for joint in structure.joints:
         levels = (0, 1, 2) if joint.kernel.is_holonomic else (1, 2)
-        copies = _add_joint(total, joint, at, levels, False)
+        copies = _add_joint(total, joint, layout, levels, False)
         for output, k in enumerate(levels, 1):
             total.add_column(copies, output, joint.rows, structure.n + k * structure.m)
     return total
 
 
-def assemble_accelerations(structure: Structure, at: InputLayout) -> SumBuilder:
-    """Rows: g_ddot of what holds positions."""
+def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuilder:
+    """Return the sum of g_ddot of the holonomic constraints."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure):
-        copies = _add_joint(total, joint, at, (2,), False)
+        copies = _add_joint(total, joint, layout, (2,), False)
         total.add_column(copies, 1, joint.rows, 0)
     return total
 
 
 def assemble_reactions(
-    structure: Structure, at: InputLayout, of_positions: bool = False
+    structure: Structure, layout: InputLayout, of_positions: bool = False
 ) -> SumBuilder:
-    """Rows: G^T lam, if `of_positions` without what holds velocities alone."""
+    """Return the sum of G^T lam; with `of_positions` of the holonomic constraints only."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure) if of_positions else structure.joints:
-        copies = _add_joint(total, joint, at, (), False)
+        copies = _add_joint(total, joint, layout, (), False)
         total.add_column(copies, 0, joint.operator, 0)
     return total
 
 
 def select_holonomic(structure: Structure) -> tuple[ConstraintTerm, ...]:
-    """The constraints that hold positions."""
+    """Return the terms of constraints on positions."""
     return tuple(joint for joint in structure.joints if joint.kernel.is_holonomic)
 
 
-def assemble_balance(structure: Structure, at: InputLayout) -> SumBuilder:
-    """Rows: energies and powers, F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
+    """Return the sum of energies and powers, F + G^T lam, G^T lam, F at a = 0, g and g_dot.
 
-    The first are (kinetic, strain, gravity) [J] and the power of the loads, that of the drivers and
-    the dissipated one [W].
+    The first rows are the energies (kinetic, strain, gravity) [J] and the powers (loads, drivers,
+    dissipated) [W].
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     residual = N_BALANCE_SCALARS
-    reaction, still, level = residual + n, residual + 2 * n, residual + 3 * n
+    reaction, static, level = residual + n, residual + 2 * n, residual + 3 * n
     for term in structure.forces:
-        copies = _add_force(total, at, term, term.kernel.balance_kernel, scalars=1)
+        copies = _add_force(total, layout, term, term.kernel.balance_kernel, scalars=1)
         total.add_column(copies, 0, term.operator, residual)
-        total.add_column(copies, 1, term.operator, still)
-        total.add_column(copies, 2, _summation(term.count, 0, 1, 2, 3, 5), 0)
+        total.add_column(copies, 1, term.operator, static)
+        total.add_column(copies, 2, _summation(term.count, *_FORCE_SCALARS), 0)
     for joint in structure.joints:
-        inputs = _gather_joint_inputs(joint, at, (1,), False)
+        inputs = _joint_inputs(joint, layout, (1,), False)
         copies = total.add(joint.kernel.balance_kernel, inputs, joint.data, joint.count)
         total.add_column(copies, 0, joint.operator, residual)
         total.add_column(copies, 0, joint.operator, reaction)
         total.add_column(copies, 1, joint.rows, level)
         total.add_column(copies, 2, joint.rows, level + m)
-        total.add_column(copies, 3, _summation(joint.count, 4), 0)
+        total.add_column(copies, 3, _summation(joint.count, _DRIVER_POWER), 0)
     return total
 
 
 def _summation(count: int, *rows: int) -> sp.csr_array:
-    """What adds up columns of all copies into these rows."""
-    at = np.tile(rows, count)
-    return sp.csr_array(
-        (np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), N_BALANCE_SCALARS)
-    )
+    """Return the operator that adds columns of all copies to these rows of the scalars."""
+    column = np.tile(rows, count)
+    entries = (np.ones(len(column)), (np.arange(len(column)), column))
+    return sp.csr_array(entries, shape=(len(column), N_BALANCE_SCALARS))
 
 
 def add_tangents(
-    total: SumBuilder, structure: Structure, at: InputLayout, sums: Tangents
+    total: SumBuilder, structure: Structure, layout: InputLayout, sums: Tangents
 ) -> list[tuple[ForceTerm, KernelCopies]]:
-    """Add the kernels of `ForceKernel.tangent_kernel`."""
+    """Add the matrices of all forces, see `ForceKernel.tangent_kernel`."""
     return [
-        (term, _add_force(total, at, term, term.kernel.tangent_kernel(sums)))
+        (term, _add_force(total, layout, term, term.kernel.tangent_kernel(sums)))
         for term in structure.forces
     ]
 
@@ -204,22 +213,20 @@ def add_tangents(
 def add_joint_matrices(
     total: SumBuilder,
     structure: Structure,
-    at: InputLayout,
+    layout: InputLayout,
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> list[tuple[ConstraintTerm, KernelCopies]]:
-    """Add the kernels of `ConstraintKernel.matrices_kernel`, of the levels each of them has."""
-    found = []
+    """Add the matrices of all joints, see `ConstraintKernel.matrices_kernel`."""
+    added = []
     for joint in structure.joints:
-        asked = joint.kernel.effective_levels(levels, stabilized)
-        kernel, inputs = (
-            joint.kernel.matrices_kernel(*asked),
-            _gather_joint_inputs(joint, at, *asked),
-        )
-        found.append((joint, total.add(kernel, inputs, joint.data, joint.count)))
-    return found
+        effective = joint.kernel.effective_levels(levels, stabilized)
+        kernel = joint.kernel.matrices_kernel(*effective)
+        inputs = _joint_inputs(joint, layout, *effective)
+        added.append((joint, total.add(kernel, inputs, joint.data, joint.count)))
+    return added
 
 
 def create_matrix_sum() -> SumBuilder:
-    """A sum of matrices, without any."""
+    """Return an empty sum of matrices."""
     return SumBuilder(len(MATRIX_SHARED))

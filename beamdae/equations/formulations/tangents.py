@@ -22,15 +22,15 @@ class Tangent(NamedTuple):
     Attributes
     ----------
     mass, damping, stiffness
-        By a, v and q, sparse (n, n); the stiffness has what reactions do as joints turn.
+        With respect to a, v and q, sparse (n, n) each; the stiffness includes that of the reactions.
     reactions
-        By lam, (n, m): G^T, and what friction makes of reactions.
+        With respect to lam, (n, m): G^T, and the dependence of friction on reactions.
     position_jacobian
-        Of g by q, (m, n), or of constraints on velocities alone by q.
+        Derivative of g, or of a nonholonomic constraint, with respect to q, (m, n).
     velocity_jacobian
-        Of the latter by v, (m, n); rows of zeros of the others.
+        Derivative of nonholonomic constraints with respect to v, (m, n); zero rows for the others.
     residual
-        F + G^T lam and the constraints themselves, (n + m,).
+        F + G^T lam and the constraints, (n + m,).
     """
 
     mass: sp.csc_array
@@ -42,24 +42,27 @@ class Tangent(NamedTuple):
     residual: Array
 
     def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
-        """Of the second derivatives of constraints on positions, and the first of others, by a."""
-        positions = np.ones(e.m)
-        positions[e.nonholonomic_rows] = 0.0
+        """Return the factor of a in the differentiated constraints, (m, n).
+
+        Constraints on positions are differentiated twice, nonholonomic ones once.
+        """
+        holonomic = np.ones(e.m)
+        holonomic[e.nonholonomic_rows] = 0.0
         return sp.csc_array(
-            sp.diags_array(positions) @ self.position_jacobian + self.velocity_jacobian
+            sp.diags_array(holonomic) @ self.position_jacobian + self.velocity_jacobian
         )
 
 
 def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
-    """Derivatives at time = (t, branch), exact to rounding."""
+    """Return the derivatives at time = (t, branch), exact up to rounding."""
     form = formulate_first_order(e, "index3", apart=True)
     y, rates = form.pack(state)
-    own, pattern = form.buffers(), form.pattern
-    found = np.zeros(2 * pattern.nnz)
-    evaluate_jacobian_parts(own, time[0], time[1], y, rates, found)
+    pattern = form.pattern
+    nonzeros = np.zeros(2 * pattern.nnz)
+    evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, rates, nonzeros)
     by_y, by_rates = (
         sp.csc_array((x, pattern.indices, pattern.indptr), shape=pattern.shape).tocsr()
-        for x in np.split(found, 2)
+        for x in np.split(nonzeros, 2)
     )
     q, v, lam = slice(0, e.n), slice(e.n, 2 * e.n), slice(2 * e.n, form.size)
     return Tangent(

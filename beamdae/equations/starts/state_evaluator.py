@@ -5,7 +5,6 @@ They are evaluated a few times a run by CasADi's virtual machine, which compiles
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +13,6 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
-    TIME_SIZE,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -22,11 +20,18 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
-from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V
+from beamdae.symbolic.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
+# Coefficients (c0, c1, c2) of stiffness, damping and mass.
+_UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -178,23 +183,21 @@ class StateEvaluator:
         q: Array,
         v: Array,
         a: Array | None,
-        coefficients: Sequence[float],
+        coefficients: tuple[float, float, float],
         lam: Array | None = None,
     ) -> Array:
         """Return the non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]].
 
         K, C and M are dF/dq, dF/dv and dF/da; the pattern is `sums.saddle_pattern`.
         """
-        shared = self._saddle.shared
-        shared[C_Q], shared[C_V], shared[C_A] = coefficients
-        shared[C_L] = shared[C_H] = shared[C_R] = 1.0
+        set_matrix_factors(self._saddle, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
         return self._evaluate(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
 
     def linearize_forces(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
         """Return stiffness dF/dq, damping dF/dv and mass dF/da, each sparse (n, n)."""
         q, v, a, _ = state
         return tuple(
-            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in np.eye(3).tolist()
+            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
         )
 
     def _evaluate(
@@ -208,7 +211,7 @@ class StateEvaluator:
         n, m = self.equations.n, self.equations.m
         inputs = [np.zeros(n) if x is None else x for x in state]
         inputs.append(np.zeros(m) if lam is None else lam)
-        total.shared[:TIME_SIZE] = time
+        set_time(total, *time)
         result = np.zeros(size)
         evaluate_sum(total, np.concatenate(inputs), result)
         return result
