@@ -112,8 +112,8 @@ def write(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None
         run.columns, files = parts.write(solution)
         run.written.paths += files
         if checkpoint is not None or can_go_on(solution.status):
-            beside = run.table.with_name(f"{run.table.stem}_end.json")
-            run.end = solution.checkpoint(checkpoint or beside)
+            metadata = run.table.with_name(f"{run.table.stem}_end.json")
+            run.end = solution.checkpoint(checkpoint or metadata)
             run.written.paths.append(run.end)
     run.cut_short = interrupts.heard()
 
@@ -137,7 +137,7 @@ def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
         return
     run.errors, run.beyond = errors, verification.accuracy_warning(solution, errors)
     with interrupts.held():
-        write_metadata(table, solution.beside(errors=_by_column(run, solution)))
+        write_metadata(table, solution.metadata(errors=_by_column(run, solution)))
 
 
 def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
@@ -153,21 +153,21 @@ def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
 
 def draw(run: Run, solution: Solution) -> None:
     """Draw the run; the title says if it ended early."""
-    from beamdae.report.pictures.figures import plot_run
+    from beamdae.report.pictures.time_plots import save_run_figure
 
     status = solution.status
     title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
-    run.written.draw(run.picture.name, lambda: [plot_run(run.picture, run.columns, title)])
+    run.written.draw(run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)])
 
 
 def write_page(run: Run, solution: Solution) -> None:
     """Write the page of the run."""
     from beamdae.report.page import page
-    from beamdae.report.run_page import page_of_run
+    from beamdae.report.run_page import build_run_page
 
     def written() -> list[Path]:
         further = [run.beyond] if run.beyond else []
-        shown = page_of_run(solution, run.model.name, run.columns, run.errors, further)
+        shown = build_run_page(solution, run.model.name, run.columns, run.errors, further)
         return [page.write_page(run.page, shown)]
 
     run.written.draw(run.page.name, written)
@@ -197,7 +197,7 @@ def _found(run: Run, solution: Solution) -> dict[str, Any]:
     """What --json tells of a run: what is beside its table, and its observed columns."""
     from beamdae.report.terminal import text_tables as terminal
 
-    told = solution.beside()
+    told = solution.metadata()
     del told["equations"], told["warnings"]
     errors = {} if run.errors is None else _by_column(run, solution)
     observed = terminal.column_extremes(solution.columns).items()

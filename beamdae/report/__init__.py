@@ -1,5 +1,5 @@
-"""What people look at: tables for the terminal, pictures, a page for the browser.
+"""Presentation of results: tables for the terminal, figures, animations, pages for the browser.
 
-May import: results. Draws tables and plain data, runs nothing.
-Next: a table in `terminal`, a picture in `pictures`, a panel in `page`.
+May import: results, analysis and what lies below them. Nothing is simulated here.
+Next: a table in `terminal`, a figure in `pictures`, a symbol in `scene`, a panel in `page`.
 """

@@ -1,4 +1,4 @@
-"""What the page of one run shows, as plain data."""
+"""Content of the page of one run, as plain data."""
 
 from __future__ import annotations
 
@@ -16,46 +16,48 @@ from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 
-_ID = "run"
-# Of the hash of the equations, enough to tell runs apart.
-_DIGITS = 12
+_ID = "run"  # of the only case and its group
+_HASH_DIGITS = 12  # of the equations, enough to distinguish runs
+_PARAMETER_DIGITS = 6
 
 
-def page_of_run(
+def build_run_page(
     solution: Solution,
     title: str,
     columns: Mapping[str, Any] | None = None,
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The page of a run; see `beamdae.report.page.page.write_page`.
+    """Return the page of a run for `beamdae.report.page.page.write_page`.
 
     Parameters
     ----------
     solution
         The run.
     title
-        Of the page.
+        Title of the page.
     columns
-        Its table by header, where that is of more than this run; default its own.
+        Table by header, if it covers more than this run, such as a run and its continuation;
+        defaults to the table of the run.
     errors
-        What is told of the error of each observed column, in their order; the first is left out.
+        Error columns with a row for each observed column; the first column is left out.
     warnings
-        What there is to say besides its own.
+        Warnings shown besides those of the run.
     """
     table = solution.all_columns() if columns is None else dict(columns)
-    # Of this run alone, where the table is of more.
+    # The drift is known for the rows of this run only.
     if len(solution.t) == len(table[TIME]):
         table |= solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
+    tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
         "made": versions(),
         "notes": [*warnings, *solution.warnings],
         "groups": [{"id": _ID, "frames": export_run_frames(solution)}],
-        "tables": [table for table in _tables(solution, table, errors) if table["rows"]],
+        "tables": tables,
         "cases": [
             {
                 "id": _ID,
@@ -69,7 +71,7 @@ def page_of_run(
     }
 
 
-def _tables(
+def _build_tables(
     solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
 ) -> list[dict[str, Any]]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
@@ -78,25 +80,26 @@ def _tables(
     observed = {name: columns[name] for name in observed_columns(columns)}
     return [
         {"title": "Run", "rows": list(facts.items())},
-        _told("Observed", terminal.range_table(observed, errors)),
-        _told("Validity of the beams", terminal.validity_table(solution.validity)),
-        {"title": "Where it comes from", "rows": _provenance(solution)},
+        _export_table("Observed", terminal.range_table(observed, errors)),
+        _export_table("Validity of the beams", terminal.validity_table(solution.validity)),
+        {"title": "Provenance", "rows": _list_provenance(solution)},
     ]
 
 
-def _told(title: str, table: ResponsiveTable) -> dict[str, Any]:
+def _export_table(title: str, table: ResponsiveTable) -> dict[str, Any]:
     head, *rows = table.texts
     return {"title": title, "head": head, "rows": rows}
 
 
-def _provenance(solution: Solution) -> list[list[str]]:
-    told = solution.beside()
-    model = told["model"]
+def _list_provenance(solution: Solution) -> list[list[str]]:
+    metadata = solution.metadata()
+    model = metadata["model"]
+    parameters = model.get("parameters", {})
     settings = {"model": model.get("name", "")}
     settings |= {
-        str(name): terminal.format_number(x, 6) for name, x in model.get("parameters", {}).items()
+        str(name): terminal.format_number(x, _PARAMETER_DIGITS) for name, x in parameters.items()
     }
-    settings["started"] = str(told["start"]["asked"] or "as drawn")
-    settings["equations"] = told["equations"]["identity"][:_DIGITS]
+    settings["started"] = str(metadata["start"]["asked"] or "as drawn")
+    settings["equations"] = metadata["equations"]["identity"][:_HASH_DIGITS]
     settings["written"] = datetime.now().astimezone().isoformat(" ", "seconds")
     return [[name, value] for name, value in settings.items() if value]

@@ -1,23 +1,24 @@
-"""Texts of users as screens, pictures and pages can show them."""
+"""Texts of users in a form that terminals, figures and pages can display."""
 
 from __future__ import annotations
 
 
 def make_printable(text: str) -> str:
-    """The text on one line, with what no screen shows (control characters, ...) as its code."""
-    return "".join(map(_shown, text))
+    """Return the text on one line, with unprintable characters replaced by their escape codes."""
+    return "".join(map(_escape, text))
 
 
 def shorten_text(text: str, most: int) -> str:
-    """The plain text in at most so many letters: of a longer one the middle is left out."""
+    """Return the printable text; if it has more than `most` characters, without its middle."""
     text = make_printable(text)
     if len(text) <= most:
         return text
-    kept = most - 1
-    return f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
+    remaining = most - 1
+    tail = remaining // 2
+    return f"{text[: remaining - tail]}…{text[len(text) - tail :]}"
 
 
-def _shown(letter: str) -> str:
-    if letter.isprintable():
-        return letter
-    return " " if letter.isspace() else letter.encode("unicode_escape").decode()
+def _escape(character: str) -> str:
+    if character.isprintable():
+        return character
+    return " " if character.isspace() else character.encode("unicode_escape").decode()

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.report.pictures import figures as pictures
+from beamdae.report.pictures.time_plots import save_comparison_figure
 from beamdae.results.columns import observed_columns
 from beamdae.studies.deviations import deviations
 from beamdae.studies.execution.engine import Results
@@ -72,7 +73,7 @@ def _of_one_group(results: Results) -> list[Path]:
         return []
     path = results.folder / "comparison.png"
     title = results.study.cases[0].group
-    return [pictures.plot_comparison(path, _columns(truth), runs, uncertainty, title)]
+    return [save_comparison_figure(path, _columns(truth), runs, uncertainty, title)]
 
 
 def _columns(table: pd.DataFrame) -> pd.DataFrame:

@@ -9,8 +9,7 @@ from pages import study
 
 import beamdae as bd
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.scene.outlines import frame_times
-from beamdae.report.scene.run_scene import build_run_scene
+from beamdae.report.scene.run_scene import build_run_scene, frame_times
 
 
 def ends(tab, k):

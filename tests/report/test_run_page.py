@@ -7,7 +7,7 @@ from pages import chosen_options
 
 import beamdae as bd
 from beamdae.report.page.page import write_page
-from beamdae.report.run_page import page_of_run
+from beamdae.report.run_page import build_run_page
 
 
 @pytest.fixture(scope="module")
@@ -19,15 +19,15 @@ def run():
     return bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.5)
 
 
-def test_a_run_is_told_as_it_is(run):
+def test_the_page_contains_facts_tables_and_curves(run):
     columns = run.all_columns()
     errors = {"half the range": np.arange(6.0), "error": [1e-6] * 6}
-    page = page_of_run(run, "arm", errors=errors, warnings=["Beware."])
+    page = build_run_page(run, "arm", errors=errors, warnings=["Beware."])
     assert (page["title"], page["subtitle"]) == ("arm", "Radau: reached the end")
     assert page["notes"] == ["Beware.", *run.warnings]
     tables = {table["title"]: table for table in page["tables"]}
-    # No beams, nothing on their validity.
-    assert list(tables) == ["Run", "Observed", "Where it comes from"]
+    # Without beams there is no table on their validity.
+    assert list(tables) == ["Run", "Observed", "Provenance"]
     assert tables["Observed"]["head"] == ["observed", "min", "max", "end", "error"]
     assert tables["Observed"]["rows"][0][0] == "tip.x [m]"
     assert tables["Observed"]["rows"][0][-1] == "1e-06"
@@ -42,38 +42,38 @@ def test_a_run_is_told_as_it_is(run):
     assert "arm" in [symbol["name"] for symbol in group["frames"]["symbols"]]
 
 
-def test_a_run_of_equations_has_no_motion(tmp_path):
+def test_the_page_of_equations_has_no_animation(tmp_path):
     import casadi as ca
 
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     run = bd.simulate(system, bd.Radau(), t_end=0.1)
-    page = page_of_run(run, "spring")
+    page = build_run_page(run, "spring")
     assert page["groups"][0]["frames"] is None
     assert write_page(tmp_path / "page.html", page).is_file()
 
 
-def test_long_runs_keep_as_many_rows_as_curves_can_show(run):
+def test_curves_of_long_runs_are_thinned(run):
     columns = run.all_columns()
     long = {name: np.repeat(x, 100) for name, x in columns.items()}
-    page = page_of_run(run, "arm", long)
+    page = build_run_page(run, "arm", long)
     curves = page["cases"][0]["curves"]
     assert len(curves["t"]) == 2000
     assert curves["t"][-1] == run.t[-1]
-    # Of drift there are rows of this run alone.
+    # The drift is known for the rows of this run only.
     assert curves["position drift"] is None
 
 
 def test_the_page_of_a_run_in_a_browser(run, show):
-    tab = show(page_of_run(run, "arm"))
+    tab = show(build_run_page(run, "arm"))
     assert tab.inner_text("h1") == "arm"
     for hidden in ("#precision", "#cases", "#choice", "#chosen button"):
         assert not tab.locator(hidden).first.is_visible()
     assert tab.locator("#facts h2").all_inner_texts() == ["Run"]
-    assert tab.locator("#more h2").all_inner_texts() == ["Observed", "Where it comes from"]
+    assert tab.locator("#more h2").all_inner_texts() == ["Observed", "Provenance"]
     panels = tab.locator(".panel h3").all_inner_texts()
     assert panels == ["Observed", "Energy [J]", "Drift of the joints"]
-    # Energies belong together.
+    # All energies share a panel.
     assert chosen_options(tab.get_by_label("Energy [J]: which")) == ["all in J"]
     energies = tab.locator("[data-panel=energy] .switch").all_inner_texts()
     assert energies[:3] == ["kinetic", "strain", "gravity"]
@@ -81,12 +81,12 @@ def test_the_page_of_a_run_in_a_browser(run, show):
     assert "arm" in tab.locator("#stage title").all_text_contents()
 
 
-def test_a_run_that_fails_says_so_and_how_far_it_got(run, show):
-    page = page_of_run(run, "arm")
+def test_the_page_of_a_failed_run_shows_its_status_and_last_time(run, show):
+    page = build_run_page(run, "arm")
     page["cases"][0]["status"] = "Newton did not converge"
     page["subtitle"] = "Radau: Newton did not converge"
     tab = show(page)
     assert tab.inner_text("#subtitle") == "Radau: Newton did not converge"
-    # The line, and a cross at its end.
+    # The curve and the cross at its end.
     assert tab.locator("[data-chart=observed] path.curve").count() == 2
     assert not tab.locator("#unplotted").is_visible()

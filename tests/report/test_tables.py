@@ -1,5 +1,6 @@
-"""Tables in terminals of every width: numbers stay whole, the first column stays."""
+"""Tables in terminals of different widths: numbers are never cut, the first column remains."""
 
+import math
 import re
 
 import numpy as np
@@ -17,14 +18,14 @@ WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")
 
 
-def printed(renderable, width, **settings):
+def print_at(renderable, width, **settings):
     console = Console(width=width, **settings)
     with console.capture() as captured:
         console.print(renderable)
     return captured.get()
 
 
-def comparison():
+def create_comparison():
     numbers = {
         "wall time [s]": 0.123456,
         "steps": 123456,
@@ -39,7 +40,7 @@ def comparison():
     return pd.DataFrame([{"label": label, "status": "ok", **numbers} for label in LABELS])
 
 
-def ranges():
+def create_range_table():
     observed = pd.DataFrame(
         {f"tip {k}.angle_dot [rad/s]": [-1.23456e-05, 1.23456e-05] for k in range(3)}
     )
@@ -49,22 +50,84 @@ def ranges():
     return terminal.range_table(observed, errors)
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (12, "12"),
+        (np.int64(12), "12"),
+        (0.0, "0"),
+        (0.000123456, "0.000123"),
+        (1.23456e-7, "1.23e-07"),
+        (math.nan, "-"),
+        (None, "-"),
+        (pd.NA, "-"),
+        (True, "True"),
+        ("auto", "auto"),
+    ],
+)
+def test_numbers_are_formatted_with_three_digits(value, shown):
+    assert terminal.format_number(value) == shown
+
+
+def test_ranges_show_units_and_zero_for_rounding():
+    t = np.linspace(0.0, 1.0, 11)
+    observed = pd.DataFrame(
+        {"tip.x [m]": np.cos(t), "tip.y [m]": 1e-15 * t, "bend.u [m]": 1e-3 * t**2}
+    )
+    lines = print_at(terminal.range_table(observed), 120).splitlines()
+    rows = {line[: line.index("]") + 1].strip(): line.split()[-3:] for line in lines if "]" in line}
+    assert rows["tip.x [m]"] == ["0.5403", "1", "0.5403"]
+    assert rows["tip.y [m]"] == ["0", "0", "0"]
+    assert rows["bend.u [m]"] == ["0", "0.001", "0.001"]
+
+
+def test_errors_below_the_resolution_of_the_reference_are_bounds():
+    table = pd.DataFrame(
+        {
+            "group": ["arm"] * 3,
+            "label": ["A(step=1)", "B(step=2)", "C(step=3)"],
+            "status": ["ok", "ok", "failed"],
+            "reason": ["", "", "stopped at t = 1 s"],
+            "steps": pd.array([10, 20, None], dtype="Int64"),
+            "error [-]": [1e-2, 1e-6, math.nan],
+            "below resolution": [False, True, False],
+            "reference uncertainty [-]": [1e-5] * 3,
+        }
+    )
+    shown = print_at(terminal.comparison_table(table), 120, markup=False).splitlines()
+    rows = {line.split()[0]: line for line in shown if "(step=" in line}
+    assert rows["A(step=1)"].split()[1:] == ["ok", "10", "0.01"]
+    assert rows["B(step=2)"].split()[1:] == ["ok", "20", "<", "0.0001"]
+    assert rows["C(step=3)"].split()[1:] == ["failed", "-", "-"]
+    assert terminal.failure_sentences(table) == ["arm, C(step=3): stopped at t = 1 s"]
+
+
 @pytest.mark.parametrize("width", WIDTHS)
-def test_comparison_keeps_integrator_and_error_and_cuts_no_number(width):
-    text = printed(terminal.comparison_table(comparison()), width)
+def test_comparison_always_shows_integrator_and_error(width):
+    text = print_at(terminal.comparison_table(create_comparison()), width)
     assert max(map(len, text.splitlines())) <= width
     assert "…" not in text
     for label in LABELS:
         (line,) = [line for line in text.splitlines() if label in line]
         assert "1.23e-05" in line
-    told = {"0.123", "123456", "77", "654321", "321", "1.23e-05", "1.5e-12", "2.5e-10", "3.5e-07"}
-    assert set(line.split()[1:]) - {"ok"} <= told
+    numbers = {
+        "0.123",
+        "123456",
+        "77",
+        "654321",
+        "321",
+        "1.23e-05",
+        "1.5e-12",
+        "2.5e-10",
+        "3.5e-07",
+    }
+    assert set(line.split()[1:]) - {"ok"} <= numbers
     assert ("not shown" in text) == (width <= 120)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_ranges_keep_the_column_the_error_and_the_verdict(width):
-    text = printed(ranges(), width)
+def test_ranges_always_show_name_error_and_verdict(width):
+    text = print_at(create_range_table(), width)
     assert max(map(len, text.splitlines())) <= width
     lines = [line for line in text.splitlines() if "tip " in line]
     for line in lines:
@@ -73,26 +136,26 @@ def test_ranges_keep_the_column_the_error_and_the_verdict(width):
     assert ("not shown" in text) == (width < 100)
 
 
-def test_what_is_left_out_is_said_with_where_it_is():
-    text = " ".join(printed(terminal.comparison_table(comparison()), 60).split())
+def test_omitted_columns_are_named():
+    text = " ".join(print_at(terminal.comparison_table(create_comparison()), 60).split())
     assert "not shown: " in text
     assert "velocity drift" in text
     assert "a wider terminal or cases.csv shows them" in text
 
 
 @pytest.mark.parametrize("width", [width for width in WIDTHS if width < 300])
-def test_a_first_column_of_three_hundred_letters_loses_its_middle_beside_whole_numbers(width):
+def test_a_long_first_column_loses_its_middle(width):
     columns = [Column("least", 2), Column("more", 1), Column("most")]
     name = f"begin{'L' * 300}end"
-    text = printed(ResponsiveTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
+    text = print_at(ResponsiveTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
     (row,) = [line for line in text.splitlines() if "3.3" in line]
     assert re.match(r" beginL+…L+end +\d", row)
     assert len(row.rstrip()) >= width - 2
-    text = printed(terminal.fact_list("", {name: 1.5}), width)
+    text = print_at(terminal.fact_list("", {name: 1.5}), width)
     assert re.match(r"beginL+…L+end  ?1.5", text)
 
 
-def test_wide_letters_are_cut_by_the_cells_they_take():
+def test_texts_are_shortened_by_the_width_of_their_characters():
     for most in range(1, 50):
         short = shorten_to_cells("梁" * 20 + "beam", most)
         assert cell_len(short) <= most
@@ -102,19 +165,19 @@ def test_wide_letters_are_cut_by_the_cells_they_take():
 
 
 @pytest.mark.parametrize("markup", [True, False])
-def test_markup_in_names_is_text(markup):
+def test_markup_in_names_is_printed_literally(markup):
     odd = "[/b] [bold] :smile: \x1b[31m"
     shown = r"[/b] [bold] :smile: \x1b[31m"
     for renderable in (
         ResponsiveTable(odd, [Column(odd, sentences=True)], [(odd, odd)]),
         terminal.fact_list(odd, {odd: odd}),
         terminal.parts_table({odd: odd}),
-        terminal.comparison_table(comparison().assign(label=odd)),
+        terminal.comparison_table(create_comparison().assign(label=odd)),
     ):
-        assert shown in printed(renderable, 200, markup=markup)
+        assert shown in print_at(renderable, 200, markup=markup)
 
 
-def test_summary_tells_units_with_values():
+def test_summary_shows_values_with_units():
     lines = [
         ("arm", "fastest", "error <= 1e-02", "Ida", 0.25, "s", 0.2, 0.4, "Radau"),
         ("arm", "fastest", "error <= 1e-03", "Auto", 0.3, "s", np.nan, np.nan, ""),
@@ -122,17 +185,17 @@ def test_summary_tells_units_with_values():
     ]
     names = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
     table = pd.DataFrame(lines, columns=names)
-    rows = printed(terminal.summary_table(table), 50).splitlines()
+    rows = print_at(terminal.summary_table(table), 50).splitlines()
     assert [r.split()[-5:] for r in rows if "Ida" in r] == [["0.25", "s", "(0.2", "to", "0.4)"]]
     assert [r.split()[-2:] for r in rows if "Auto" in r] == [["0.3", "s"]]
     assert [r.split()[-1] for r in rows if "order" in r] == ["2"]
-    assert "Radau" in printed(terminal.summary_table(table), 100)
-    assert "as fast" not in printed(terminal.summary_table(table.iloc[1:]), 100)
+    assert "Radau" in print_at(terminal.summary_table(table), 100)
+    assert "as fast" not in print_at(terminal.summary_table(table.iloc[1:]), 100)
 
 
-def test_ranges_of_columns_that_are_not_finite():
+def test_ranges_of_columns_with_nan_and_infinity():
     table = pd.DataFrame({"a [m]": [np.nan, np.nan], "b [m]": [np.inf, 1.0], "c [m]": [1.0, 2.0]})
-    text = printed(terminal.range_table(table), 80)
+    text = print_at(terminal.range_table(table), 80)
     assert [line.split()[-3:] for line in text.splitlines() if "[m]" in line] == [
         ["-", "-", "-"],
         ["1", "inf", "1"],
@@ -141,7 +204,7 @@ def test_ranges_of_columns_that_are_not_finite():
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "expected"),
     [
         ({"limited_by": {"rod.x": 0.614, "rod.phi": 0.2}}, "rod.x 61%, rod.phi 20% of the steps"),
         ({"limited_by": {}}, None),
@@ -149,8 +212,14 @@ def test_ranges_of_columns_that_are_not_finite():
     ],
     ids=["some", "no step", "another method"],
 )
-def test_what_limits_the_step_has_a_line_where_it_is_known(settings, told):
+def test_unknowns_that_limit_the_step_are_listed(settings, expected):
     solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 0.02)
     facts = terminal.run_facts(solution.summary(), settings | {"orders": {"1": 2}})
-    assert facts.get("limited by") == told
+    assert facts.get("limited by") == expected
     assert "orders" not in facts["integrator"]
+
+
+def test_regression_values_without_a_unit_are_never_rounding():
+    table = terminal.range_table(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
+    (line,) = [line for line in print_at(table, 120).splitlines() if "a [-]" in line]
+    assert line.split()[2:] == ["1", "2", "2"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from beamdae.report.page.encoding import stored_frames
 from beamdae.report.page.template import filled
-from beamdae.results.displays import Animation
+from beamdae.results.displays import ANIMATION_WIDTH, Animation
 
 _STYLES = ("page", "charts", "mechanism")
 _SCRIPTS = ("data", "elements", "numbers", "axes", "mechanism", "player", "alone")

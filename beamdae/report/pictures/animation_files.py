@@ -1,4 +1,4 @@
-"""Moving pictures as GIF and as MP4."""
+"""Writing of animated figures to GIF and MP4 files."""
 
 from __future__ import annotations
 
@@ -10,32 +10,34 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.time_plots import picture_path
+from beamdae.report.pictures.figures import require_picture_path
 from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from PIL.Image import Image
 
-_DPI = 100
-# Colors of a GIF, and how many of its frames tell which.
-_COLORS, _ASKED = 128, 8
-# Pillow takes any color this near to another one for it.
-_WHITE = 240
+_RESOLUTION = 100  # [dots per inch]
+_PALETTE_SIZE = 128  # colors of a GIF
+_PALETTE_FRAMES = 8  # from which the palette is taken
+# Pillow may map white to a palette entry that is merely close; components above this become white.
+_MIN_WHITE = 240
 
 
 @dataclass(frozen=True)
 class FigureAnimation:
-    """A figure that is changed from frame to frame.
+    """A figure that changes from frame to frame.
 
     Attributes
     ----------
     figure
-        With all its artists.
+        The figure with all its artists.
     show
-        Makes it that of a frame.
-    frames, rate
-        How many, and how many a second.
+        Updates the figure to a frame.
+    frames
+        Number of frames.
+    rate
+        Frames per second.
     """
 
     figure: Figure
@@ -43,59 +45,66 @@ class FigureAnimation:
     frames: int
     rate: float
 
-    def written(self, name: str, path: str | Path) -> Path:
-        """Write it to a file; `name` asks for it.
+    def save(self, name: str, path: str | Path) -> Path:
+        """Write the animation to a file and return the path.
+
+        Parameters
+        ----------
+        name
+            Name of the calling function, for messages.
+        path
+            Path of the file, with the suffix .gif or .mp4.
 
         Raises
         ------
         BeamdaeError
-            If the file is of another kind than GIF and MP4 or cannot be written.
+            If the suffix is another one or the file cannot be written.
         """
-        kind = picture_path(name, path).suffix.lower().removeprefix(".")
+        kind = require_picture_path(name, path).suffix.lower().removeprefix(".")
         if kind not in ("gif", "mp4"):
             raise BeamdaeError(f"{name}: path {path} must end in .gif or .mp4.")
         if kind == "mp4":
             _require_ffmpeg(name)
         with atomic_write(Path(path)) as scratch:
-            # Writers go by the suffix.
-            named = scratch.with_name(f"{scratch.name}.{kind}")
+            # The writers choose the format by the suffix.
+            with_suffix = scratch.with_name(f"{scratch.name}.{kind}")
             try:
-                (self._gif if kind == "gif" else self._mp4)(named)
-                named.replace(scratch)
+                (self._save_gif if kind == "gif" else self._save_mp4)(with_suffix)
+                with_suffix.replace(scratch)
             finally:
-                named.unlink(missing_ok=True)
+                with_suffix.unlink(missing_ok=True)
         return Path(path)
 
-    def _mp4(self, path: Path) -> None:
+    def _save_mp4(self, path: Path) -> None:
         from matplotlib.animation import FFMpegWriter, FuncAnimation
 
         rate: Any = self.rate
-        moving = FuncAnimation(self.figure, self.show, frames=self.frames, blit=False)
-        moving.save(str(path), writer=FFMpegWriter(fps=rate), dpi=_DPI)
+        animation = FuncAnimation(self.figure, self.show, frames=self.frames, blit=False)
+        animation.save(str(path), writer=FFMpegWriter(fps=rate), dpi=_RESOLUTION)
 
-    def _gif(self, path: Path) -> None:
-        """Frames share one palette: what does not change between them takes no room."""
+    def _save_gif(self, path: Path) -> None:
+        """Write a GIF with one palette for all frames, so that unchanged regions compress well."""
         from PIL.Image import Dither
 
-        asked = np.linspace(0, self.frames - 1, min(_ASKED, self.frames)).astype(int)
-        palette = _palette(_side_by_side([self._picture(int(k)) for k in asked]))
-        pictures = (
-            self._picture(k).quantize(palette=palette, dither=Dither.NONE)
+        samples = np.linspace(0, self.frames - 1, min(_PALETTE_FRAMES, self.frames)).astype(int)
+        palette = _create_palette(_place_side_by_side([self._render(int(k)) for k in samples]))
+        images = (
+            self._render(k).quantize(palette=palette, dither=Dither.NONE)
             for k in range(self.frames)
         )
-        # GIFs count hundredths of a second; rounded one by one they would not add up.
-        ends = np.round(np.arange(self.frames + 1) * 100.0 / self.rate)
-        lasting = [10 * max(int(x), 1) for x in np.diff(ends)]
-        first = next(pictures)
+        # Durations are multiples of 10 ms; rounding the end times prevents a drift.
+        end_times = np.round(np.arange(self.frames + 1) * 100.0 / self.rate)
+        durations = [10 * max(int(x), 1) for x in np.diff(end_times)]
+        first = next(images)
         first.save(
-            path, save_all=True, append_images=pictures, duration=lasting, loop=0, optimize=False
+            path, save_all=True, append_images=images, duration=durations, loop=0, optimize=False
         )
 
-    def _picture(self, frame: int) -> Image:
+    def _render(self, frame: int) -> Image:
         from PIL import Image
 
         self.show(frame)
-        self.figure.set_dpi(_DPI)
+        self.figure.set_dpi(_RESOLUTION)
         canvas: Any = self.figure.canvas
         canvas.draw()
         return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
@@ -105,26 +114,29 @@ def _require_ffmpeg(name: str) -> None:
     from matplotlib.animation import FFMpegWriter
 
     if not FFMpegWriter.isAvailable():
-        raise BeamdaeError(f"{name}: MP4 files need the program ffmpeg, which is not there.")
+        raise BeamdaeError(
+            f"{name}: MP4 files need the program ffmpeg, which was not found; "
+            "install it or write a GIF file."
+        )
 
 
-def _palette(picture: Image) -> Image:
-    """The colors of a picture; what is nearly white is white, as most of it is."""
+def _create_palette(image: Image) -> Image:
+    """Return the colors of an image as a palette; colors close to white become white."""
     from PIL import Image
 
-    colors = np.array(picture.quantize(_COLORS).getpalette(), int).reshape(-1, 3)
-    colors[colors.min(axis=1) > _WHITE] = 255
-    found = Image.new("P", (1, 1))
-    found.putpalette(colors.ravel().tolist())
-    return found
+    colors = np.array(image.quantize(_PALETTE_SIZE).getpalette(), int).reshape(-1, 3)
+    colors[colors.min(axis=1) > _MIN_WHITE] = 255
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(colors.ravel().tolist())
+    return palette
 
 
-def _side_by_side(pictures: list[Image]) -> Image:
+def _place_side_by_side(images: list[Image]) -> Image:
     from PIL import Image
 
-    found = Image.new("RGB", (sum(x.width for x in pictures), pictures[0].height))
-    at = 0
-    for one in pictures:
-        found.paste(one, (at, 0))
-        at += one.width
-    return found
+    wide = Image.new("RGB", (sum(x.width for x in images), images[0].height))
+    left = 0
+    for image in images:
+        wide.paste(image, (left, 0))
+        left += image.width
+    return wide

@@ -1,4 +1,4 @@
-"""A mechanism as it is drawn, before anything is run."""
+"""Drawing of a mechanism in its reference configuration."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.pictures import figures as pictures
-from beamdae.report.pictures.label_placement import place_names
-from beamdae.report.scene import poses
-from beamdae.report.scene.artists import SceneArtists
+from beamdae.report.pictures.figures import disable_math_text
+from beamdae.report.pictures.label_placement import place_labels
+from beamdae.report.pictures.scene_artists import SceneArtists
 from beamdae.report.scene.mechanism_scene import build_scene
+from beamdae.report.scene.poses import reference_poses
 from beamdae.report.scene.scene import Scene
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
@@ -22,33 +22,40 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_WIDTH, _HEIGHT = 8.0, (2.5, 8.0)
-# For the numbers of the axes: on the left, below, on the right and above [inch].
-_AROUND = (0.8, 0.5, 0.2, 0.22)
-# Of the size of the drawing: how near names share a place, and what is free around it.
-_NEAR, _MARGIN = 0.012, 0.09
-_MOST = 30
-# Points of a line that names do not cover, and lines they may cover.
-_DENSE = 120
-_COVERED = ("guide", "surface", "gear")
+# Width and limits of the height of the figure [inch].
+_WIDTH = 8.0
+_MIN_HEIGHT = 2.5
+_MAX_HEIGHT = 8.0
+# Space around the axes for labels of the axes [inch].
+_LEFT = 0.8
+_BOTTOM = 0.5
+_RIGHT = 0.2
+_TOP = 0.22
+# Relative to the extent of the scene: parts closer than this share a label; free margin.
+_SHARED_LABEL_DISTANCE = 0.012
+_MARGIN = 0.09
+_LABEL_LETTERS = 30
+# Points per line that labels avoid, and the kinds of lines that they may cover.
+_POINTS_PER_LINE = 120
+_COVERABLE_KINDS = ("guide", "surface", "gear")
 
 
 def draw(mechanism: Mechanism) -> Plot:
-    """Draw a mechanism as it is stated: bodies, joints, supports, springs and loads by name.
+    """Draw a mechanism: bodies, joints, supports, springs and loads with their names.
 
-    It is the reference drawing; a start elsewhere is not looked for. Bodies are drawn through the
-    points other parts refer to, beams along their axis, forces as arrows of one length in their
-    direction at t = 0 (or soon after, where they begin with nothing).
+    The drawing shows the reference configuration, not a different start. Rigid bodies are drawn
+    through the points that other parts refer to and beams along their axis. Forces are arrows of
+    one length in their direction at t = 0, or soon after if they are zero then.
 
     Returns
     -------
     Plot
-        Shown by a notebook; `Plot.save` writes it to a file.
+        Displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If it is no mechanism, or there is nothing to draw.
+        If the argument is not a mechanism or has no parts that can be drawn.
 
     Examples
     --------
@@ -64,35 +71,42 @@ def draw(mechanism: Mechanism) -> Plot:
 
 
 def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
-    """The drawing as a figure of a size [inch], by default one that fits."""
-    scene = build_scene(mechanism, poses.reference_poses, np.zeros(1))
+    """Return the drawing of a mechanism as a figure.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    size
+        Width and height [inch]; by default the height follows from the shape of the mechanism.
+    """
+    scene = build_scene(mechanism, reference_poses, np.zeros(1))
     low, high = scene.extent()
-    figure, axis = _canvas(high - low, size)
+    figure, axis = _create_axis(high - low, size)
     SceneArtists(axis, scene)
-    names = _names(scene, _NEAR * float(np.max(high - low)))
+    labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * float(np.max(high - low)))
     if np.any(mechanism.gravity):
-        names.append(_gravity(mechanism.gravity, low, high, scene.size, axis))
+        labels.append(_draw_gravity(mechanism.gravity, low, high, scene.size, axis))
         high = np.add(high, (4.0 * scene.size, 0.0))
     axis.dataLim.set_points(np.array([low, high]))
     axis.margins(_MARGIN)
     axis.autoscale_view()
-    place_names(axis, names, _dense(scene))
-    pictures.disable_math_text(figure)
+    place_labels(axis, labels, _sample_lines(scene))
+    disable_math_text(figure)
     return figure
 
 
-def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, Any]:
+def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    width, height = extent / np.max(extent)
-    tall = float(np.clip(_WIDTH * (height + 0.25) / (width + 0.25), *_HEIGHT))
-    wide, tall = size or (_WIDTH, tall)
-    figure = Figure(figsize=(wide, tall))
+    relative_width, relative_height = extent / np.max(extent)
+    height = _WIDTH * (relative_height + 0.25) / (relative_width + 0.25)
+    width, height = size or (_WIDTH, float(np.clip(height, _MIN_HEIGHT, _MAX_HEIGHT)))
+    figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    left, below, right, above = _AROUND
-    room = (1.0 - (left + right) / wide, 1.0 - (below + above) / tall)
-    axis = figure.add_axes((left / wide, below / tall, *room))
+    inner = (1.0 - (_LEFT + _RIGHT) / width, 1.0 - (_BOTTOM + _TOP) / height)
+    axis = figure.add_axes((_LEFT / width, _BOTTOM / height, *inner))
     axis.set_aspect("equal", adjustable="datalim")
     axis.spines[["top", "right"]].set_visible(False)
     axis.set_xlabel("x [m]")
@@ -103,36 +117,40 @@ def _canvas(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, An
     return figure, axis
 
 
-def _gravity(gravity: Array, low: Array, high: Array, size: float, axis: Any) -> tuple[Array, str]:
-    """An arrow in the corner above, with its size."""
+def _draw_gravity(
+    gravity: Array, low: Array, high: Array, size: float, axis: Any
+) -> tuple[Array, str]:
+    """Draw an arrow in the upper right corner; return its position and label."""
     along = gravity / np.hypot(*gravity)
-    middle = np.array([high[0] + 3.0 * size, high[1]])
-    start, end = middle - 2.0 * size * along, middle + 2.0 * size * along
-    look = {"arrowstyle": "-|>", "color": "0.55", "lw": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
-    axis.annotate("", tuple(end.tolist()), tuple(start.tolist()), arrowprops=look)
-    return middle, f"{np.hypot(*gravity):g} m/s²"
+    center = np.array([high[0] + 3.0 * size, high[1]])
+    start, end = center - 2.0 * size * along, center + 2.0 * size * along
+    style = {"arrowstyle": "-|>", "color": "0.55", "lw": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+    axis.annotate("", tuple(end.tolist()), tuple(start.tolist()), arrowprops=style)
+    return center, f"{np.hypot(*gravity):g} m/s²"
 
 
-def _names(scene: Scene, near: float) -> list[tuple[Array, str]]:
-    """Names and their places, those of one place below each other."""
+def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
+    """Return positions and labels; names closer than a distance share a label, one per line."""
     groups: list[tuple[Array, list[str]]] = []
-    for row, text in scene.names:
-        at = scene.poses[row, 0, :2]
-        for other, texts in groups:
-            if np.hypot(*(at - other)) < near:
-                texts.append(shorten_text(text, _MOST))
+    for row, name in scene.names:
+        position = scene.poses[row, 0, :2]
+        for other, names in groups:
+            if np.hypot(*(position - other)) < distance:
+                names.append(shorten_text(name, _LABEL_LETTERS))
                 break
         else:
-            groups.append((at, [shorten_text(text, _MOST)]))
-    return [(at, "\n".join(texts)) for at, texts in groups]
+            groups.append((position, [shorten_text(name, _LABEL_LETTERS)]))
+    return [(position, "\n".join(names)) for position, names in groups]
 
 
-def _dense(scene: Scene) -> Array:
-    """Points along all lines but those of guides and surfaces, near to each other."""
-    found = []
+def _sample_lines(scene: Scene) -> Array:
+    """Return closely spaced points (k, 2) on the lines that labels avoid."""
+    samples = []
     for glyph, line in scene.lines():
-        if glyph.kind not in _COVERED:
+        if glyph.kind not in _COVERABLE_KINDS:
             points = line[0][np.isfinite(line[0]).all(axis=1)]
-            at = np.linspace(0.0, len(points) - 1.0, max(len(points), _DENSE))
-            found.append(np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1))
-    return np.concatenate(found)
+            at = np.linspace(0.0, len(points) - 1.0, max(len(points), _POINTS_PER_LINE))
+            samples.append(
+                np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1)
+            )
+    return np.concatenate(samples)

@@ -1,4 +1,4 @@
-"""Pictures of runs and of what several runs say of the same columns."""
+"""Common parts of figures: palette, choice of columns, panels, legends and writing to files."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, is_valid_path, short_repr
 from beamdae.report.text import shorten_text
 from beamdae.results.columns import Header, observed_columns
 from beamdae.results.storage.files import atomic_write
@@ -23,177 +22,85 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
-    # By header.
+    # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame
 
 Array = np.ndarray
 
-# Okabe & Ito's palette, readable with every kind of color vision.
+# Palette of Okabe & Ito, which is readable with every kind of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
-_PANELS = 12
-# What is larger could overflow when the range of an axis is taken.
-_HUGE = 1e300
-# Letters of a title on one line, of names of panels (beside a legend) and axes, and of entries.
-_LINE, _NAME, _BESIDE, AXIS, _ENTRY = 60, 40, 22, 28, 60
-# About as wide is a letter of a legend below the panels, and the line beside its name [inches].
-_LETTER, _SIGN = 0.075, 0.8
+_STYLE_REPETITIONS = 8
+
+MAX_LABEL_LETTERS = 28  # of the label of an axis
+_TITLE_LINE_LETTERS = 60
+_LEGEND_ENTRY_LETTERS = 60
+# Approximate width of a letter in a legend below the panels, and of the line beside it [inch].
+_LEGEND_LETTER_WIDTH = 0.075
+_LEGEND_LINE_WIDTH = 0.8
+_LEGEND_ROW_HEIGHT = 0.19  # [inch]
+_MAX_PANELS = 12
+_RESOLUTION = 150  # of files [dots per inch]
+
+# Larger values overflow when matplotlib computes the range of an axis.
+MAX_DRAWABLE = 1e300
+# A column is constant if its range is below this fraction of the largest range in its unit, or
+# below the second fraction of the largest range in any unit (rounding).
+_MIN_RELATIVE_RANGE = 1e-9
+_ROUNDING = 1e-15
 
 
-def plot_run(path: Path, table: Columns, title: str) -> Path:
-    """Draw the observed positions, deformations and forces over time; rates are left out.
-
-    Parameters
-    ----------
-    table
-        Time, observed columns and the energy ledger, see `Solution.table`.
-
-    Returns
-    -------
-    Path
-        Of the PNG file.
-    """
-    drawn = mask_huge_values(table)
-    groups = _groups(drawn)
-    figure, axes = create_panels(len(groups), title, "observables")
-    for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
-        labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
-        for column, color in zip(columns, repeat_styles(COLORS), strict=False):
-            time, values = drawn[TIME], drawn[column]
-            axis.plot(time, values, color=color, lw=1.2, **single_point_marker(time))
-        format_axis(axis, shorten_text(name, _BESIDE if len(columns) > 1 else _NAME), f"[{unit}]")
-        if len(columns) > 1:
-            _legend(axis, labels)
-        else:
-            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
-            axis.set_ylabel(shorten_text(label, AXIS))
-    return save_figure(figure, path)
+def mask_huge_values(table: Columns) -> dict[str, Array]:
+    """Return the columns of a table with nan in place of values that cannot be drawn."""
+    columns = {name: np.asarray(table[name], float) for name in map(str, table)}
+    return {name: np.where(np.abs(x) < MAX_DRAWABLE, x, np.nan) for name, x in columns.items()}
 
 
-def plot_comparison(
-    path: Path,
-    reference: pd.DataFrame,
-    runs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame | None]],
-    uncertainty: float,
-    title: str,
-) -> Path:
-    """Draw what several runs say of the same columns, and their errors over time.
-
-    Parameters
-    ----------
-    reference
-        Time and observed columns.
-    runs
-        By label: the same of each run, and its errors relative to the amplitude over time.
-    uncertainty
-        Of the reference, in the same measure.
-    """
-    drawn = mask_huge_values(reference)
-    columns = characteristic_columns(drawn)
-    errors = {
-        label: deviant.max(axis=1) for label, (_, deviant) in runs.items() if deviant is not None
-    }
-    errors = {label: x.where((x > 0.0) & (x < _HUGE)) for label, x in errors.items()}
-    measured = any(x.notna().any() for x in errors.values())
-    figure, axes = create_panels(len(columns) + measured, title)
-    looks = [
-        {"color": c, "ls": d}
-        for c, d in zip(repeat_styles(COLORS), repeat_styles(DASHES), strict=False)
-    ]
-    styles = dict(zip(runs, looks, strict=False))
-    for axis, column in zip(axes, columns, strict=False):
-        time = drawn[TIME]
-        axis.plot(time, drawn[column], color="0.8", lw=5, **single_point_marker(time))
-        for label, (curve, _) in runs.items():
-            table = mask_huge_values(curve)
-            if column in table:
-                time = table[TIME]
-                axis.plot(time, table[column], lw=1.4, **styles[label], **single_point_marker(time))
-        format_axis(axis, "", column)
-    if measured:
-        _errors(axes[-1], errors, styles, uncertainty)
-    entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
-    add_legend(figure, entries)
-    return save_figure(figure, path)
-
-
-def _errors(
-    axis: Axes,
-    errors: Mapping[str, pd.Series],
-    styles: Mapping[str, dict[str, Any]],
-    uncertainty: float,
-) -> None:
-    """Errors over time, each in the style of its run."""
-    for label, error in errors.items():
-        axis.plot(error.index, error, lw=1.0, **styles[label], **single_point_marker(error))
-    axis.set_yscale("log")
-    if 0.0 < uncertainty < _HUGE:
-        line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
-        axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
-    format_axis(axis, "", "error / amplitude [-]")
+def varying_columns(table: Columns) -> list[str]:
+    """Return the observed columns that vary, without rates; all of these if none varies."""
+    columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
+    values = {c: np.asarray(table[c], float) for c in columns}
+    columns = [c for c in columns if not np.isnan(values[c]).all()]
+    size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
+    unit = {c: Header.of(c).unit for c in columns}
+    # Only columns in one unit are comparable: a stress in Pa is 1e10 times a displacement in m.
+    largest = {c: max(size[x] for x in columns if unit[x] == unit[c]) for c in columns}
+    rounding = _ROUNDING * max(size.values(), default=0.0)
+    limits = {c: max(_MIN_RELATIVE_RANGE * largest[c], rounding) for c in columns}
+    return [c for c in columns if size[c] > limits[c]] or columns
 
 
 def characteristic_columns(table: Columns) -> list[str]:
-    """The columns a comparison is drawn in: a deformation, or else the first motion."""
+    """Return up to three columns that characterize a run: a deformation, or else a motion."""
     groups: dict[str, list[str]] = {}
     for column in varying_columns(table):
         groups.setdefault(Header.of(column).name, []).append(column)
     for columns in groups.values():
         if {Header.of(c).suffix for c in columns} & {"u", "v", "phi"}:
             return columns[:3]
-    drawn = [column for columns in groups.values() for column in columns]
-    motions = [column for column in drawn if Header.of(column).unit in ("m", "rad")]
-    return (motions or drawn)[:3]
-
-
-def _groups(table: Columns) -> dict[tuple[str, str], list[str]]:
-    """Columns that share a panel, by observable and unit."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for column in varying_columns(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
-        header = Header.of(column)
-        groups.setdefault((header.name, header.unit), []).append(column)
-    return groups
-
-
-def varying_columns(table: Columns) -> list[str]:
-    """Observed columns that are neither rates nor still, and hold a number that can be drawn."""
-    columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
-    values = {c: np.asarray(table[c], float) for c in columns}
-    columns = [c for c in columns if not np.isnan(values[c]).all()]
-    size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
-    # A stress in Pa is 1e10 times a way in m: only what has the same unit tells how small is small,
-    # and where nothing in a unit moves, what is left of it by rounding.
-    largest = {c: max(size[x] for x in columns if _unit(x) == _unit(c)) for c in columns}
-    rounding = 1e-15 * max(size.values(), default=0.0)
-    return [c for c in columns if size[c] > max(1e-9 * largest[c], rounding)] or columns
-
-
-def _unit(column: str) -> str:
-    return Header.of(column).unit
-
-
-def mask_huge_values(table: Columns) -> dict[str, Array]:
-    """The columns without numbers no axis has a place for."""
-    columns = {name: np.asarray(table[name], float) for name in map(str, table)}
-    return {name: np.where(np.abs(x) < _HUGE, x, np.nan) for name, x in columns.items()}
-
-
-def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
-    """A mark where there is but one row: a line would not be seen."""
-    return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
-
-
-def repeat_styles(styles: Sequence[Any]) -> list[Any]:
-    """More styles than anything drawn here has need of."""
-    return list(styles) * 8
+    candidates = [column for columns in groups.values() for column in columns]
+    motions = [column for column in candidates if Header.of(column).unit in ("m", "rad")]
+    return (motions or candidates)[:3]
 
 
 def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
-    """A figure with so many axes over time, in two columns; of more it has twelve and says so."""
-    # Here, for it takes longer to import than some commands to run.
+    """Return a figure with panels over time in up to two columns.
+
+    Of more than twelve panels the first twelve are created, and the title says so.
+
+    Parameters
+    ----------
+    number
+        Number of panels.
+    title
+        Title of the figure.
+    what
+        What the panels show, for the title.
+    """
+    # matplotlib takes longer to import than some commands take to run.
     from matplotlib.figure import Figure
 
-    wanted, number = number, min(number, _PANELS)
+    requested, number = number, min(number, _MAX_PANELS)
     columns = 1 if number == 1 else 2
     rows = max(math.ceil(number / columns), 1)
     figure = Figure(figsize=(4.6 * columns + 0.6, 2.3 * rows + 1.2), layout="constrained")
@@ -202,21 +109,21 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
         axis.set_xlabel("t [s]")
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
-    # Not below, where legends are.
-    some = [f"{number} of {wanted} {what}"] if wanted > number else []
-    figure.suptitle("\n".join(filter(None, [wrap_title(title), *some])), fontsize=11)
+    # Above the panels, because legends are below.
+    omission = [f"{number} of {requested} {what}"] if requested > number else []
+    figure.suptitle("\n".join(filter(None, [wrap_title(title), *omission])), fontsize=11)
     return figure, axes
 
 
-def wrap_title(title: str, line: int = _LINE) -> str:
-    """A title on about two lines; of a longer one the middle is left out."""
+def wrap_title(title: str, line: int = _TITLE_LINE_LETTERS) -> str:
+    """Return a title on about two lines; a longer one loses its middle."""
     return textwrap.fill(shorten_text(title, 2 * line - 10), line)
 
 
 def format_axis(axis: Axes, title: str, ylabel: str) -> None:
-    """Title, label and grid of an axis."""
+    """Set title, label, grid and ticks of an axis."""
     axis.set_title(title, fontsize=10)
-    axis.set_ylabel(shorten_text(ylabel, AXIS))
+    axis.set_ylabel(shorten_text(ylabel, MAX_LABEL_LETTERS))
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
     if axis.get_yscale() == "linear":
@@ -226,33 +133,28 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(axis: Axes, labels: Sequence[str]) -> None:
-    """A legend in the corner above the axes, where no curve runs through it."""
-    found = axis.legend(
-        axis.lines,
-        [""] * len(labels),
-        loc="lower right",
-        bbox_to_anchor=(1.02, 0.97),
-        frameon=False,
-        fontsize=8,
-        ncols=min(len(labels), 4),
-        handlelength=1.2,
-        columnspacing=1.0,
-    )
-    _name(found, [shorten_text(label, 14) for label in labels])
+def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
+    """Return the style of a marker for a single row, for which a line would be invisible."""
+    return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
+
+
+def repeat_styles(styles: Sequence[Any]) -> list[Any]:
+    """Return the styles repeated to more than a figure needs."""
+    return list(styles) * _STYLE_REPETITIONS
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """A legend below the panels, of lines in these styles by name, that takes no room from them."""
+    """Add a legend below the panels, with line styles by name; the figure grows by its height."""
     from matplotlib.lines import Line2D
 
     width = figure.get_figwidth()
-    most = min(_ENTRY, int((width - _SIGN) / _LETTER))
-    names = [shorten_text(name, most) for name in entries]
-    widest = _LETTER * max(map(len, names), default=1) + _SIGN
+    letters = int((width - _LEGEND_LINE_WIDTH) / _LEGEND_LETTER_WIDTH)
+    names = [shorten_text(name, min(_LEGEND_ENTRY_LETTERS, letters)) for name in entries]
+    widest = _LEGEND_LETTER_WIDTH * max(map(len, names), default=1) + _LEGEND_LINE_WIDTH
     columns = max(1, min(len(names), int(width / widest)))
-    figure.set_figheight(figure.get_figheight() + 0.19 * math.ceil(len(names) / columns))
-    found = figure.legend(
+    rows = math.ceil(len(names) / columns)
+    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
+    legend = figure.legend(
         handles=[Line2D([], [], **style) for style in entries.values()],
         labels=[""] * len(names),
         loc="outside lower center",
@@ -261,33 +163,50 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
         fontsize=8,
         handlelength=3.0,
     )
-    _name(found, names)
+    set_legend_names(legend, names)
 
 
-def _name(found: Legend, names: Sequence[str]) -> None:
-    # Legends leave out what begins with an underscore, if they are given it.
-    for text, name in zip(found.get_texts(), names, strict=True):
+def set_legend_names(legend: Legend, names: Sequence[str]) -> None:
+    """Set the texts of a legend, which omits labels with a leading underscore on creation."""
+    for text, name in zip(legend.get_texts(), names, strict=True):
         text.set_text(name)
 
 
 def disable_math_text(figure: Figure) -> None:
-    """Names are no formulas: a dollar sign in them is one."""
+    """Show dollar signs in titles, labels and legends as such, not as formulas."""
     legends = [axis.get_legend() for axis in figure.axes] + figure.legends
-    texts = [text for found in legends if found is not None for text in found.get_texts()]
+    texts = [text for legend in legends if legend is not None for text in legend.get_texts()]
     for axis in figure.axes:
         texts += [axis.title, axis.xaxis.label, axis.yaxis.label]
     for text in [*texts, *figure.texts]:
         text.set_parse_math(False)
 
 
+def require_picture_path(name: str, path: Any) -> Path:
+    """Return the path of a picture; raise an error that names the caller if it has no suffix."""
+    text = str(path) if isinstance(path, (str, Path)) else ""
+    if not (is_valid_path(text) and Path(text).suffix):
+        raise BeamdaeError(f"{name}: path must have a suffix such as .png, got {short_repr(path)}.")
+    return Path(text)
+
+
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Save a picture, names in it drawn as they are written; the folder is made if need be."""
+    """Write a figure to a file in the format of its suffix and return the path.
+
+    Folders are created as needed; a path without a suffix becomes a PNG file.
+
+    Raises
+    ------
+    BeamdaeError
+        If the suffix is not supported or the file cannot be written.
+    """
     kind = path.suffix.removeprefix(".").lower() or "png"
-    if kind not in (known := figure.canvas.get_supported_filetypes()):
-        raise BeamdaeError(f"path {path} must end in one of {', '.join(f'.{k}' for k in known)}.")
+    if kind not in (supported := figure.canvas.get_supported_filetypes()):
+        suffixes = ", ".join(f".{k}" for k in supported)
+        raise BeamdaeError(f"path {path} must end in one of {suffixes}.")
     disable_math_text(figure)
     with atomic_write(path) as scratch, warnings.catch_warnings():
-        # A name in a script the font lacks is drawn as boxes; the tables have it right.
+        # Names in a script that the font lacks are drawn as boxes; tables show them correctly.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(scratch, dpi=150, format=kind)
+        figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
     return path

@@ -1,4 +1,4 @@
-"""Names in a drawing, placed so that they neither lie on each other nor on what they name."""
+"""Placement of labels in a drawing such that they cover neither each other nor lines."""
 
 from __future__ import annotations
 
@@ -13,98 +13,117 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Directions and distances [pt] at which a place for a name is looked for, the nearest first.
-_DIRECTIONS, _DISTANCES = 16, (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)
-# From this distance on a line leads to what is named [pt].
-_LED = 16.0
-_SIZE, _GAP = 8.0, 1.5
-# What it costs that a name covers points of lines, and that it leaves the axes.
-_COVERED, _OUTSIDE, _AWAY = 2.0, 400.0, 0.35
+# Candidate positions around a point: number of directions, and distances [pt], nearest first.
+_DIRECTIONS = 16
+_DISTANCES = (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)
+# A label this far away is connected to its point by a line [pt].
+_MIN_LEADER_DISTANCE = 16.0
+# Labels within this distance count as neighbors; those with most neighbors are placed first [pt].
+_NEIGHBOR_DISTANCE = 60.0
+_FONT_SIZE = 8.0  # [pt]
+_GAP = 1.5  # free space around a label [pt]
 _POINTS_PER_INCH = 72.0
 
+# Costs of a position: per covered point of a line (up to a number), for an overlap with a label
+# (plus the overlapping area [pt^2]), outside the axes, and per distance [pt].
+_COVERED_POINT_COST = 2.0
+_MAX_COVERED_POINTS = 40
+_OVERLAP_COST = 300.0
+_OUTSIDE_COST = 400.0
+_DISTANCE_COST = 0.35
 
-def place_names(axis: Axes, names: Sequence[tuple[Array, str]], drawn: Array) -> None:
-    """Write names beside their places, each where it covers least.
 
-    Names are placed one after the other, those of dense neighborhoods first: where one would lie
-    on another it goes further off, with a line to its place.
+def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Array) -> None:
+    """Write labels beside their points, each at the position of least cost.
+
+    Labels are placed one after the other, those with most neighbors first. A label that would
+    overlap another one is moved away and connected to its point by a line.
 
     Parameters
     ----------
     axis
-        With its limits, where it stays in its figure.
-    names
-        Places (2,) in data, and texts.
-    drawn
-        Points (k, 2) in data that are better not covered.
+        Axis with its final limits and position in the figure.
+    labels
+        Points (2,) in data coordinates, and texts.
+    obstacles
+        Points (k, 2) in data coordinates that should not be covered.
     """
     figure: Any = axis.figure
     axis.apply_aspect()
-    points = _POINTS_PER_INCH / figure.dpi
-    to_points = axis.transData.transform
-    at = to_points(np.array([place for place, _ in names])) * points
-    lines = to_points(drawn) * points
-    corners = axis.get_window_extent().get_points() * points
-    taken = np.zeros((0, 4))
-    distances = np.hypot(*np.moveaxis(at[:, None] - at[None], -1, 0))
-    crowd = np.sum(distances < 60.0, axis=1)
-    for k in np.argsort(-crowd, kind="stable").tolist():
-        text = names[k][1]
-        size = _extent(axis, text) * points
-        boxes, away = _candidates(at[k], size)
-        cost = _AWAY * away + _covering(boxes, lines, taken, corners)
-        best = boxes[int(np.argmin(cost))]
-        taken = np.vstack([taken, best])
-        _write(axis, names[k][0], text, best[:2] - at[k], float(away[int(np.argmin(cost))]))
+    points_per_pixel = _POINTS_PER_INCH / figure.dpi
+    to_pixels = axis.transData.transform
+    anchors = to_pixels(np.array([point for point, _ in labels])) * points_per_pixel
+    lines = to_pixels(obstacles) * points_per_pixel
+    corners = axis.get_window_extent().get_points() * points_per_pixel
+    occupied = np.zeros((0, 4))
+    distances = np.hypot(*np.moveaxis(anchors[:, None] - anchors[None], -1, 0))
+    neighbors = np.sum(distances < _NEIGHBOR_DISTANCE, axis=1)
+    for k in np.argsort(-neighbors, kind="stable").tolist():
+        point, text = labels[k]
+        size = _measure_text(axis, text) * points_per_pixel
+        boxes, distance = _candidate_boxes(anchors[k], size)
+        cost = _DISTANCE_COST * distance + _cover_cost(boxes, lines, occupied, corners)
+        best = int(np.argmin(cost))
+        occupied = np.vstack([occupied, boxes[best]])
+        _write_label(axis, point, text, boxes[best, :2] - anchors[k], float(distance[best]))
 
 
-def _extent(axis: Axes, text: str) -> Array:
-    """Width and height of a text in pixels."""
-    written = axis.text(0.0, 0.0, text, fontsize=_SIZE, parse_math=False)
-    box = written.get_window_extent()
-    written.remove()
+def _measure_text(axis: Axes, text: str) -> Array:
+    """Return width and height of a text in pixels."""
+    label = axis.text(0.0, 0.0, text, fontsize=_FONT_SIZE, parse_math=False)
+    box = label.get_window_extent()
+    label.remove()
     return np.array([box.width, box.height])
 
 
-def _candidates(at: Array, size: Array) -> tuple[Array, Array]:
-    """Boxes (k, 4) around a place, from lower left to upper right, and how far away they are."""
-    found, away = [], []
+def _candidate_boxes(anchor: Array, size: Array) -> tuple[Array, Array]:
+    """Return boxes (k, 4) around a point, lower left to upper right, and their distances [pt]."""
+    boxes, distances = [], []
     angles = 0.25 * math.pi + 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     for distance in _DISTANCES:
         for k, angle in enumerate(angles):
-            way = np.array([math.cos(angle), math.sin(angle)])
-            # The side of the box that is nearest to the place touches the circle.
-            low = at + distance * way + 0.5 * size * (np.clip(1.5 * way, -1.0, 1.0) - 1.0)
-            found.append((*low, *(low + size)))
-            away.append(distance + 0.1 * min(k, _DIRECTIONS - k))
-    return np.array(found), np.array(away)
+            direction = np.array([math.cos(angle), math.sin(angle)])
+            # The side of the box nearest to the point touches the circle.
+            shift = 0.5 * size * (np.clip(1.5 * direction, -1.0, 1.0) - 1.0)
+            low = anchor + distance * direction + shift
+            boxes.append((*low, *(low + size)))
+            # Among equal distances, directions near the upper right are preferred.
+            distances.append(distance + 0.1 * min(k, _DIRECTIONS - k))
+    return np.array(boxes), np.array(distances)
 
 
-def _covering(boxes: Array, lines: Array, taken: Array, corners: Array) -> Array:
+def _cover_cost(boxes: Array, lines: Array, occupied: Array, corners: Array) -> Array:
     low, high = boxes[:, None, :2] - _GAP, boxes[:, None, 2:] + _GAP
-    on_lines = np.sum(np.all((lines > low) & (lines < high), axis=-1), axis=1)
-    common = np.minimum(high, taken[:, 2:]) - np.maximum(low, taken[:, :2])
+    covered_points = np.sum(np.all((lines > low) & (lines < high), axis=-1), axis=1)
+    common = np.minimum(high, occupied[:, 2:]) - np.maximum(low, occupied[:, :2])
     overlap = np.sum(np.prod(np.clip(common, 0.0, None), axis=-1), axis=1)
     outside = np.clip(corners[0] - boxes[:, :2], 0.0, None)
     outside = outside + np.clip(boxes[:, 2:] - corners[1], 0.0, None)
     return (
-        _COVERED * np.minimum(on_lines, 40)
-        + np.where(overlap > 0.0, 300.0 + overlap, 0.0)
-        + _OUTSIDE * (outside.sum(axis=1) > 0.0)
+        _COVERED_POINT_COST * np.minimum(covered_points, _MAX_COVERED_POINTS)
+        + np.where(overlap > 0.0, _OVERLAP_COST + overlap, 0.0)
+        + _OUTSIDE_COST * (outside.sum(axis=1) > 0.0)
     )
 
 
-def _write(axis: Axes, place: Array, text: str, offset: Array, away: float) -> None:
-    led = {"arrowstyle": "-", "color": "0.6", "lw": 0.6, "shrinkA": 0.0, "shrinkB": 2.0}
+def _write_label(axis: Axes, point: Array, text: str, offset: Array, distance: float) -> None:
+    leader = {
+        "arrowstyle": "-",
+        "color": "0.6",
+        "lw": 0.6,
+        "shrinkA": 0.0,
+        "shrinkB": 2.0,
+        "relpos": (0.5, 0.5),
+    }
     axis.annotate(
         text,
-        (float(place[0]), float(place[1])),
+        (float(point[0]), float(point[1])),
         xytext=(float(offset[0]), float(offset[1])),
         textcoords="offset points",
-        fontsize=_SIZE,
+        fontsize=_FONT_SIZE,
         color="0.2",
         parse_math=False,
-        arrowprops={**led, "relpos": (0.5, 0.5)} if away > _LED else None,
+        arrowprops=leader if distance > _MIN_LEADER_DISTANCE else None,
         bbox={"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.4},
         zorder=7,
     )

@@ -1,4 +1,4 @@
-"""Pictures of natural modes: shapes, moving pictures of one, and Campbell diagrams."""
+"""Figures of natural modes, animations of one mode, and Campbell diagrams."""
 
 from __future__ import annotations
 
@@ -15,10 +15,18 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import animation
 from beamdae.report.pictures.animation_files import FigureAnimation
 from beamdae.report.pictures.figures import COLORS, disable_math_text, format_axis, wrap_title
-from beamdae.report.scene.artists import SceneArtists, add_caption, create_bare_axis, padded_extent
+from beamdae.report.pictures.scene_artists import (
+    SceneArtists,
+    add_caption,
+    create_bare_axis,
+    padded_extent,
+)
 from beamdae.report.scene.frame_export import export_frames
-from beamdae.report.scene.mechanism_scene import build_scene, count_beam_sections
-from beamdae.report.scene.outlines import outlines
+from beamdae.report.scene.mechanism_scene import (
+    build_scene,
+    collect_drawings,
+    count_beam_sections,
+)
 from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
 from beamdae.report.scene.scene import Scene
 from beamdae.results.displays import Animation, Plot
@@ -28,61 +36,73 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_PANELS, _COLUMNS = 12, 3
-# Of the extent of the drawing: how far the largest displacement is drawn.
+_MAX_PANELS = 12
+_MAX_COLUMNS = 3
+# Largest displacement in a picture, relative to the extent of the mechanism.
 _AMPLITUDE = 0.12
-# Multiples of the speed in a Campbell diagram.
-_ORDERS = (1, 2, 3, 4)
-# What a panel measures [inch], and for how long a period is shown [s].
-_WIDTH, _LOWEST, _HIGHEST, _CAPTION, _PERIOD = 3.2, 0.8, 3.6, 0.35, 2.0
+# Multiples of the speed of rotation in a Campbell diagram.
+_SPEED_MULTIPLES = (1, 2, 3, 4)
+# Width and limits of the height of a panel, and height of its title [inch].
+_PANEL_WIDTH = 3.2
+_MIN_PANEL_HEIGHT = 0.8
+_MAX_PANEL_HEIGHT = 3.6
+_PANEL_TITLE_HEIGHT = 0.35
+_DISPLAYED_PERIOD = 2.0  # [s]
+_MAX_FRAMES = 500
 
 
-class _Shapes:
-    """Scenes of modes about a state, each as large as can be seen."""
+class _ModeScenes:
+    """Scenes of modes about a state, all scaled to the same largest displacement."""
 
-    def __init__(self, part: str, modes: Modes) -> None:
-        self._modes, self._mechanism = modes, _of_mechanism(part, modes)
-        self.still = self._scene(CoordinatePoses(self._mechanism, modes.q[None]), 1)
-        low, high = self.still.extent()
-        self._largest = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
+    def __init__(self, name: str, modes: Modes) -> None:
+        self._modes, self._mechanism = modes, _require_drawable(name, modes)
+        self.rest = self._build(CoordinatePoses(self._mechanism, modes.q[None]), 1)
+        low, high = self.rest.extent()
+        self._amplitude = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
-    def moved(self, k: int, phases: Array) -> Scene:
-        """A mode at some phases of its period, a frame each."""
-        shape = self._modes.shapes[k]
-        return self._scene(self._vibrating(k, self._scale(k) * shape, phases), len(phases))
-
-    def _vibrating(self, k: int, shape: Array, phases: Array) -> VibrationPoses:
-        return VibrationPoses(self._mechanism, self._modes.q, shape, phases)
-
-    def _scale(self, k: int) -> float:
-        """How far its largest displacement is drawn, over what it is."""
-        poses = self._vibrating(k, self._modes.shapes[k], np.array([0.0, 1.0, 1j]))
-        drawn = outlines(self._mechanism, count_beam_sections(self._mechanism))
-        found = [poses(drawing.places)[..., :2] for _, drawing in drawn]
-        rest, real, imaginary = np.concatenate(found, axis=1)
+    def vibrating(self, k: int, phases: Array) -> Scene:
+        """Return the scene of mode k with one frame for each complex phase."""
+        mechanism, q, shape = self._mechanism, self._modes.q, self._modes.shapes[k]
+        poses = VibrationPoses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
+        drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
+        positions = [poses(drawing.places)[..., :2] for _, drawing in drawings]
+        rest, real, imaginary = np.concatenate(positions, axis=1)
         largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
-        return self._largest / largest if largest > 0.0 else 0.0
+        scale = self._amplitude / largest if largest > 0.0 else 0.0
+        return self._build(VibrationPoses(mechanism, q, scale * shape, phases), len(phases))
 
-    def _scene(self, poses: Poses, frames: int) -> Scene:
+    def _build(self, poses: Poses, frames: int) -> Scene:
         return build_scene(
-            self._mechanism, poses, np.zeros(frames), left_out=lambda part: part.is_load
+            self._mechanism, poses, np.zeros(frames), is_hidden=lambda part: part.is_load
         )
 
 
-def draw_modes(modes: Modes) -> Plot:
-    """Draw the shapes of modes, twelve at most, over the state they are about.
+def _require_drawable(name: str, modes: Any) -> Mechanism:
+    if not isinstance(modes, Modes):
+        raise BeamdaeError(
+            f"{name}: modes must be a result of beamdae.modes, got {short_repr(modes)}."
+        )
+    if modes.mechanism is None or not len(modes):
+        raise BeamdaeError(f"{name}: modes must be those of a mechanism; there is nothing to draw.")
+    if not collect_drawings(modes.mechanism, 2):
+        raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
+    return modes.mechanism
 
-    Displacements are linear in the shapes, and as large as can be seen.
+
+def draw_modes(modes: Modes) -> Plot:
+    """Draw up to twelve mode shapes over the state about which they vibrate.
+
+    Displacements are linear in the mode shapes and scaled to be visible.
 
     Parameters
     ----------
     modes
-        Of a mechanism, see `beamdae.modes`.
+        Modes of a mechanism, see `beamdae.modes`.
 
     Returns
     -------
     Plot
-        Shown by a notebook; `Plot.save` writes it to a file.
+        Displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
@@ -93,25 +113,26 @@ def draw_modes(modes: Modes) -> Plot:
 
 
 def create_modes_figure(modes: Modes, title: str = "") -> Figure:
-    """The shapes of modes as a figure."""
-    shapes = _Shapes("draw_modes", modes)
-    panels = [shapes.moved(k, np.ones(1)) for k in range(min(len(modes), _PANELS))]
-    low, high = padded_extent([shapes.still, *panels])
-    columns = min(len(panels), _COLUMNS)
+    """Return the mode shapes as a figure."""
+    scenes = _ModeScenes("draw_modes", modes)
+    panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), _MAX_PANELS))]
+    low, high = padded_extent([scenes.rest, *panels])
+    columns = min(len(panels), _MAX_COLUMNS)
     rows = math.ceil(len(panels) / columns)
     width, height = high - low
-    own = float(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST)) + _CAPTION
-    figure = _figure(
-        (max(_WIDTH * columns, 5.0), own * rows + 0.5), title or f"modes about {modes.about}"
+    panel_height = float(
+        np.clip(_PANEL_WIDTH * height / width, _MIN_PANEL_HEIGHT, _MAX_PANEL_HEIGHT)
     )
+    size = (max(_PANEL_WIDTH * columns, 5.0), (panel_height + _PANEL_TITLE_HEIGHT) * rows + 0.5)
+    figure = _create_figure(size, title or f"modes about {modes.about}")
     for k, scene in enumerate(panels):
         axis = figure.add_subplot(rows, columns, k + 1)
         axis.set_aspect("equal")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axis.set_axis_off()
-        SceneArtists(axis, shapes.still, pale=True)
+        SceneArtists(axis, scenes.rest, is_pale=True)
         SceneArtists(axis, scene)
-        axis.set_title(_told(modes, k), fontsize=9)
+        axis.set_title(_describe_mode(modes, k), fontsize=9)
     disable_math_text(figure)
     return figure
 
@@ -119,81 +140,90 @@ def create_modes_figure(modes: Modes, title: str = "") -> Figure:
 def animate_mode(
     modes: Modes, mode: int, path: str | Path | None = None, frames: int = 32
 ) -> Animation | Path:
-    """Moving pictures of a period of a mode, damping left out: for a notebook, or as a file.
+    """Animate one period of a mode without its damping, in a notebook or as a file.
 
     Parameters
     ----------
     modes
-        Of a mechanism, see `beamdae.modes`.
+        Modes of a mechanism, see `beamdae.modes`.
     mode
-        Its number, from 1 on.
+        Number of the mode, starting at 1.
     path
-        Of a GIF or MP4 file, see `beamdae.animate`. None: for a notebook.
+        Path of a GIF or MP4 file, see `beamdae.animate`. None returns an animation for a notebook.
     frames
-        How many pictures a period.
+        Number of frames per period.
 
     Raises
     ------
     BeamdaeError
-        If there is no such mode, nothing can be drawn, or the file is of another kind or cannot be
+        If there is no such mode, nothing can be drawn, or the file has another suffix or cannot be
         written.
     """
-    shapes = _Shapes("animate_mode", modes)
+    scenes = _ModeScenes("animate_mode", modes)
     k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
-    number = require_count("animate_mode", "frames", frames, least=2, most=500)
-    # From rest on, as far as the shape is real.
+    number = require_count("animate_mode", "frames", frames, least=2, most=_MAX_FRAMES)
+    # A real mode shape starts at rest.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
-    scene = shapes.moved(k, phases)
+    scene, caption = scenes.vibrating(k, phases), f"mode {_describe_mode(modes, k)}"
     if path is None:
-        return _in_notebook(scene, number, modes, k)
-    figure, axis = create_bare_axis(padded_extent([shapes.still, scene]))
-    SceneArtists(axis, shapes.still, pale=True)
-    add_caption(axis).set_text(f"mode {_told(modes, k)}")
-    film = FigureAnimation(
-        figure, SceneArtists(axis, scene).show, number, max(round(number / _PERIOD), 1)
-    )
-    return film.written("animate_mode", path)
+        frequency = float(modes.frequencies[k])
+        period = 1.0 / frequency if frequency > 0.0 else _DISPLAYED_PERIOD
+        low, high = scene.extent()
+        width, height = (high - low).tolist()
+        data = export_frames(scene, np.arange(number) * period / number)
+        return animation(data, (width, height), caption, period / _DISPLAYED_PERIOD, False)
+    figure, axis = create_bare_axis(padded_extent([scenes.rest, scene]))
+    SceneArtists(axis, scenes.rest, is_pale=True)
+    add_caption(axis).set_text(caption)
+    artists, rate = SceneArtists(axis, scene), max(round(number / _DISPLAYED_PERIOD), 1)
+    return FigureAnimation(figure, artists.show, number, rate).save("animate_mode", path)
 
 
-def _in_notebook(scene: Scene, frames: int, modes: Modes, k: int) -> Animation:
-    """A period, or two seconds of what has none."""
-    frequency = float(modes.frequencies[k])
-    period = 1.0 / frequency if frequency > 0.0 else _PERIOD
-    low, high = scene.extent()
-    width, height = (high - low).tolist()
-    times = np.arange(frames) * period / frames
-    shown_as = export_frames(scene, times)
-    return animation(shown_as, (width, height), f"mode {_told(modes, k)}", period / _PERIOD, False)
+def _describe_mode(modes: Modes, k: int) -> str:
+    ratio = modes.damping_ratios[k]
+    damping = f", damping {ratio:.2g}" if modes.kinds[k] == "vibration" and ratio else ""
+    kind = f"{modes.frequencies[k]:.4g} Hz" if modes.frequencies[k] else modes.kinds[k]
+    return f"{k + 1}: {kind}{damping}"
 
 
 def draw_campbell(found: Campbell) -> Plot:
-    """Draw frequencies over the speed of rotation, with multiples of the speed.
+    """Plot natural frequencies over the speed of rotation, with multiples of the speed.
 
     Parameters
     ----------
     found
-        See `beamdae.campbell`.
+        Result of `beamdae.campbell`.
+
+    Returns
+    -------
+    Plot
+        Displayed by a notebook; `Plot.save` writes it to a file.
+
+    Raises
+    ------
+    BeamdaeError
+        If the argument is anything else.
     """
     return Plot(create_campbell_figure(found))
 
 
-def create_campbell_figure(found: Campbell, title: str = "Campbell diagram") -> Figure:
-    """A Campbell diagram as a figure."""
-    if not isinstance(found, Campbell):
+def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
+    """Return a Campbell diagram as a figure."""
+    if not isinstance(diagram, Campbell):
         raise BeamdaeError(
-            f"draw_campbell: found must be what campbell gives, got {short_repr(found)}."
+            f"draw_campbell: found must be a result of beamdae.campbell, got {short_repr(diagram)}."
         )
-    figure = _figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
+    figure = _create_figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
     axis = figure.add_subplot()
-    order = np.argsort(found.speeds)
-    speeds, frequencies = found.speeds[order], found.frequencies[order]
+    order = np.argsort(diagram.speeds)
+    speeds, frequencies = diagram.speeds[order], diagram.frequencies[order]
     highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
-    turns = np.abs(speeds) / (2.0 * np.pi)
-    for multiple in _ORDERS:
-        axis.plot(speeds, multiple * turns, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        if multiple * turns[-1] <= highest:
-            at = (speeds[-1], multiple * turns[-1])
-            axis.annotate(f" {multiple}", at, color="0.4", va="center")
+    revolutions = np.abs(speeds) / (2.0 * np.pi)
+    for multiple in _SPEED_MULTIPLES:
+        line = multiple * revolutions
+        axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
+        if line[-1] <= highest:
+            axis.annotate(f" {multiple}", (speeds[-1], line[-1]), color="0.4", va="center")
     for k, values in enumerate(frequencies.T):
         axis.plot(speeds, values, color=COLORS[k % len(COLORS)], lw=1.4, marker=".", ms=4)
     format_axis(axis, "", "frequency [Hz]")
@@ -203,25 +233,8 @@ def create_campbell_figure(found: Campbell, title: str = "Campbell diagram") -> 
     return figure
 
 
-def _of_mechanism(part: str, modes: Any) -> Mechanism:
-    if not isinstance(modes, Modes):
-        raise BeamdaeError(f"{part}: modes must be what modes gives, got {short_repr(modes)}.")
-    if modes.mechanism is None or not len(modes):
-        raise BeamdaeError(f"{part}: modes must be those of a mechanism, there is nothing to draw.")
-    if not outlines(modes.mechanism, 2):
-        raise BeamdaeError(f"{part}: modes must be those of parts that are drawn, there are none.")
-    return modes.mechanism
-
-
-def _told(modes: Modes, k: int) -> str:
-    ratio = modes.damping_ratios[k]
-    damped = f", damping {ratio:.2g}" if modes.kinds[k] == "vibration" and ratio else ""
-    kind = f"{modes.frequencies[k]:.4g} Hz" if modes.frequencies[k] else modes.kinds[k]
-    return f"{k + 1}: {kind}{damped}"
-
-
-def _figure(size: tuple[float, float], title: str) -> Figure:
-    # Here, for it takes longer to import than some commands to run.
+def _create_figure(size: tuple[float, float], title: str) -> Figure:
+    # matplotlib takes longer to import than some commands take to run.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")

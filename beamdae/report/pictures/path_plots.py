@@ -1,4 +1,4 @@
-"""Pictures of equilibrium paths: the load factor over what is observed."""
+"""Plots of equilibrium paths over the load factor and of frequency responses."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.report.pictures.figures import (
-    AXIS,
     COLORS,
+    MAX_LABEL_LETTERS,
     add_legend,
     create_panels,
     disable_math_text,
@@ -29,114 +29,121 @@ from beamdae.results.frequency_response import FrequencyResponse
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of the mechanism, or rad: what a panel has to show.
-_STILL = 1e-9
-# Marks of an axis, of which numbers of six digits stay apart.
-_TICKS = 5
-_MARKS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
+# Smallest range of a column that has a panel, relative to the size of the mechanism or in rad.
+_MIN_RANGE = 1e-9
+# Largest number of ticks at which numbers of six digits do not overlap.
+_MAX_TICKS = 5
+_UNSTABLE_DASHES = (0, (3, 2))
+_CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
 
-def save_path_figure(path: Path, found: Equilibrium, title: str) -> Path:
-    """Draw the load factor over each observed position, deformation and force.
+def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
+    """Plot the load factor over each observed position, deformation and force.
 
-    Stretches are dashed where the equilibrium is unstable under loads that stay; limit and branch
-    points are marked. Of several stages the factors are added.
+    Lines are dashed where the equilibrium is unstable under constant loads; limit, branch and
+    flutter points are marked. The load factors of several stages are added.
 
     Returns
     -------
     Path
-        Of the PNG file.
+        Path of the PNG file.
     """
-    return save_figure(_figure(found, mask_huge_values(found.columns), title), path)
+    columns = mask_huge_values(equilibrium.columns)
+    return save_figure(_create_path_figure(equilibrium, columns, title), path)
 
 
-def plot_path(found: Equilibrium, names: Sequence[str]) -> Plot:
-    """The same of some columns by name, for a notebook or a file; see `Equilibrium.plot`."""
-    every = merge_columns(found.columns, found.coordinates())
-    chosen = (select_columns(every, name, "Equilibrium", found.columns) for name in names)
-    headers = dict.fromkeys(header for some in chosen for header in some)
-    columns = {h: np.asarray(every[h]) for h in headers} if names else found.columns
-    figure = _figure(found, mask_huge_values(columns), "", tuple(headers))
+def plot_path(equilibrium: Equilibrium, names: Sequence[str]) -> Plot:
+    """Plot the load factor over columns selected by name, see `Equilibrium.plot`."""
+    merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
+    selections = (
+        select_columns(merged, name, "Equilibrium", equilibrium.columns) for name in names
+    )
+    headers = dict.fromkeys(header for selection in selections for header in selection)
+    columns = {h: np.asarray(merged[h]) for h in headers} if names else equilibrium.columns
+    figure = _create_path_figure(equilibrium, mask_huge_values(columns), "", tuple(headers))
     disable_math_text(figure)
     return Plot(figure)
 
 
-def _figure(found: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()) -> Figure:
-    names = names or [name for name in varying_columns(columns) if _changes(found, name)]
-    factors, unstable = found.factors.sum(axis=1), _unstable_stretches(found)
+def _create_path_figure(
+    equilibrium: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()
+) -> Figure:
+    names = names or [c for c in varying_columns(columns) if _is_varying(equilibrium, c)]
+    factors, is_unstable = equilibrium.factors.sum(axis=1), _find_unstable_segments(equilibrium)
     figure, axes = create_panels(len(names), title)
     for axis, name in zip(axes, names, strict=False):
         values = columns[name]
-        for is_unstable, stretch in groupby(range(len(values) - 1), unstable.__getitem__):
-            rows = list(stretch)
-            part = slice(rows[0], rows[-1] + 2)
-            style = (0, (3, 2)) if is_unstable else "-"
-            axis.plot(values[part], factors[part], color=COLORS[0], lw=1.2, ls=style)
-        for one in found.critical:
-            axis.plot(values[one.row], factors[one.row], **_mark(one.kind))
+        for unstable, segments in groupby(range(len(values) - 1), is_unstable.__getitem__):
+            rows = list(segments)
+            points = slice(rows[0], rows[-1] + 2)
+            dashes = _UNSTABLE_DASHES if unstable else "-"
+            axis.plot(values[points], factors[points], color=COLORS[0], lw=1.2, ls=dashes)
+        for point in equilibrium.critical:
+            axis.plot(values[point.row], factors[point.row], **_marker_style(point.kind))
         format_axis(axis, "", "load factor [-]")
         axis.margins(x=0.03)
-        axis.locator_params(axis="x", nbins=_TICKS)
-        axis.set_xlabel(shorten_text(name, AXIS))
-    entries: dict[str, dict[str, Any]] = {
-        "stable": {"color": COLORS[0], "ls": "-"},
-        "unstable": {"color": COLORS[0], "ls": (0, (3, 2))},
-    }
-    shown = {"unstable": any(unstable), "stable": not all(unstable)}
-    entries = {name: style for name, style in entries.items() if shown[name]}
-    for kind in dict.fromkeys(one.kind for one in found.critical):
-        entries[kind] = _mark(kind)
+        axis.locator_params(axis="x", nbins=_MAX_TICKS)
+        axis.set_xlabel(shorten_text(name, MAX_LABEL_LETTERS))
+    entries: dict[str, dict[str, Any]] = {}
+    if not all(is_unstable):
+        entries["stable"] = {"color": COLORS[0], "ls": "-"}
+    if any(is_unstable):
+        entries["unstable"] = {"color": COLORS[0], "ls": _UNSTABLE_DASHES}
+    for kind in dict.fromkeys(point.kind for point in equilibrium.critical):
+        entries[kind] = _marker_style(kind)
     if names:
         add_legend(figure, entries)
     return figure
 
 
-def _unstable_stretches(found: Equilibrium) -> list[bool]:
-    """Whether the path is unstable from each point to the next.
+def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
+    """Return for each segment between neighboring points whether the equilibrium is unstable.
 
-    A critical point is neither; the other end tells, or, between two of them, both.
+    A critical point is neither stable nor unstable: the other end of the segment decides, or both
+    ends if both are critical.
     """
-    unstable = found.unstable != 0
-    critical = {one.row for one in found.critical}
-    told = []
+    unstable = equilibrium.unstable != 0
+    critical = {point.row for point in equilibrium.critical}
+    segments = []
     for k in range(len(unstable) - 1):
         ends = [row for row in (k, k + 1) if row not in critical] or [k, k + 1]
-        told.append(bool(np.any(unstable[ends])))
-    return told
+        segments.append(bool(np.any(unstable[ends])))
+    return segments
 
 
-def _mark(kind: str) -> dict[str, Any]:
-    return {"marker": _MARKS[kind], "color": COLORS[3], "ls": "", "ms": 4}
+def _marker_style(kind: str) -> dict[str, Any]:
+    return {"marker": _CRITICAL_MARKERS[kind], "color": COLORS[3], "ls": "", "ms": 4}
 
 
-def _changes(found: Equilibrium, name: str) -> bool:
-    """Whether a column is more than what rounding makes of one that stays."""
-    size = {"m": found.equations.length, "rad": 1.0}.get(Header.of(name).unit, 0.0)
-    return bool(found.loads) and float(np.ptp(found.columns[name])) > _STILL * size
+def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
+    """Return True if the range of a column exceeds rounding."""
+    sizes = {"m": equilibrium.equations.length, "rad": 1.0}
+    limit = _MIN_RANGE * sizes.get(Header.of(column).unit, 0.0)
+    return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit
 
 
 def plot_response(response: FrequencyResponse, column: str) -> Plot:
-    """Half the range of an observed column over the parameter; dashed where it is unstable."""
-    # Here, for it takes longer to import than some commands to run.
+    """Plot half the range of an observed column over the parameter; dashed where unstable."""
+    # matplotlib takes longer to import than some commands take to run.
     from matplotlib.figure import Figure
 
-    values, sizes = response.curve(column)
-    stable = np.array([point.stable for point in response.points], bool)
+    values, amplitudes = response.curve(column)
+    is_stable = np.array([point.stable for point in response.points], bool)
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    axes = figure.add_subplot()
-    # A stretch is as stable as its beginning, and reaches to the next.
-    cuts = np.flatnonzero(np.diff(stable)) + 1
-    for part in np.split(np.arange(len(values)), cuts):
-        if len(part):
-            own = slice(part[0], part[-1] + 2)
-            look = "-" if stable[part[0]] else "--"
-            axes.plot(values[own], sizes[own], look, color=COLORS[0], lw=1.6)
-    for value, size in response.peaks(column):
-        axes.plot(value, size, "o", color=COLORS[1], ms=4)
-    axes.set_xlabel(response.parameter)
+    axis = figure.add_subplot()
+    # A line takes the stability of its first point and extends to the first point of the next line.
+    changes = np.flatnonzero(np.diff(is_stable)) + 1
+    for rows in np.split(np.arange(len(values)), changes):
+        if len(rows):
+            points = slice(rows[0], rows[-1] + 2)
+            dashes = "-" if is_stable[rows[0]] else "--"
+            axis.plot(values[points], amplitudes[points], dashes, color=COLORS[0], lw=1.6)
+    for value, amplitude in response.peaks(column):
+        axis.plot(value, amplitude, "o", color=COLORS[1], ms=4)
+    axis.set_xlabel(response.parameter)
     unit = Header.of(column).unit if response.points else ""
-    axes.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
-    axes.grid(color="0.9", lw=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
+    axis.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
+    axis.grid(color="0.9", lw=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
     disable_math_text(figure)
     return Plot(figure)

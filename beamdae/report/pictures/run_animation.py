@@ -1,4 +1,4 @@
-"""The motion of a mechanism: moving pictures, and where it was at some times as one drawing."""
+"""Animations of runs, and the thumbnail of a run as SVG."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ import numpy as np
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
 from beamdae.report.page.motion_player import animation
 from beamdae.report.pictures.animation_files import FigureAnimation
-from beamdae.report.scene.artists import SceneArtists, add_caption, create_bare_axis, padded_extent
-from beamdae.report.scene.beam_colors import BeamColors, compute_beam_colors
-from beamdae.report.scene.frame_export import available_colors, export_frames
-from beamdae.report.scene.line_styles import find_style
-from beamdae.report.scene.outlines import frame_times
-from beamdae.report.scene.run_scene import build_run_scene
+from beamdae.report.pictures.scene_artists import (
+    SceneArtists,
+    add_caption,
+    create_bare_axis,
+    create_colormap,
+    create_norm,
+    find_style,
+    padded_extent,
+)
+from beamdae.report.scene.beam_colors import BeamColors, available_colors, compute_beam_colors
+from beamdae.report.scene.frame_export import export_frames
+from beamdae.report.scene.run_scene import build_run_scene, frame_times
 from beamdae.report.scene.scene import Scene
 from beamdae.results.displays import Animation
 from beamdae.results.solution import Solution
@@ -27,12 +33,14 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# No browser shows GIFs faster.
-_FRAMES_PER_SECOND, _FASTEST = 25, 50
-_FEWEST, _MOST = 2, 500
-# The strip of the color bar below the picture [inch].
-_BAR = 0.62
-_THUMBNAIL, _TIMES = 160.0, 6
+_DEFAULT_RATE = 25  # frames per second
+_MAX_RATE = 50  # frames per second; browsers show GIF files no faster
+_MIN_RATE = 0.1  # frames per second
+_MIN_FRAMES = 2
+_MAX_FRAMES = 500
+_COLOR_BAR_STRIP = 0.62  # height below the picture [inch]
+_THUMBNAIL_SIZE = 160.0  # longer side [pixels]
+_THUMBNAIL_FRAMES = 6
 
 
 def animate(
@@ -43,80 +51,87 @@ def animate(
     color: str | None = None,
     trail: Any = False,
 ) -> Animation | Path:
-    """Moving pictures of a run: for a notebook, or as a file.
+    """Animate a run in a notebook or as a file.
 
-    Bodies are drawn with joints, guides, springs, dampers, contacts and loads as `draw` has them;
-    an arrow is as long as its load is of the largest one it is in the run.
+    Bodies, joints, guides, springs, dampers, contacts and loads are drawn as by `draw`. The arrow
+    of a load is proportional to the load, relative to its largest value in the run.
 
     Parameters
     ----------
+    solution
+        The run.
     path
-        Of a GIF or MP4 file, by its suffix; MP4 needs the program ffmpeg. None: for a notebook.
+        Path of a GIF or MP4 file, selected by the suffix; MP4 needs the program ffmpeg. None
+        returns an animation for a notebook.
     speed
-        Seconds of the motion in one second.
+        Seconds of the motion per second of the animation.
     frames
-        How many pictures; default 25 a second.
+        Number of frames; defaults to 25 per second.
     color
-        What beams bear as color: "strain" or "stress", the largest in size over each section, or
-        the section forces "N", "Q" or "M". The scale is that of the whole run.
+        Quantity shown as color along beams: "strain" or "stress" (largest in size over each
+        section) or the section forces "N", "Q" or "M". The scale covers the whole run.
     trail
-        Whether observed points leave a line behind them; or the names of those that do.
+        True if all observed points leave a trail; or the names of those that do.
 
     Raises
     ------
     BeamdaeError
-        If the run is not one of a mechanism, it has no such color or point, or the file is of
-        another kind or cannot be written.
+        If the run is not one of a mechanism, it has no such color or point, or the file has another
+        suffix or cannot be written.
     """
     if not isinstance(solution, Solution):
         raise BeamdaeError(f"animate: solution must be that of a run, got {short_repr(solution)}.")
     t = frame_times(solution, 2)
     speed = require_positive("animate", "speed", speed)
-    lasts = float(t[-1] - t[0]) / speed
-    number = round(np.clip(_FRAMES_PER_SECOND * lasts, _FEWEST, _MOST))
+    duration = float(t[-1] - t[0]) / speed
+    number = round(np.clip(_DEFAULT_RATE * duration, _MIN_FRAMES, _MAX_FRAMES))
     if frames is not None:
-        number = require_count("animate", "frames", frames, _FEWEST, _MOST)
-    rate = float(np.clip((number - 1) / lasts, 0.1, _FASTEST)) if lasts > 0.0 else 1.0
+        number = require_count("animate", "frames", frames, _MIN_FRAMES, _MAX_FRAMES)
+    rate = 1.0
+    if duration > 0.0:
+        rate = float(np.clip((number - 1) / duration, _MIN_RATE, _MAX_RATE))
     times = frame_times(solution, number)
     scene = build_run_scene("animate", solution, times, trail)
     if path is None:
-        frames_shown = export_frames(scene, times, available_colors(solution, times, color))
+        data = export_frames(scene, times, available_colors(solution, times, color))
         low, high = scene.extent()
         width, height = (high - low).tolist()
-        return animation(frames_shown, (width, height), "", speed, color is not None)
+        return animation(data, (width, height), "", speed, color is not None)
     colors = None if color is None else compute_beam_colors("animate", solution, color, times)
-    return _film(scene, colors, _captions(times, speed), rate).written("animate", path)
+    captions = _format_captions(times, speed)
+    return _create_animation(scene, colors, captions, rate).save("animate", path)
 
 
-def _captions(times: Array, speed: float) -> list[str]:
-    """Times in as many digits as tell frames apart."""
+def _format_captions(times: Array, speed: float) -> list[str]:
+    """Return the times with as many digits as distinguish the frames."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
-    slowed = "" if speed == 1.0 else f"   {speed:.3g} of real time"
-    return [f"t = {time:.{digits}f} s{slowed}" for time in times]
+    suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
+    return [f"t = {time:.{digits}f} s{suffix}" for time in times]
 
 
-def _film(
+def _create_animation(
     scene: Scene, colors: BeamColors | None, captions: list[str], rate: float
 ) -> FigureAnimation:
-    figure, axis = create_bare_axis(padded_extent([scene]), 0.0 if colors is None else _BAR)
-    stage, told = SceneArtists(axis, scene, colors), add_caption(axis)
+    strip = 0.0 if colors is None else _COLOR_BAR_STRIP
+    figure, axis = create_bare_axis(padded_extent([scene]), strip)
+    artists, caption = SceneArtists(axis, scene, colors), add_caption(axis)
     if colors is not None:
-        _color_bar(figure, colors)
+        _add_color_bar(figure, colors)
 
     def show(frame: int) -> list[Any]:
-        told.set_text(captions[frame])
-        return [*stage.show(frame), told]
+        caption.set_text(captions[frame])
+        return [*artists.show(frame), caption]
 
     return FigureAnimation(figure, show, len(captions), rate)
 
 
-def _color_bar(figure: Figure, colors: BeamColors) -> None:
+def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
     from matplotlib.cm import ScalarMappable
 
-    tall = float(figure.get_size_inches()[1])
-    axis = figure.add_axes((0.2, 0.36 / tall, 0.6, 0.1 / tall))
-    scale = ScalarMappable(colors.norm, colors.colormap)
+    height = float(figure.get_size_inches()[1])
+    axis = figure.add_axes((0.2, 0.36 / height, 0.6, 0.1 / height))
+    scale = ScalarMappable(create_norm(colors), create_colormap(colors))
     bar = figure.colorbar(scale, cax=axis, orientation="horizontal")
     bar.outline.set_visible(False)
     axis.tick_params(labelsize=8, color="0.4", labelcolor="0.3", length=2)
@@ -125,31 +140,32 @@ def _color_bar(figure: Figure, colors: BeamColors) -> None:
 
 
 def draw_thumbnail(solution: Solution) -> str:
-    """Where the mechanism was at some times of a run, the last in full color, as SVG."""
-    times = frame_times(solution, _TIMES)
-    scene = build_run_scene("animate", solution, times, left_out=lambda part: True)
+    """Return the bodies of a run at six times as SVG, the last time in full color."""
+    times = frame_times(solution, _THUMBNAIL_FRAMES)
+    scene = build_run_scene("animate", solution, times, is_hidden=lambda part: True)
     low, high = padded_extent([scene])
     width, height = high - low
-    scale = _THUMBNAIL / max(width, height)
-    drawn = []
-    for k in range(_TIMES):
-        shade = 1.0 if k == _TIMES - 1 else 0.15 + 0.35 * k / _TIMES
+    scale = _THUMBNAIL_SIZE / max(width, height)
+    elements = []
+    for k in range(_THUMBNAIL_FRAMES):
+        is_last = k == _THUMBNAIL_FRAMES - 1
+        opacity = 1.0 if is_last else 0.15 + 0.35 * k / _THUMBNAIL_FRAMES
         for glyph, line in scene.lines():
             x, y = scale * (line[k, :, 0] - low[0]), scale * (high[1] - line[k, :, 1])
             color = find_style(glyph.kind).color
             if glyph.kind == "point":
-                drawn.append(
+                elements.append(
                     f'<circle cx="{np.mean(x[:-1]):.1f}" cy="{np.mean(y[:-1]):.1f}" r="3" '
-                    f'fill="{color}" opacity="{shade:.2f}"/>'
+                    f'fill="{color}" opacity="{opacity:.2f}"/>'
                 )
                 continue
             points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-            drawn.append(
+            elements.append(
                 f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2" '
-                f'stroke-linecap="round" opacity="{shade:.2f}"/>'
+                f'stroke-linecap="round" opacity="{opacity:.2f}"/>'
             )
-    told = html.escape(", ".join(glyph.part for glyph in scene.glyphs))
+    label = html.escape(", ".join(glyph.part for glyph in scene.glyphs))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{scale * width:.0f}" '
-        f'height="{scale * height:.0f}" role="img" aria-label="{told}">{"".join(drawn)}</svg>'
+        f'height="{scale * height:.0f}" role="img" aria-label="{label}">{"".join(elements)}</svg>'
     )

@@ -1,36 +1,51 @@
-"""Curves of runs over time, for a notebook or a file."""
+"""Plots over time: columns of runs in notebooks, figures of one run and of a comparison."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, is_valid_path, require_sequence, short_repr
-from beamdae.report.pictures import figures as pictures
+from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+from beamdae.errors import BeamdaeError, require_sequence, short_repr
+from beamdae.report.pictures.figures import (
+    COLORS,
+    DASHES,
+    MAX_DRAWABLE,
+    MAX_LABEL_LETTERS,
+    add_legend,
+    characteristic_columns,
+    create_panels,
+    disable_math_text,
+    format_axis,
+    mask_huge_values,
+    repeat_styles,
+    save_figure,
+    set_legend_names,
+    single_point_marker,
+    varying_columns,
+)
 from beamdae.report.text import shorten_text
 from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.displays import Plot
 from beamdae.results.time_series import TimeSeries
 
-# Letters of the name of a panel.
-_NAME = 40
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
 
+    from beamdae.report.pictures.figures import Columns
 
-def picture_path(name: str, path: Any) -> Path:
-    """The path of a picture to be written."""
-    text = str(path) if isinstance(path, (str, Path)) else ""
-    if not (is_valid_path(text) and Path(text).suffix):
-        raise BeamdaeError(
-            f"{name}: path must be that of a file with a suffix such as .png, got {short_repr(path)}."
-        )
-    return Path(text)
+# Letters of the title of a panel, without and with a legend beside it, and of a legend entry.
+_TITLE_LETTERS = 40
+_TITLE_LETTERS_BESIDE_LEGEND = 22
+_PANEL_LEGEND_LETTERS = 14
+_PANEL_LEGEND_COLUMNS = 4
 
 
 def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
-    """Draw columns of one or several runs over time, a panel a column, twelve at most.
+    """Plot columns of one or several runs over time, one panel per column, at most twelve.
 
     Parameters
     ----------
@@ -38,14 +53,14 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
         A solution, or several.
     names
         Headers with or without their units, or names of observables for all their columns, see
-        `Solution.__getitem__`; default the columns that tell most of the first run.
+        `Solution.__getitem__`. Defaults to up to three characteristic columns of the first run.
     labels
-        Of the runs; default their integrators.
+        Labels of the runs; defaults to their integrators.
 
     Returns
     -------
     Plot
-        Shown by a notebook; `Plot.save` writes it to a file.
+        Displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
@@ -61,60 +76,189 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     >>> runs = [bd.simulate(mech, method, t_end=0.1) for method in (bd.Ida(), bd.Radau())]
     >>> path = bd.plot(runs, "ball.y").save("ball.png")
     """
-    runs = _runs(solutions)
-    told = _labels(runs, labels)
+    runs = _require_runs(solutions)
+    run_labels = _require_labels(runs, labels)
     tables = [merge_columns(run.all_columns(), run.coordinates()) for run in runs]
     first = runs[0].all_columns()
-    wanted = names or pictures.characteristic_columns(first)
-    found = (c for name in wanted for c in select_columns(tables[0], name, observed=first))
-    columns = list(dict.fromkeys(found))
-    figure, axes = pictures.create_panels(len(columns), "")
-    looks = [
-        {"color": color, "ls": dash}
-        for color, dash in zip(
-            pictures.repeat_styles(pictures.COLORS),
-            pictures.repeat_styles(pictures.DASHES),
-            strict=False,
-        )
-    ]
-    styles = [looks[k % len(looks)] for k in range(len(runs))]
+    selections = (
+        select_columns(tables[0], name, observed=first)
+        for name in names or characteristic_columns(first)
+    )
+    columns = list(dict.fromkeys(column for selection in selections for column in selection))
+    figure, axes = create_panels(len(columns), "")
+    available = _line_styles()
+    styles = [available[k % len(available)] for k in range(len(runs))]
     for axis, column in zip(axes, columns, strict=False):
         for table, style in zip(tables, styles, strict=True):
-            (own,) = select_columns(table, column)
-            drawn = pictures.mask_huge_values({TIME: table[TIME], own: table[own]})
-            time = drawn[TIME]
-            axis.plot(time, drawn[own], lw=1.4, **style, **pictures.single_point_marker(time))
+            (own_column,) = select_columns(table, column)
+            masked = mask_huge_values({TIME: table[TIME], own_column: table[own_column]})
+            time = masked[TIME]
+            axis.plot(time, masked[own_column], lw=1.4, **style, **single_point_marker(time))
         header = Header.of(column)
         name = column.removesuffix(f" [{header.unit}]")
-        pictures.format_axis(axis, shorten_text(name, _NAME), f"[{header.unit}]")
+        format_axis(axis, shorten_text(name, _TITLE_LETTERS), f"[{header.unit}]")
     if len(runs) > 1:
-        lines = {label: {"lw": 1.4, **style} for label, style in zip(told, styles, strict=True)}
-        pictures.add_legend(figure, lines)
-    pictures.disable_math_text(figure)
+        lines = {
+            label: {"lw": 1.4, **style} for label, style in zip(run_labels, styles, strict=True)
+        }
+        add_legend(figure, lines)
+    disable_math_text(figure)
     return Plot(figure)
 
 
-def _runs(solutions: Any) -> list[TimeSeries]:
-    found = [solutions] if isinstance(solutions, TimeSeries) else None
-    found = found or require_sequence("plot", "solutions", solutions, "a solution or several")
-    for one in found:
-        if not isinstance(one, TimeSeries):
-            raise BeamdaeError(f"plot: solutions must be solutions, got {short_repr(one)}.")
-    if not found:
+def _line_styles() -> list[dict[str, Any]]:
+    """Return styles that differ in color and, as far as possible, in dashes."""
+    colors, dashes = repeat_styles(COLORS), repeat_styles(DASHES)
+    return [{"color": color, "ls": dash} for color, dash in zip(colors, dashes, strict=False)]
+
+
+def _require_runs(solutions: Any) -> list[TimeSeries]:
+    runs = [solutions] if isinstance(solutions, TimeSeries) else None
+    runs = runs or require_sequence("plot", "solutions", solutions, "a solution or several")
+    for run in runs:
+        if not isinstance(run, TimeSeries):
+            raise BeamdaeError(f"plot: solutions must be solutions, got {short_repr(run)}.")
+    if not runs:
         raise BeamdaeError("plot: solutions must be a solution or several, got none.")
-    return found
+    return runs
 
 
-def _labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
+def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     if labels is None:
-        own = [run.label for run in runs]
-        several = len(set(own)) < len(own)
-        return [f"{label} ({k + 1})" if several else label for k, label in enumerate(own)]
-    told = require_sequence("plot", "labels", labels, "a text for each run")
-    are_short = all(isinstance(label, (str, Real)) for label in told)
-    if not are_short or len(told) != len(runs) or len(set(map(str, told))) < len(told):
+        methods = [run.label for run in runs]
+        is_repeated = len(set(methods)) < len(methods)
+        return [f"{x} ({k + 1})" if is_repeated else x for k, x in enumerate(methods)]
+    texts = require_sequence("plot", "labels", labels, "a text for each run")
+    are_texts = all(isinstance(label, (str, Real)) for label in texts)
+    if not are_texts or len(texts) != len(runs) or len(set(map(str, texts))) < len(texts):
         raise BeamdaeError(
             f"plot: labels must be {len(runs)} different texts, one for each run, got "
             f"{short_repr(labels)}."
         )
-    return [str(label) for label in told]
+    return [str(label) for label in texts]
+
+
+def save_run_figure(path: Path, table: Columns, title: str) -> Path:
+    """Plot observed positions, deformations and forces over time; rates are left out.
+
+    Parameters
+    ----------
+    path
+        Path of the PNG file.
+    table
+        Time, observed columns and energies, see `Solution.table`.
+    title
+        Title of the figure.
+
+    Returns
+    -------
+    Path
+        Path of the file.
+    """
+    masked = mask_huge_values(table)
+    groups = _group_by_observable(masked)
+    figure, axes = create_panels(len(groups), title, "observables")
+    for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
+        labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
+        has_legend = len(columns) > 1
+        for column, color in zip(columns, repeat_styles(COLORS), strict=False):
+            time, values = masked[TIME], masked[column]
+            axis.plot(time, values, color=color, lw=1.2, **single_point_marker(time))
+        letters = _TITLE_LETTERS_BESIDE_LEGEND if has_legend else _TITLE_LETTERS
+        format_axis(axis, shorten_text(name, letters), f"[{unit}]")
+        if has_legend:
+            _add_panel_legend(axis, labels)
+        else:
+            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
+            axis.set_ylabel(shorten_text(label, MAX_LABEL_LETTERS))
+    return save_figure(figure, path)
+
+
+def _group_by_observable(table: Columns) -> dict[tuple[str, str], list[str]]:
+    """Return the columns that share a panel, by observable and unit."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for column in varying_columns(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
+        header = Header.of(column)
+        groups.setdefault((header.name, header.unit), []).append(column)
+    return groups
+
+
+def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
+    """Add a legend in the corner above the axes, where it covers no curve."""
+    legend = axis.legend(
+        axis.lines,
+        [""] * len(labels),
+        loc="lower right",
+        bbox_to_anchor=(1.02, 0.97),
+        frameon=False,
+        fontsize=8,
+        ncols=min(len(labels), _PANEL_LEGEND_COLUMNS),
+        handlelength=1.2,
+        columnspacing=1.0,
+    )
+    set_legend_names(legend, [shorten_text(label, _PANEL_LEGEND_LETTERS) for label in labels])
+
+
+def save_comparison_figure(
+    path: Path,
+    reference: pd.DataFrame,
+    runs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame | None]],
+    uncertainty: float,
+    title: str,
+) -> Path:
+    """Plot the same columns of several runs, and their errors over time.
+
+    Parameters
+    ----------
+    path
+        Path of the PNG file.
+    reference
+        Time and observed columns of the reference.
+    runs
+        By label: time and observed columns, and the errors relative to the amplitude over time.
+    uncertainty
+        Uncertainty of the reference, relative to the amplitude.
+    title
+        Title of the figure.
+
+    Returns
+    -------
+    Path
+        Path of the file.
+    """
+    truth = mask_huge_values(reference)
+    columns = characteristic_columns(truth)
+    errors = {label: error.max(axis=1) for label, (_, error) in runs.items() if error is not None}
+    errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
+    has_errors = any(x.notna().any() for x in errors.values())
+    figure, axes = create_panels(len(columns) + has_errors, title)
+    styles = dict(zip(runs, _line_styles(), strict=False))
+    for axis, column in zip(axes, columns, strict=False):
+        time = truth[TIME]
+        axis.plot(time, truth[column], color="0.8", lw=5, **single_point_marker(time))
+        for label, (curve, _) in runs.items():
+            table = mask_huge_values(curve)
+            if column in table:
+                time = table[TIME]
+                axis.plot(time, table[column], lw=1.4, **styles[label], **single_point_marker(time))
+        format_axis(axis, "", column)
+    if has_errors:
+        _plot_errors(axes[-1], errors, styles, uncertainty)
+    entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
+    add_legend(figure, entries)
+    return save_figure(figure, path)
+
+
+def _plot_errors(
+    axis: Axes,
+    errors: Mapping[str, pd.Series],
+    styles: Mapping[str, dict[str, Any]],
+    uncertainty: float,
+) -> None:
+    for label, error in errors.items():
+        axis.plot(error.index, error, lw=1.0, **styles[label], **single_point_marker(error))
+    axis.set_yscale("log")
+    if 0.0 < uncertainty < MAX_DRAWABLE:
+        line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
+        axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
+    format_axis(axis, "", "error / amplitude [-]")

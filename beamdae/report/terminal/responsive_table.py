@@ -1,4 +1,4 @@
-"""Tables that fit a terminal: what matters least is left out, and numbers stay whole."""
+"""Tables that adapt to the width of the terminal: the least important columns are left out."""
 
 from __future__ import annotations
 
@@ -13,17 +13,21 @@ from rich.text import Text
 
 from beamdae.report.text import make_printable
 
-# Columns are left out before the first one is cut below this or half the width, and it is never
-# cut below the least; no column of sentences is folded below that.
-_FIRST, _LEAST_FIRST, _LEAST_SENTENCES = 28, 6, 24
-# Blanks between two columns, and at both ends of a row.
-_GAP, _EDGES = 2, 2
-# What facts are about takes this part of the width at most: half of it.
-_TOPICS = 2
+# All widths are in cells of the terminal. Columns are left out before the first column becomes
+# narrower than this, or than half the width; afterwards it shrinks to the second width.
+_FIRST_COLUMN_WIDTH = 28
+_MIN_FIRST_COLUMN_WIDTH = 6
+# Sentences are folded to this width, not further.
+_MIN_SENTENCE_WIDTH = 24
+# Blanks between two columns, and at both ends of a row together.
+_COLUMN_GAP = 2
+_ROW_MARGIN = 2
+# Largest share of the width for the topics of a list of facts.
+_MAX_TOPIC_SHARE = 0.5
 
 
 def shorten_to_cells(text: str, most: int) -> str:
-    """The plain text in at most so many cells of a terminal: a longer one loses its middle."""
+    """Return the printable text; if it is wider than `most` cells, without its middle."""
     text = make_printable(text)
     if cell_len(text) <= most:
         return text
@@ -42,11 +46,11 @@ class Column:
     Attributes
     ----------
     header
-        Its name; a line break in it stays.
+        Name of the column, which may contain line breaks.
     rank
-        Columns with the largest rank are left out first; 0: never.
+        Columns with the largest rank are left out first, those with rank 0 never.
     sentences
-        Whether its texts may be folded; numbers never are.
+        True if the texts may be folded; numbers are never folded.
     """
 
     header: str
@@ -60,19 +64,18 @@ class Column:
 
 
 class ResponsiveTable:
-    """A table of texts, laid out when it is printed, for the width there is then.
+    """A table of texts that is laid out for the width at which it is printed.
 
     Parameters
     ----------
     first
-        Header of the first column, which is never left out; its texts lose their middles where they
-        have to.
+        Header of the first column, which is always shown; long texts lose their middle.
     columns
-        The others.
+        The other columns.
     rows
-        Their texts, that of the first column first.
+        Texts of each row, that of the first column first.
     elsewhere
-        Where columns that are left out can be read, such as "cases.csv".
+        Where to find columns that are left out, such as "cases.csv".
     """
 
     def __init__(
@@ -87,86 +90,84 @@ class ResponsiveTable:
 
     @property
     def texts(self) -> list[list[str]]:
-        """All of it: the headers, each on a line, then the rows."""
+        """Headers on one line each, followed by the rows."""
         return [[self._first, *(column.title for column in self._columns)], *self._rows]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """The table, and a line on the columns that are left out."""
-        kept = self._kept(options.max_width)
-        room = options.max_width - self._others(kept)
-        yield self._table(kept, max(_LEAST_FIRST, min(self._widest(self._first, 0), room)))
-        gone = [column.title for column in self._columns if column not in kept]
-        if gone:
-            wider = " or ".join(filter(None, ("a wider terminal", self._elsewhere)))
-            yield Text(f"not shown: {', '.join(gone)}; {wider} shows them", style="dim")
+        """Yield the table, and a line that names the columns left out."""
+        columns = self._choose_columns(options.max_width)
+        available = options.max_width - self._min_width_without_first(columns)
+        first_width = min(self._content_width(self._first, 0), available)
+        yield self._build_table(columns, max(_MIN_FIRST_COLUMN_WIDTH, first_width))
+        omitted = [column.title for column in self._columns if column not in columns]
+        if omitted:
+            remedy = " or ".join(filter(None, ("a wider terminal", self._elsewhere)))
+            yield Text(f"not shown: {', '.join(omitted)}; {remedy} shows them", style="dim")
 
-    def _kept(self, width: int) -> list[Column]:
-        """The columns there is room for."""
-        kept = list(self._columns)
-        while self._least(kept, width) > width and any(column.rank for column in kept):
-            kept.remove(max(reversed(kept), key=lambda column: column.rank))
-        return kept
+    def _choose_columns(self, width: int) -> list[Column]:
+        """Return the columns that fit into a width."""
+        first = min(self._content_width(self._first, 0), max(_FIRST_COLUMN_WIDTH, width // 2))
+        columns = list(self._columns)
+        while first + self._min_width_without_first(columns) > width:
+            if not any(column.rank for column in columns):
+                break
+            columns.remove(max(reversed(columns), key=lambda column: column.rank))
+        return columns
 
-    def _least(self, columns: Sequence[Column], width: int) -> int:
-        """The least these take of a width."""
-        first = min(self._widest(self._first, 0), max(_FIRST, width // 2))
-        return first + self._others(columns)
+    def _min_width_without_first(self, columns: Sequence[Column]) -> int:
+        return _ROW_MARGIN + sum(_COLUMN_GAP + self._min_width(column) for column in columns)
 
-    def _others(self, columns: Sequence[Column]) -> int:
-        """The least all but the first column take."""
-        return _EDGES + sum(_GAP + self._narrowest(column) for column in columns)
+    def _min_width(self, column: Column) -> int:
+        width = self._content_width(column.header, self._index(column))
+        return min(width, _MIN_SENTENCE_WIDTH) if column.sentences else width
 
-    def _narrowest(self, column: Column) -> int:
-        natural = self._widest(column.header, self._place(column))
-        return min(natural, _LEAST_SENTENCES) if column.sentences else natural
-
-    def _place(self, column: Column) -> int:
+    def _index(self, column: Column) -> int:
         return 1 + self._columns.index(column)
 
-    def _widest(self, header: str, k: int) -> int:
+    def _content_width(self, header: str, k: int) -> int:
         return max(map(cell_len, [*header.split("\n"), *(row[k] for row in self._rows)]))
 
-    def _table(self, columns: Sequence[Column], first: int) -> Table:
+    def _build_table(self, columns: Sequence[Column], first_width: int) -> Table:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        table.add_column(Text(shorten_to_cells(self._first, first)), no_wrap=True, width=first)
+        first = Text(shorten_to_cells(self._first, first_width))
+        table.add_column(first, no_wrap=True, width=first_width)
         for column in columns:
+            header = Text(column.header)
             if column.sentences:
-                table.add_column(Text(column.header), overflow="fold")
+                table.add_column(header, overflow="fold")
             else:
-                whole = self._narrowest(column)
-                table.add_column(
-                    Text(column.header), justify="right", no_wrap=True, min_width=whole
-                )
+                width = self._min_width(column)
+                table.add_column(header, justify="right", no_wrap=True, min_width=width)
         for row in self._rows:
-            texts = (row[self._place(column)] for column in columns)
-            table.add_row(Text(shorten_to_cells(row[0], first)), *map(Text, texts))
+            texts = (row[self._index(column)] for column in columns)
+            table.add_row(Text(shorten_to_cells(row[0], first_width)), *map(Text, texts))
         return table
 
 
 class FactList:
-    """Two columns, laid out when they are printed: what, cut in its middle where it has to be.
+    """Topics and texts in two columns, laid out for the width at which they are printed.
 
     Parameters
     ----------
     title
-        A line above them, or "".
+        A line above the columns, or "".
     rows
-        What there is to say, by topic.
+        Texts by topic; long topics lose their middle.
     """
 
     def __init__(self, title: str, rows: Mapping[str, str]) -> None:
         self._title = make_printable(title)
-        self._rows = {make_printable(topic): make_printable(said) for topic, said in rows.items()}
+        self._rows = {make_printable(topic): make_printable(text) for topic, text in rows.items()}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """The rows."""
+        """Yield the title and the columns."""
         if self._title:
             yield Text(self._title, style="bold")
         table = Table(box=None, show_header=False, pad_edge=False)
-        most = options.max_width // _TOPICS
+        topic_width = int(_MAX_TOPIC_SHARE * options.max_width)
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
-        for topic, said in self._rows.items():
-            table.add_row(Text(shorten_to_cells(topic, most)), Text(said))
+        for topic, text in self._rows.items():
+            table.add_row(Text(shorten_to_cells(topic, topic_width)), Text(text))
         if self._rows:
             yield table

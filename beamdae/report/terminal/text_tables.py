@@ -1,4 +1,4 @@
-"""Tables for the terminal, from the tables of solutions and studies."""
+"""Tables and facts of solutions, studies, sweeps and models for the terminal."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from beamdae.results.diagnostics.strain_validity import BeamRange
 if TYPE_CHECKING:
     import pandas as pd
 
-    # By header.
+    # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame
 
-# Values this small beside the largest in their unit are what rounding leaves of zero.
+# Values below this fraction of the largest value of their kind are rounding and shown as zero.
 _ROUNDING = 1e-12
+# An error below this multiple of the uncertainty of the reference is shown as an upper bound.
+_RESOLUTION_FACTOR = 10.0
+_HEADER_LINE_LETTERS = 12
 
-# Letters of a line of a header.
-_HEADER = 12
+# Settings of a run that are shown in files only, or as facts of their own.
+_SETTINGS_IN_FILES = ("orders", "error_test_failures")
+_SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")
 
-# Settings of a run that only files tell, and those that have rows of their own.
-_IN_FILES = ("orders", "error_test_failures")
-_TOLD_APART = ("integrator", "amplitudes", "limited_by", *_IN_FILES)
-
-# What the terminal shows of a column of a comparison; the least of it goes first.
-_COMPARED = {
+# Columns of a comparison in the terminal.
+_COMPARISON_COLUMNS = {
     "status": Column("status", 2),
     "wall time [s]": Column("wall\n[s]", 1),
     "wall time max [s]": Column("min to max\n[s]", 4),
@@ -46,7 +46,7 @@ _COMPARED = {
     "max velocity drift": Column("velocity\ndrift", 9),
     "energy imbalance [-]": Column("energy\nimbalance", 4),
 }
-_SUMMARIZED = {
+_SUMMARY_COLUMNS = {
     "what": Column("what", 1, sentences=True),
     "at": Column("at", 3, sentences=True),
     "value": Column("value"),
@@ -55,7 +55,7 @@ _SUMMARIZED = {
 
 
 def format_number(value: Any, digits: int = 3) -> str:
-    """A number in few characters; a dash for one that is not there."""
+    """Return a number with few digits; "-" for a missing value."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, (bool, str)):
@@ -64,45 +64,59 @@ def format_number(value: Any, digits: int = 3) -> str:
         return f"{value:d}"
     try:
         return f"{float(value):.{digits}g}"
-    except TypeError:  # That of pandas for what is not there.
+    except TypeError:  # Raised by missing values of pandas.
         return "-"
 
 
 def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
-    """Two columns: what, and how much."""
-    said = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
-    return FactList(title, said)
+    """Return facts by topic, with numbers formatted."""
+    texts = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
+    return FactList(title, texts)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
-    """What a run did and how well, from `Solution.summary()` and `Solution.integrator`."""
+    """Return status, cost and quality of a run by topic.
+
+    Parameters
+    ----------
+    summary
+        `Solution.summary()`.
+    settings
+        `Solution.integrator`.
+    """
     s = {name: format_number(value) for name, value in summary.items()}
-    shown = {k: v for k, v in settings.items() if v is not None and k not in _TOLD_APART}
-    amplitudes = settings.get("amplitudes", {})
-    moves = ", ".join(f"{name} {format_number(value)}" for name, value in amplitudes.items())
-    scaled = {"amplitudes": f"{moves} (size of the part, or rad)"} if amplitudes else {}
-    shares = settings.get("limited_by", {})
-    limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
-    return {
+    left_out = {*_SETTINGS_WITH_ROWS, *_SETTINGS_IN_FILES}
+    options = ", ".join(
+        f"{name}={format_number(value)}"
+        for name, value in settings.items()
+        if value is not None and name not in left_out
+    )
+    facts = {
         "status": str(s["reason"]),
         "time reached": f"{format_number(summary['last_time'], 6)} s",
-        "integrator": f"{settings.get('integrator', '')} "
-        + ", ".join(f"{name}={format_number(value)}" for name, value in shown.items()),
-        **scaled,
-        "steps": f"{s['steps']}, {s['rejected_steps']} rejected, "
-        f"{s['newton_failures']} Newton failures",
-        **({"limited by": f"{limits} of the steps"} if limits else {}),
+        "integrator": f"{settings.get('integrator', '')} {options}",
+    }
+    if amplitudes := settings.get("amplitudes", {}):
+        sizes = ", ".join(f"{name} {format_number(value)}" for name, value in amplitudes.items())
+        facts["amplitudes"] = f"{sizes} (relative to the size of the part, or in rad)"
+    facts["steps"] = (
+        f"{s['steps']}, {s['rejected_steps']} rejected, {s['newton_failures']} Newton failures"
+    )
+    if shares := settings.get("limited_by", {}):
+        limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
+        facts["limited by"] = f"{limits} of the steps"
+    return facts | {
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
-        "wall time": f"{s['wall_time']} s, and {s['setup_time']} s to build",
+        "wall time": f"{s['wall_time']} s, and {s['setup_time']} s to build the equations",
         "drift": f"{s['max_position_drift']} in positions, {s['max_velocity_drift']} in velocities",
         "residual": f"{s['max_residual']} of the largest force",
-        "energy imbalance": f"{s['energy_imbalance']} of the energy turned over",
+        "energy imbalance": f"{s['energy_imbalance']} of the energy exchanged",
     }
 
 
 def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
-    """How far each beam went from its floating frame, and what its strains make of it."""
+    """Return the largest deflection, rotation and strain of beams, and the estimated error."""
     columns = [
         Column("deflection\nof length", 2),
         Column("rotation\n[rad]", 3),
@@ -117,109 +131,123 @@ def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
 
 
 def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
-    """Smallest, largest and last value of each observed column, and what is told of its error.
+    """Return the smallest, largest and last value of each observed column, and its errors.
 
-    `errors` has a row for each column, in their order: first its amplitude, then what is shown.
+    Parameters
+    ----------
+    observed
+        Observed columns.
+    errors
+        Error columns with a row for each observed column: amplitude (left out), error, further
+        columns, verdict.
     """
-    told = [] if errors is None else list(map(str, errors))[1:]
+    names = [] if errors is None else list(map(str, errors))[1:]
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
-    # The first of what is told is the error, the last the verdict.
-    kept = (told[0], told[-1]) if told else ()
-    columns += [Column(textwrap.fill(x, _HEADER), 0 if x in kept else 4) for x in told]
-    values_told = [] if errors is None else [np.asarray(errors[x]).tolist() for x in told]
+    always_shown = (names[0], names[-1]) if names else ()
+    columns += [
+        Column(textwrap.fill(x, _HEADER_LINE_LETTERS), 0 if x in always_shown else 4) for x in names
+    ]
+    error_values = [] if errors is None else [np.asarray(errors[x]).tolist() for x in names]
     rows = [
         (
             name,
-            *(format_number(x, 5) for x in values.values()),
-            *(format_number(known[k], 2) for known in values_told),
+            *(format_number(x, 5) for x in extremes.values()),
+            *(format_number(values[k], 2) for values in error_values),
         )
-        for k, (name, values) in enumerate(column_extremes(observed).items())
+        for k, (name, extremes) in enumerate(column_extremes(observed).items())
     ]
     return ResponsiveTable("observed", columns, rows, "--json")
 
 
 def column_extremes(observed: Columns) -> dict[str, dict[str, float]]:
-    """Smallest, largest and last value of each column; what rounding leaves of zero is zero."""
-    rounding = _rounding(observed)
-    found = {}
+    """Return "min", "max" and "end" of each column, with rounding replaced by zero."""
+    rounding = _rounding_by_kind(observed)
+    extremes = {}
     for name in map(str, observed):
-        values, least = np.asarray(observed[name]), rounding[Header.of(name).kind]
-        smallest, largest = _extremes(values)
-        known = {"min": smallest, "max": largest, "end": float(values[-1])}
-        found[name] = {k: 0.0 if abs(x) < least else x for k, x in known.items()}
-    return found
+        values, limit = np.asarray(observed[name]), rounding[Header.of(name).kind]
+        smallest, largest = _smallest_and_largest(values)
+        numbers = {"min": smallest, "max": largest, "end": float(values[-1])}
+        extremes[name] = {k: 0.0 if abs(x) < limit else x for k, x in numbers.items()}
+    return extremes
 
 
-def _extremes(values: np.ndarray) -> tuple[float, float]:
-    """The smallest and the largest that is a number, if there is one."""
-    known = values[~np.isnan(values)]
-    return (float(known.min()), float(known.max())) if known.size else (math.nan, math.nan)
+def _smallest_and_largest(values: np.ndarray) -> tuple[float, float]:
+    """Return the extremes of the values that are not nan, or nan if there are none."""
+    numbers = values[~np.isnan(values)]
+    return (float(numbers.min()), float(numbers.max())) if numbers.size else (math.nan, math.nan)
 
 
-def _rounding(observed: Columns) -> dict[str, float]:
-    """By kind of a column: what is rounding beside the largest value of that kind."""
+def _rounding_by_kind(observed: Columns) -> dict[str, float]:
     largest: dict[str, float] = {}
     for name in map(str, observed):
-        kind, size = Header.of(name).kind, max(map(abs, _extremes(np.asarray(observed[name]))))
+        kind = Header.of(name).kind
+        size = max(map(abs, _smallest_and_largest(np.asarray(observed[name]))))
         largest[kind] = max(largest.get(kind, 0.0), size if math.isfinite(size) else 0.0)
     return {kind: _ROUNDING * size for kind, size in largest.items()}
 
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
-    """The table of a study, with a mark on errors that the reference cannot resolve."""
-    shown = [name for name in _COMPARED if name in table]
+    """Return the table of a study; errors below the resolution of the reference are bounds."""
+    names = [name for name in _COMPARISON_COLUMNS if name in table]
     rows = []
     for _, row in table.iterrows():
-        cells = {name: format_number(row[name]) for name in shown}
+        cells = {name: format_number(row[name]) for name in names}
         if row.get("below resolution", False):
-            cells["error [-]"] = f"< {format_number(10.0 * row['reference uncertainty [-]'])}"
+            bound = _RESOLUTION_FACTOR * row["reference uncertainty [-]"]
+            cells["error [-]"] = f"< {format_number(bound)}"
         if "wall time max [s]" in cells:
-            cells["wall time max [s]"] = _ends(row["wall time min [s]"], row["wall time max [s]"])
+            cells["wall time max [s]"] = _format_range(
+                row["wall time min [s]"], row["wall time max [s]"]
+            )
         rows.append((str(row["label"]), *cells.values()))
-    return ResponsiveTable("integrator", [_COMPARED[name] for name in shown], rows, "cases.csv")
+    columns = [_COMPARISON_COLUMNS[name] for name in names]
+    return ResponsiveTable("integrator", columns, rows, "cases.csv")
 
 
-def _ends(least: Any, most: Any) -> str:
-    """The ends of repeated timings."""
-    return (
-        "-" if format_number(least) == "-" else f"{format_number(least)} to {format_number(most)}"
-    )
+def _format_range(least: Any, most: Any) -> str:
+    low, high = format_number(least), format_number(most)
+    return "-" if low == "-" else f"{low} to {high}"
 
 
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """What the rows of a group come to."""
-    ends = (f" ({_ends(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy())
-    values = summary["value"].map(format_number) + " " + summary["unit"] + list(ends)
-    told = summary.assign(value=values.str.strip()).astype(str)
-    shown = [name for name in _SUMMARIZED if name in told and (told[name] != "").any()]
-    rows = [tuple(row) for row in told[["answer", *shown]].to_numpy()]
-    return ResponsiveTable("answer", [_SUMMARIZED[name] for name in shown], rows, "summary.csv")
+    """Return the summary of a study, with units and ranges beside the values."""
+    ranges = (
+        f" ({_format_range(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy()
+    )
+    values = summary["value"].map(format_number) + " " + summary["unit"] + list(ranges)
+    texts = summary.assign(value=values.str.strip()).astype(str)
+    names = [name for name in _SUMMARY_COLUMNS if name in texts and (texts[name] != "").any()]
+    rows = [tuple(row) for row in texts[["answer", *names]].to_numpy()]
+    return ResponsiveTable(
+        "answer", [_SUMMARY_COLUMNS[name] for name in names], rows, "summary.csv"
+    )
 
 
 def sweep_table(
-    table: pd.DataFrame, parameters: Sequence[str], told: Sequence[str]
+    table: pd.DataFrame, parameters: Sequence[str], outputs: Sequence[str]
 ) -> ResponsiveTable:
-    """The table of a sweep: parameters, how each run ended, what is told of it."""
-    last = len(told) + 2
+    """Return the table of a sweep: parameters, status and outputs of each run."""
+    last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
     columns = [Column(name, 0 if name in varied else last) for name in others]
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
-    columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(told)]
-    names = [first, *others, "status", *told]
+    columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
+    names = [first, *others, "status", *outputs]
     rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
     return ResponsiveTable(first, columns, rows, "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
-    """A sentence for each row of a study that did not reach its end."""
+    """Return a sentence for each run of a study that did not reach its end."""
     failed = table[table["status"] != "ok"]
-    where = failed["group"] + ", " + failed["label"]
-    return [make_printable(f"{i}: {s}") for i, s in zip(where, failed["reason"], strict=True)]
+    labels = failed["group"] + ", " + failed["label"]
+    reasons = zip(labels, failed["reason"], strict=True)
+    return [make_printable(f"{label}: {reason}") for label, reason in reasons]
 
 
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Frequencies of modes, and what moves in them, from `Modes.table()`."""
+    """Return frequencies, damping and moving parts of modes, from `Modes.table()`."""
     columns = [
         Column("frequency\n[Hz]"),
         Column("damping\nratio [-]", 2),
@@ -229,13 +257,13 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
         Column("kind", 1, sentences=True),
         Column("moves", 1, sentences=True),
     ]
-    values = ["frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"]
-    values += [name for name in map(str, table) if name.startswith("effective mass")]
+    names = ["damping ratio [-]", "growth rate [1/s]"]
+    names += [name for name in map(str, table) if name.startswith("effective mass")]
     rows = [
         (
             str(row["mode"]),
-            format_number(row[values[0]], 6),
-            *(format_number(row[name]) for name in values[1:]),
+            format_number(row["frequency [Hz]"], 6),
+            *(format_number(row[name]) for name in names),
             str(row["kind"]),
             str(row["moves"]),
         )
@@ -245,7 +273,7 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Frequencies of modes by speed, from `Campbell.table()`."""
+    """Return frequencies by speed of rotation, from `Campbell.table()`."""
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
     rows = [
@@ -259,12 +287,12 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
-    """The parts of a mechanism and what they are."""
+    """Return the parts of a mechanism and their classes."""
     return ResponsiveTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
-def models_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Models that files define, with their parameters."""
+def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+    """Return the models that files define, with their parameters."""
     columns = [
         Column("t_end\n[s]", 3),
         Column("file", 1, sentences=True),
@@ -272,24 +300,23 @@ def models_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
         Column("about", 4, sentences=True),
     ]
     rows = []
-    for one in found:
-        values = ", ".join(f"{name}={value}" for name, value in one["parameters"].items())
-        rows.append(
-            (one["name"], f"{one['t_end']:g}", Path(one["file"]).name, values, one["about"])
-        )
+    for model in models:
+        parameters = ", ".join(f"{name}={value}" for name, value in model["parameters"].items())
+        file, t_end = Path(model["file"]).name, f"{model['t_end']:g}"
+        rows.append((model["name"], t_end, file, parameters, model["about"]))
     return ResponsiveTable("model", columns, rows, "--json")
 
 
-def studies_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Studies that files define, with the models they are of."""
+def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+    """Return the studies that files define, with their models."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
     rows = [
-        (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in found
+        (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in studies
     ]
     return ResponsiveTable("study", columns, rows, "--json")
 
 
-def problems_table(found: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Files and what is wrong with them."""
-    rows = [(Path(one["file"]).name, one["problem"]) for one in found]
+def problems_table(problems: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+    """Return files that cannot be listed, with their errors."""
+    rows = [(Path(x["file"]).name, x["problem"]) for x in problems]
     return ResponsiveTable("file", [Column("cannot be listed", sentences=True)], rows)

@@ -1,4 +1,4 @@
-"""Motions: trails, parts that come and go, runs that fail."""
+"""Animations of runs: trails, inactive parts, failed runs, parts defined by users, MP4 files."""
 
 import numpy as np
 import pytest
@@ -9,35 +9,35 @@ from pendulum import pendulum
 import beamdae as bd
 from beamdae.parts.part import Drawing
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.scene.outlines import frame_times
-from beamdae.report.scene.run_scene import build_run_scene
+from beamdae.report.scene.run_scene import build_run_scene, frame_times
 
 FRAMES = 11
 
 
-def run(mechanism):
+def simulate(mechanism):
     return bd.simulate(mechanism, bd.GeneralizedAlpha(5e-3), 0.2, output_step=0.02)
 
 
-def seen(solution, **settings):
-    """By part and kind: where the points of its glyphs are, (frames, k, 2)."""
+def scene_lines(solution, **settings):
+    """Return the points of each glyph by part and kind, (frames, k, 2)."""
     scene = build_run_scene("test", solution, frame_times(solution, FRAMES), **settings)
     return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
 
 
 @pytest.mark.slow(reason="a quarter of a second")
-def test_parts_are_seen_while_they_are_active():
+def test_parts_are_visible_only_while_they_are_active():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.angle", crosses=-0.05, do=bd.deactivate(hinge), name="let go")
-    solution = run(mech)
-    pin, support = seen(solution)["hinge", "joint"], seen(solution)["ground", "ground"]
-    gone = np.isnan(pin[:, 0, 0])
-    (let_go,) = solution.events["t [s]"]
-    assert np.array_equal(gone, frame_times(solution, FRAMES) > let_go)
-    assert 0 < gone.sum() < FRAMES
+    solution = simulate(mech)
+    lines = scene_lines(solution)
+    pin, support = lines["hinge", "joint"], lines["ground", "ground"]
+    is_absent = np.isnan(pin[:, 0, 0])
+    (release_time,) = solution.events["t [s]"]
+    assert np.array_equal(is_absent, frame_times(solution, FRAMES) > release_time)
+    assert 0 < is_absent.sum() < FRAMES
     assert np.isfinite(support[:, 0]).all()
     (symbol,) = [x for x in export_run_frames(solution)["symbols"] if x["name"] == "hinge"]
     assert symbol["absent"] == list(range(symbol["absent"][0], 120))
@@ -45,7 +45,7 @@ def test_parts_are_seen_while_they_are_active():
 
 
 @pytest.mark.slow(reason="a quarter of a second")
-def test_a_run_that_failed_at_once_is_drawn(tmp_path):
+def test_a_run_that_fails_at_the_start_is_drawn(tmp_path):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))
     mech.add(bd.Force("push", ball.point, (lambda t: np.sqrt(-t), 0.0)))
@@ -56,27 +56,23 @@ def test_a_run_that_failed_at_once_is_drawn(tmp_path):
     assert "<b>" not in solution.animate(trail=True)._repr_html_()
 
 
-def test_trails_are_where_the_point_has_been():
+def test_trails_follow_the_observed_points():
     mechanism = pendulum(elements=1)
-    solution = run(mechanism)
-    trail = seen(solution, trail="tip")["tip", "trail"]
-    x = solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
-    # Ten points a frame.
-    assert_allclose(trail[-1, ::10], x, atol=1e-12)
+    solution = simulate(mechanism)
+    trail = scene_lines(solution, trail="tip")["tip", "trail"]
+    tip = solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
+    # Ten points between two frames.
+    assert_allclose(trail[-1, ::10], tip, atol=1e-12)
     assert_allclose(trail[4, :41], trail[-1, :41], atol=1e-15)
     assert np.isnan(trail[4, 41:]).all()
-    assert {part for part, kind in seen(solution, trail=True) if kind == "trail"} == {
-        "tip",
-        "frame",
-    }
-    with pytest.raises(
-        bd.BeamdaeError, match=r"trail must be .*'top' is none \(did you mean 'tip'"
-    ):
-        seen(solution, trail=["top"])
+    parts = {part for part, kind in scene_lines(solution, trail=True) if kind == "trail"}
+    assert parts == {"tip", "frame"}
+    with pytest.raises(bd.BeamdaeError, match=r"trail must be .*, got 'top' \(did you mean 'tip'"):
+        scene_lines(solution, trail=["top"])
 
 
 class Strap(bd.Part):
-    """A part of one's own, drawn through points of several bodies."""
+    """A user-defined part that is drawn through points of several bodies."""
 
     def __init__(self, name, kind, *ends):
         self.name, self.kind, self.ends = name, kind, ends
@@ -89,26 +85,26 @@ class Strap(bd.Part):
 
 
 @pytest.mark.parametrize("kind", ["strap", "rigid"])
-def test_a_part_of_ones_own_is_drawn_through_points_of_several_bodies(kind):
+def test_a_user_defined_part_is_drawn_through_points_of_several_bodies(kind):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     mech.add(Strap("strap", kind, mech.ground.at(0.0, 1.0), ball.point))
     mech.observe("ball", ball.point)
-    solution = run(mech)
-    line = seen(solution)["strap", kind]
+    solution = simulate(mech)
+    line = scene_lines(solution)["strap", kind]
     assert_allclose(line[:, 0], [(0.0, 1.0)] * FRAMES, atol=0)
     assert_allclose(line[:, 1], solution.observed[["ball.x [m]", "ball.y [m]"]], atol=1e-12)
     assert mech.draw().figure.axes
 
 
-def test_films_go_to_ffmpeg_frame_by_frame(tmp_path):
-    """It is a program of its own: here one that counts the bytes it is given."""
+def test_mp4_files_pass_each_frame_to_ffmpeg(tmp_path):
+    """A script in place of ffmpeg counts the bytes it receives."""
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
     program.chmod(0o755)
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     with rc_context({"animation.ffmpeg_path": str(program)}):
-        path = run(mech).animate(tmp_path / "run.mp4", frames=4)
+        path = simulate(mech).animate(tmp_path / "run.mp4", frames=4)
     width, height = 200, 600
     assert int(path.read_text()) == 4 * 4 * width * height

@@ -1,4 +1,4 @@
-"""A run in a notebook: its card, its columns, curves and moving pictures."""
+"""Runs in a notebook: text, columns, HTML summary, plots and animations."""
 
 import json
 import pickle
@@ -11,13 +11,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import beamdae as bd
-from beamdae.report.card import card
+from beamdae.report.run_summary import summarize_as_html
 
 ALPHA = bd.GeneralizedAlpha(step=1e-2)
 
 
-def mechanism():
-    """A beam on a hinge, with a bob at its end."""
+def create_pendulum():
+    """Build a beam on a hinge, with a bob at its end."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     section = bd.Section.rectangle(bd.Material(E=2e9, nu=0.3, rho=1000.0), width=0.02, height=0.02)
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
@@ -29,30 +29,30 @@ def mechanism():
 
 @pytest.fixture(scope="module")
 def run():
-    return bd.simulate(mechanism()[0], ALPHA, t_end=0.2, output_step=0.02)
+    return bd.simulate(create_pendulum()[0], ALPHA, t_end=0.2, output_step=0.02)
 
 
-def ball():
+def create_ball():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     return mech
 
 
-def test_its_text_is_one_short_line(run):
+def test_the_text_of_a_run_is_one_short_line(run):
     text = repr(run)
     assert "\n" not in text
     assert len(text) < 200
-    for told in ("GeneralizedAlpha(step=0.01)", "ok, reached the end", "0 to 0.2 s", "11 rows"):
-        assert told in text
+    for phrase in ("GeneralizedAlpha(step=0.01)", "ok, reached the end", "0 to 0.2 s", "11 rows"):
+        assert phrase in text
 
 
-def test_its_text_says_why_it_ended():
-    mech = ball()
+def test_the_text_of_a_failed_run_says_so():
+    mech = create_ball()
     mech.add(bd.Force("push", mech.parts["ball"].point, (lambda t: np.sqrt(0.1 - t), 0.0)))
     assert "failed" in repr(bd.simulate(mech, ALPHA, t_end=1.0))
 
 
-def test_columns_by_header_name_and_observable(run):
+def test_columns_are_selected_by_header_name_or_observable(run):
     tip = run["tip.y"]
     assert tip.name == "tip.y [m]"
     assert tip.index.name == "t [s]"
@@ -65,9 +65,9 @@ def test_columns_by_header_name_and_observable(run):
     assert_array_equal(run["beam.x0_dot"], run.v[:, 0])
 
 
-def test_regression_what_is_observed_is_meant_where_a_body_has_its_name():
-    """Columns of the body came instead: its center of mass, and all of its coordinates."""
-    mech, beam = mechanism()
+def test_regression_observables_take_precedence_over_bodies_of_the_same_name():
+    """The columns of the body were returned: its center of mass and all coordinates."""
+    mech, beam = create_pendulum()
     bar = mech.add(bd.RigidBody("bar", mass=1.0, inertia=0.1, center=(1.0, -1.0)))
     mech.add(bd.Revolute("pin", beam.end, bar.at(1.0, 0.0)))
     mech.observe("bar", bar.at(1.0, -2.0))
@@ -85,7 +85,7 @@ def test_regression_what_is_observed_is_meant_where_a_body_has_its_name():
 
 
 @pytest.mark.parametrize("name", ["tip.z", "", 3, None, "energy", float("nan")])
-def test_a_column_that_is_not_there_is_told(run, name):
+def test_unknown_columns_are_rejected(run, name):
     if name == "energy":
         assert len(run[name].columns) == 7
         return
@@ -93,30 +93,30 @@ def test_a_column_that_is_not_there_is_told(run, name):
         run[name]
 
 
-def test_the_nearest_column_is_named(run):
+def test_the_nearest_column_name_is_suggested(run):
     with pytest.raises(bd.BeamdaeError, match=r"did you mean 'tip\.y'"):
         run["tip.Y"]
 
 
 @pytest.mark.parametrize("of", ["attachment", "strain", "reaction"])
-def test_what_is_observed_after_a_run_is_what_a_run_observes(of):
+def test_observables_added_after_a_run_equal_those_added_before(of):
     def quantity(mech, beam):
         if of == "strain":
             return beam.strain(s=0.3, offset=0.01)
         return beam.at(0.7) if of == "attachment" else mech.parts["hinge"].reaction
 
-    mech, beam = mechanism()
+    mech, beam = create_pendulum()
     later = bd.simulate(mech, ALPHA, t_end=0.1).observe("seen", quantity(mech, beam))
-    again, beam = mechanism()
+    again, beam = create_pendulum()
     again.observe("seen", quantity(again, beam))
     before = bd.simulate(again, ALPHA, t_end=0.1)
     assert list(later.columns) == list(before.columns)
-    # The same numbers in the same kernels; only their places among those of the model differ.
+    # The same kernels with the same numbers: equal bit for bit.
     assert_array_equal(later["seen"], before["seen"])
 
 
-def test_what_cannot_be_observed_is_refused(run):
-    mech, beam = mechanism()
+def test_invalid_observables_are_rejected(run):
+    mech, beam = create_pendulum()
     own = run.equations.mechanism.parts["beam"]
     with pytest.raises(bd.BeamdaeError, match="'beam' is no part of the mechanism"):
         run.observe("seen", beam.end)
@@ -131,17 +131,17 @@ def test_what_cannot_be_observed_is_refused(run):
     assert len(solution.observe("seen", beam.end)["seen.x"]) == len(solution.t)
 
 
-def test_the_card_tells_how_it_went_and_draws_it(run):
-    page = card(run)
-    for told in ("GeneralizedAlpha", "reached the end", "energy imbalance", "tip"):
-        assert told in page
-    # The beam and the bob, at six times.
+def test_the_summary_contains_status_quality_and_a_drawing(run):
+    page = summarize_as_html(run)
+    for phrase in ("GeneralizedAlpha", "reached the end", "energy imbalance", "tip"):
+        assert phrase in page
+    # The beam and the bob at six times.
     assert page.count("<polyline") == 6
     assert page.count("<circle") == 6
     assert "nan" not in page
 
 
-def test_names_in_the_card_are_texts():
+def test_names_in_the_summary_are_escaped():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("<b>&", 1.0, at=(0.0, 0.0)))
     mech.observe("<i>", ball.point)
@@ -151,8 +151,8 @@ def test_names_in_the_card_are_texts():
     assert "&lt;b&gt;&amp;" in page
 
 
-def test_curves_are_drawn_over_time_with_a_legend_of_several(run, tmp_path):
-    other = bd.simulate(mechanism()[0], bd.Ida(rtol=1e-4), t_end=0.2, output_step=0.01)
+def test_plots_of_several_runs_have_a_legend(run, tmp_path):
+    other = bd.simulate(create_pendulum()[0], bd.Ida(rtol=1e-4), t_end=0.2, output_step=0.01)
     figure = bd.plot([run, other], "tip.x", "tip.y").figure
     assert [axis.get_title() for axis in figure.axes] == ["tip.x", "tip.y"]
     for axis, column in zip(figure.axes, ("tip.x", "tip.y"), strict=True):
@@ -168,18 +168,18 @@ def test_curves_are_drawn_over_time_with_a_legend_of_several(run, tmp_path):
     assert run.plot("tip.y")._repr_png_().startswith(b"\x89PNG")
 
 
-def test_of_many_columns_twelve_are_drawn_and_the_picture_says_so(run):
-    own = list(run.table().columns[1:]) + list(run.coordinates().columns)
-    figure = run.plot(*dict.fromkeys(own)).figure
+def test_of_many_columns_twelve_are_plotted(run):
+    names = list(run.table().columns[1:]) + list(run.coordinates().columns)
+    figure = run.plot(*dict.fromkeys(names)).figure
     assert len(figure.axes) == 12
-    assert figure.get_suptitle() == f"12 of {len(set(own))} columns"
+    assert figure.get_suptitle() == f"12 of {len(set(names))} columns"
 
 
-def test_without_names_what_tells_most_is_drawn(run):
+def test_characteristic_columns_are_plotted_by_default(run):
     assert [axis.get_title() for axis in run.plot().figure.axes] == ["tip.x", "tip.y", "tip.angle"]
 
 
-def test_labels_name_runs(run):
+def test_labels_replace_the_names_of_runs(run):
     figure = bd.plot([run, run], "tip.y", labels=["_one", "$two$"]).figure
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["_one", "$two$"]
     with pytest.raises(bd.BeamdaeError, match="labels must be 2 different texts"):
@@ -187,18 +187,18 @@ def test_labels_name_runs(run):
 
 
 @pytest.mark.parametrize(("wrong", "words"), [([], "got none"), ([3], "got 3"), (3, "got 3")])
-def test_what_is_no_run_cannot_be_drawn(wrong, words):
+def test_only_runs_can_be_plotted(wrong, words):
     with pytest.raises(bd.BeamdaeError, match=rf"plot: solutions must be .*{words}\."):
         bd.plot(wrong)
 
 
 @pytest.mark.parametrize("path", ["tip", "", 3, None])
-def test_a_picture_needs_the_name_of_a_file(run, path):
-    with pytest.raises(bd.BeamdaeError, match=r"Plot\.save: path must be .* suffix"):
+def test_a_plot_is_saved_by_the_suffix_of_its_path(run, path):
+    with pytest.raises(bd.BeamdaeError, match=r"Plot\.save: path must .*suffix such as \.png, got"):
         run.plot("tip.y").save(path)
 
 
-def test_moving_pictures_are_a_file(run, tmp_path):
+def test_an_animation_is_written_to_a_file(run, tmp_path):
     path = run.animate(tmp_path / "deep" / "run.gif", frames=3)
     frames = []
     with Image.open(path) as moving:
@@ -210,13 +210,13 @@ def test_moving_pictures_are_a_file(run, tmp_path):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_moving_pictures_last_as_long_as_the_motion(run, tmp_path):
+def test_the_duration_of_an_animation_follows_the_speed(run, tmp_path):
     with Image.open(run.animate(tmp_path / "run.gif", speed=0.5, frames=5)) as moving:
-        # GIFs count hundredths of a second.
+        # Durations of GIF frames are multiples of 10 ms.
         assert_allclose(moving.info["duration"], 1000 * 0.4 / 4, atol=10)
 
 
-def test_moving_pictures_in_a_notebook(run):
+def test_an_animation_in_a_notebook_contains_trails_and_colors(run):
     shown = run.animate(frames=3, speed=0.5, color="M", trail="tip")
     data = json.loads(re.search(r'id="data">(.*?)</script>', shown.page, re.DOTALL)[1])
     assert data["speed"] == 0.5
@@ -224,7 +224,7 @@ def test_moving_pictures_in_a_notebook(run):
     colors = [color["title"] for color in data["frames"]["colors"]]
     assert colors == ["bending moment M [N m]", "largest stress [kPa]"]
     kinds = {body["kind"]: body["points"] for body in data["frames"]["bodies"]}
-    # Ten points a frame.
+    # Ten points between two frames.
     assert kinds == {"trail": 21, "beam": 49}
     page = shown._repr_html_()
     assert page.startswith("<iframe srcdoc=")
@@ -240,18 +240,18 @@ def test_moving_pictures_in_a_notebook(run):
         ({"frames": 501}, "frames"),
     ],
 )
-def test_moving_pictures_that_cannot_be_made_are_refused(run, settings, words):
+def test_invalid_settings_of_animations_are_rejected(run, settings, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         run.animate(**settings)
 
 
-def test_without_ffmpeg_one_sentence_says_so(run, tmp_path, monkeypatch):
+def test_a_missing_ffmpeg_is_reported(run, tmp_path, monkeypatch):
     monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
     with pytest.raises(bd.BeamdaeError, match="MP4 files need the program ffmpeg"):
         run.animate(tmp_path / "run.mp4")
 
 
-def test_equations_have_no_shape():
+def test_equations_without_a_mechanism_cannot_be_drawn():
     solution = bd.simulate(PENDULUM.build(), ALPHA, t_end=0.1)
     assert "<svg" not in solution._repr_html_()
     with pytest.raises(bd.BeamdaeError, match="not one of a mechanism"):
@@ -260,7 +260,7 @@ def test_equations_have_no_shape():
         solution.observe("x", None)
 
 
-def test_a_still_mechanism_and_a_single_point_are_drawn():
+def test_a_single_point_at_rest_is_drawn():
     mech = bd.Mechanism()
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     solution = bd.simulate(mech, ALPHA, t_end=0.1)

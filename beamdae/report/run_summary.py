@@ -1,0 +1,63 @@
+"""HTML summary of a run, displayed by notebooks: status, cost, accuracy and a thumbnail."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+
+from beamdae.errors import BeamdaeError
+from beamdae.report.pictures.run_animation import draw_thumbnail
+from beamdae.report.terminal.text_tables import format_number
+from beamdae.results.event_records import format_event_times
+from beamdae.results.solution import Solution
+
+_CELL_STYLE = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
+_NAME_STYLE = _CELL_STYLE.format("white-space: nowrap")
+_VALUE_STYLE = _CELL_STYLE.format("")
+
+
+def summarize_as_html(solution: Solution) -> str:
+    """Return the summary of a run as a self-contained piece of HTML."""
+    name = solution.model.get("name", "")
+    method = str(solution.integrator.get("integrator", ""))
+    title = " by ".join(filter(None, (name, method))) or "run"
+    try:
+        thumbnail = draw_thumbnail(solution)
+    except BeamdaeError:
+        # A run of equations without a mechanism has nothing to draw.
+        thumbnail = ""
+    return (
+        '<div style="display: flex; gap: 24px; align-items: center">'
+        f"<div><b>{html.escape(title)}</b>{format_html_table(_collect_facts(solution))}</div>"
+        f"<div>{thumbnail}</div></div>"
+    )
+
+
+def _collect_facts(solution: Solution) -> dict[str, str]:
+    cost, quality, status = solution.statistics, solution.quality, solution.status
+    wall_time = format_number(cost.wall_time)
+    position_drift = format_number(quality.max_position_drift)
+    velocity_drift = format_number(quality.max_velocity_drift)
+    facts = {
+        "status": f"{status.kind}: {status.sentence}",
+        "time": f"{solution.t[0]:g} s to {solution.trajectory.end:g} s, {len(solution.t)} rows",
+        "cost": f"{cost.steps} steps, {cost.rejected_steps} rejected, {wall_time} s",
+        "energy imbalance": format_number(quality.energy_imbalance),
+        "drift": f"{position_drift}, {velocity_drift} (positions, velocities)",
+        "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
+    }
+    if solution.equations.events:
+        facts["events"] = format_event_times(solution.event_records)
+    for k, sentence in enumerate(solution.warnings):
+        facts[f"warning {k + 1}"] = sentence
+    return facts
+
+
+def format_html_table(facts: Mapping[str, str]) -> str:
+    """Return facts by name as an HTML table with two columns."""
+    rows = "".join(
+        f"<tr><td {_NAME_STYLE}>{html.escape(name)}</td>"
+        f"<td {_VALUE_STYLE}>{html.escape(value)}</td></tr>"
+        for name, value in facts.items()
+    )
+    return f"<table>{rows}</table>"

@@ -1,0 +1,323 @@
+"""Figures of runs, comparisons and studies, also of unusual values and names."""
+
+import re
+import warnings
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pandas as pd
+import pytest
+
+import beamdae as bd
+from beamdae.report.pictures import figures, time_plots
+from beamdae.report.text import make_printable, shorten_text
+from beamdae.studies import study_pictures
+from beamdae.studies.references import Reference
+
+T = np.linspace(0.0, 1.0, 11)
+ODD = r"$x_1^{2}\frac{ [/b] :smile: _u"
+LONG = "L" * 300
+FRAME = pd.DataFrame(
+    {
+        "t [s]": T,
+        "tip.x [m]": np.cos(T),
+        "tip.y [m]": 1e-15 * T,
+        "tip.angle [rad]": T,
+        "tip.x_dot [m/s]": -np.sin(T),
+        "bend.u [m]": 1e-3 * T**2,
+        "bend.phi [rad]": 1e-3 * T,
+        "gauge 1 [-]": 1e-4 * T,
+        "energy.kinetic [J]": T**2,
+    }
+)
+
+
+def table(**columns):
+    return pd.DataFrame({"t [s]": T, **columns})
+
+
+def colored_share(path):
+    """Return the share of pixels that are neither white nor gray."""
+    image = matplotlib.image.imread(path)[..., :3]
+    return float(np.mean(np.ptp(image, axis=-1) > 0.2))
+
+
+def test_deformations_are_the_characteristic_columns():
+    assert figures.characteristic_columns(FRAME) == ["bend.u [m]", "bend.phi [rad]"]
+    rigid = FRAME.drop(columns=["bend.u [m]", "bend.phi [rad]"])
+    assert figures.characteristic_columns(rigid) == ["tip.x [m]", "tip.angle [rad]"]
+    assert figures.characteristic_columns(FRAME[["t [s]", "gauge 1 [-]"]]) == ["gauge 1 [-]"]
+
+
+def test_panels_show_neither_rates_nor_energies_nor_constant_columns():
+    assert time_plots._group_by_observable(FRAME) == {
+        ("tip", "m"): ["tip.x [m]"],
+        ("tip", "rad"): ["tip.angle [rad]"],
+        ("bend", "m"): ["bend.u [m]"],
+        ("bend", "rad"): ["bend.phi [rad]"],
+        ("gauge 1", "-"): ["gauge 1 [-]"],
+    }
+
+
+def test_the_figure_of_a_run_has_curves(tmp_path):
+    path = time_plots.save_run_figure(tmp_path / "new" / "run.png", FRAME, "title")
+    assert colored_share(path) > 1e-3
+
+
+def test_the_figure_of_a_run_without_observables_shows_energies(tmp_path):
+    frame = FRAME[["t [s]", "energy.kinetic [J]"]]
+    assert colored_share(time_plots.save_run_figure(tmp_path / "run.png", frame, "title")) > 1e-3
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_a_comparison_has_a_curve_in_each_color(tmp_path):
+    errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
+    runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, None)}
+    path = time_plots.save_comparison_figure(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
+    image = matplotlib.image.imread(path)[..., :3]
+    for color in figures.COLORS[:3]:
+        distance = np.abs(image - np.array(matplotlib.colors.to_rgb(color))).max(axis=-1)
+        assert np.sum(distance < 0.02) > 200
+
+
+def test_figures_do_not_change_the_settings_of_matplotlib(tmp_path):
+    with matplotlib.rc_context({"lines.linewidth": 1.23, "axes.grid": True}):
+        before = dict(matplotlib.rcParams)
+        frame = FRAME[["t [s]", "tip.x [m]"]]
+        time_plots.save_run_figure(tmp_path / "run.png", frame, "title")
+        assert dict(matplotlib.rcParams) == before
+
+
+def test_an_unwritable_figure_is_an_error(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(bd.BeamdaeError, match=r"run\.png: it cannot be written"):
+        time_plots.save_run_figure(tmp_path / "file" / "run.png", FRAME, "title")
+
+
+def test_names_with_markup_are_drawn_literally(tmp_path):
+    odd = pd.DataFrame(
+        {
+            "t [s]": [0.0, 1.0],
+            r"price $\frac$.x [m]": [0.0, 1.0],
+            r"price $\frac$.y [m]": [0.0, 2.0],
+            "梁.x [m]": [0.0, 1.0],
+        }
+    )
+    assert time_plots.save_run_figure(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
+
+
+TABLES = {
+    "constant": (table(**{"a.x [m]": 1.0 + 0.0 * T}), True),
+    "zero": (table(**{"a.x [m]": 0.0 * T}), True),
+    "nan": (table(**{"a.x [m]": np.nan * T}), False),
+    "inf": (table(**{"a.x [m]": np.where(T > 0.5, np.inf, T)}), True),
+    "huge": (table(**{"a.x [m]": 1e308 * np.cos(9.0 * T), "b.x [m]": 1e299 * T}), True),
+    "one row": (table(**{"a.x [m]": T, "a.phi [rad]": T}).iloc[:1], True),
+    "no row": (table(**{"a.x [m]": T}).iloc[:0], False),
+    "no column": (table(), False),
+    "names": (table(**{f"{ODD}.x [m]": T, f"{ODD}._y [m]": T**2, "_h\x07.x [m]": T}), True),
+    "long names": (table(**{f"{LONG}.x [m]": T, f"{LONG}.y [m]": T, f"{LONG} [N]": T}), True),
+}
+
+
+@pytest.mark.slow(reason="ten figures")
+@pytest.mark.parametrize(("data", "has_curves"), TABLES.values(), ids=TABLES)
+def test_figures_of_runs_with_unusual_values(tmp_path, data, has_curves):
+    path = time_plots.save_run_figure(tmp_path / "run.png", data, f"{ODD}{LONG}")
+    assert (colored_share(path) > 1e-4) == has_curves
+
+
+@pytest.mark.slow(reason="ten figures")
+@pytest.mark.parametrize(("data", "has_curves"), TABLES.values(), ids=TABLES)
+def test_figures_of_comparisons_with_unusual_values(tmp_path, data, has_curves):
+    for error in (0.0, np.nan, np.inf, 1e-3):
+        errors = pd.DataFrame({"x": np.full(len(T), error)}, index=T)
+        runs = {ODD: (data, errors), LONG: (data, None)}
+        path = time_plots.save_comparison_figure(tmp_path / "c.png", data, runs, 1e-4, ODD)
+        assert colored_share(path) > 0.0, "the legend is missing"
+
+
+def test_displacements_vary_beside_large_stresses():
+    varying = {"axle.y [m]": 0.1 * T, "stress [Pa]": 5e8 * T}
+    constant = {"axle.x [m]": 1e-19 * T, "axle.angle [rad]": 1e-16 * T}
+    data = table(**varying, **constant)
+    assert figures.characteristic_columns(data) == ["axle.y [m]"]
+
+
+@pytest.fixture
+def saved_figures(monkeypatch):
+    """Collect the figures over time instead of writing them."""
+    collected = []
+    monkeypatch.setattr(time_plots, "save_figure", lambda figure, path: collected.append(figure))
+    return collected
+
+
+@pytest.mark.slow(reason="a figure")
+def test_of_forty_observables_twelve_are_drawn(tmp_path, saved_figures):
+    data = table(**{f"o{k}.x [m]": T for k in range(40)})
+    time_plots.save_run_figure(tmp_path / "r.png", data, "r")
+    (figure,) = saved_figures
+    assert len(figure.axes) == 12
+    assert figure.get_suptitle() == "r\n12 of 40 observables"
+
+
+def test_styles_of_legend_and_curves_agree(tmp_path, saved_figures):
+    data = table(**{"a.u [m]": T})
+    runs = {n: (data, pd.DataFrame({"a.u [m]": 1e-3 + T}, index=T)) for n in "ABCDEFGH"}
+    time_plots.save_comparison_figure(tmp_path / "c.png", data, runs, 1e-9, "c")
+    (figure,) = saved_figures
+    (legend,) = figure.legends
+    styles = [(h.get_color(), h.get_linestyle()) for h in legend.get_lines()][1:]
+    assert len(set(zip(styles, "ABCDEFGH", strict=True))) == 8
+    for axis, first in zip(figure.axes, (1, 0), strict=True):
+        lines = axis.lines[first : first + 8]
+        assert [(x.get_color(), x.get_linestyle()) for x in lines] == styles
+
+
+# Plots of studies.
+
+
+def study(tmp_path, rows, over=None, uncertainty=1e-6):
+    """Return results with these rows; missing entries are those of a successful run."""
+    defaults = {"model": "arm", "group": "arm", "series": "Ida(rtol)", "label": "Ida(rtol=0.1)",
+             "status": "ok", "rtol": 0.1, "step": np.nan, "wall time [s]": 0.1, "error [-]": 1e-3,
+             "below resolution": False}  # fmt: skip
+    parameters = {k: v for row in rows for k, v in row.items() if k not in defaults}
+    order = ["model", *parameters, *(k for k in defaults if k != "model")]
+    cases = pd.DataFrame([defaults | row for row in rows])[order]
+    reference = Reference(("", ""), pd.DataFrame(), (), uncertainty, "")
+    return SimpleNamespace(
+        table=cases,
+        study=SimpleNamespace(over=over, cases=[None] * len(rows)),
+        references=dict.fromkeys(cases["group"], reference) | {"another": reference},
+        folder=tmp_path,
+    )
+
+
+@pytest.fixture
+def figure_of(monkeypatch):
+    """Return a function that draws a plot of a study and returns its figure without saving it."""
+
+    def draw(results, name):
+        collected = []
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                figures, "save_figure", lambda figure, path: collected.append(figure) or path
+            )
+            study_pictures.plots(results)[name]()
+        return collected[0]
+
+    return draw
+
+
+NOTHING = {
+    "all failed": [{"status": "failed", "error [-]": np.nan}],
+    "no error": [{"error [-]": np.nan}],
+    "error of zero": [{"error [-]": 0.0}],
+    "infinite error": [{"error [-]": np.inf}],
+    "no wall time": [{"wall time [s]": np.nan}],
+}
+
+
+@pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
+def test_a_study_without_data_has_no_plots(tmp_path, rows):
+    rows = [{"elements": 4} | row for row in rows] + [{"elements": 8} | row for row in rows]
+    plots = study_pictures.plots(study(tmp_path, rows)) | study_pictures.plots(
+        study(tmp_path, rows, "elements")
+    )
+    assert plots["work_precision"]() == []
+    if "wall time [s]" not in rows[0] and rows[0].get("status") == "ok":
+        assert plots["mesh_convergence"]() == []
+    if rows[0].get("status") == "failed":
+        assert plots["cost_scaling"]() == plots["mesh_convergence"]() == []
+
+
+def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
+    rows = [{"group": "a"}, {"group": "b", "status": "failed", "error [-]": np.nan}]
+    figure = figure_of(study(tmp_path, rows), "work_precision")
+    assert [axis.get_title() for axis in figure.axes] == ["a"]
+
+
+@pytest.mark.slow(reason="a figure")
+def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
+    rows = [{"error [-]": e, "below resolution": True, "wall time [s]": e} for e in (1e-8, 1e-7)]
+    results = study(tmp_path, rows)
+    low, high = figure_of(results, "work_precision").axes[0].get_ylim()
+    assert 1e-7 < low < 1e-5 < high < 1e-3
+    assert colored_share(study_pictures.plots(results)["work_precision"]()[0]) > 1e-4
+
+
+def test_lines_connect_runs_by_setting(tmp_path, figure_of):
+    rows = [
+        {"rtol": rtol, "wall time [s]": cost, "error [-]": 10.0 * rtol}
+        for rtol, cost in ((1e-3, 0.3), (1e-5, 0.2), (1e-4, 0.1))
+    ]
+    figure = figure_of(study(tmp_path, rows), "work_precision")
+    assert list(figure.axes[0].lines[0].get_xdata()) == [0.3, 0.1, 0.2]
+
+
+def test_all_tick_labels_have_one_font_size(tmp_path, figure_of):
+    rows = [{"elements": n, "wall time [s]": c} for n in (2, 4, 8) for c in (0.11 * n, 0.12 * n)]
+    for name in ("work_precision", "cost_scaling"):
+        figure = figure_of(study(tmp_path, rows), name)
+        labels = [
+            label
+            for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis)
+            for label in [*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)]
+        ]
+        assert {label.get_fontsize() for label in labels if label.get_text()} == {8.0}
+
+
+def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
+    settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
+    rows = [
+        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost,
+         "wall time min [s]": 0.5 * cost, "wall time max [s]": 10.0 * cost}
+        for x, (cost, error) in settings.items()
+    ]  # fmt: skip
+    axis = figure_of(study(tmp_path, rows), "work_precision").axes[0]
+    assert list(axis.lines[0].get_xdata()) == [0.1, 0.3, 0.2]
+    (bars,) = axis.collections
+    ends = [(*bar[:, 0], bar[0, 1]) for bar in bars.get_segments()]
+    expected = [
+        (0.5 * c, 10.0 * c, error) for c, error in (settings[x] for x in (0.1, 0.01, 0.001))
+    ]
+    np.testing.assert_allclose(ends, expected)
+    assert axis.get_xlim()[1] > 3.0
+
+
+def test_names_with_markup_give_valid_svg(tmp_path):
+    name = f"{ODD}\x07\x1b[0m <!-- --> &"
+    rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]
+    for plot in ("work_precision", "cost_scaling"):
+        _, svg = study_pictures.plots(study(tmp_path, rows))[plot]()
+        assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
+
+
+@pytest.mark.slow(reason="many panels")
+def test_of_many_groups_with_long_names_24_are_drawn(tmp_path, figure_of):
+    rows = [
+        {"group": f"{LONG}{k}", "load": f"{LONG}{k}", "elements": n, "series": f"{LONG}{s}",
+         "label": f"{LONG}{s}", "wall time [s]": 0.1 * n}
+        for k in range(40) for n in (2, 4) for s in range(20)
+    ]  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for plot in ("work_precision", "cost_scaling"):
+            results = study(tmp_path, rows)
+            assert colored_share(study_pictures.plots(results)[plot]()[0]) > 1e-3
+            figure = figure_of(results, plot)
+            figure.canvas.draw()
+            assert len(figure.axes) == 24
+            assert figure.get_suptitle() == "the first 24 of 40"
+            assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
+
+
+def test_unprintable_characters_are_escaped():
+    assert make_printable("a\x07b\x1b[1m\ud800\n梁") == r"a\x07b\x1b[1m\ud800 梁"
+    assert shorten_text("abcdefghij", 5) == "ab…ij"
+    assert len(shorten_text(LONG, 60)) == 60
+    assert re.fullmatch("L+…L+", shorten_text(LONG, 7))
