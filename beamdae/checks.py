@@ -1,4 +1,4 @@
-"""What a mechanism is, and what is wrong with it, without a run to its end."""
+"""Checks of a mechanism before a run: mobility, redundancy, start, frequencies, meshes."""
 
 from __future__ import annotations
 
@@ -37,27 +37,31 @@ from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
 
-# Constraints and coordinates whose matrices are looked at as a whole: that takes their cube.
-_MOST_CONSTRAINTS, _MOST = 1500, 600
-# Seconds a trial run may take.
-_TRIAL = 1.0
-# Errors of curvature times length: on the hub beam the tip deformation is off by 3e-4 of its
-# amplitude at 4e-3, and by 1e-2 at 1.5e-2 (validation/mesh_convergence).
-_GOOD, _FAIR = 5e-3, 5e-2
+# Largest numbers of constraints and coordinates for which dense matrices are factorized; the time
+# grows with their cube.
+_MAX_CONSTRAINTS = 1500
+_MAX_COORDINATES = 600
+# Wall time of the pilot run [s].
+_PILOT_TIME_LIMIT = 1.0
+# Largest error of arc length or of curvature times length of good and fair meshes: on the hub beam
+# the tip deformation is off by 3e-4 of its amplitude at 4e-3, and by 1e-2 at 1.5e-2
+# (validation/mesh_convergence).
+_MAX_GOOD_MESH_ERROR = 5e-3
+_MAX_FAIR_MESH_ERROR = 5e-2
 
 
 @dataclass(frozen=True)
 class ConstraintResidual:
-    """By how much a part's constraints are off at the start as it was asked for.
+    """Residuals of the constraints of a part at the requested start.
 
     Attributes
     ----------
     part
-        Its name.
+        Name of the part.
     position, velocity
-        Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before anything is made consistent.
+        Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before the start is made consistent.
     acceleration
-        Largest |g_ddot| at the consistent start, or None if there is none.
+        Largest |g_ddot| [m/s^2 or rad/s^2] at the consistent start, or None if there is none.
     """
 
     part: str
@@ -68,18 +72,18 @@ class ConstraintResidual:
 
 @dataclass(frozen=True)
 class MeshAssessment:
-    """How well the elements of a beam follow its curve.
+    """Accuracy with which the elements of a beam follow its curve.
 
     Attributes
     ----------
     beam
-        Its name.
+        Name of the beam.
     length_error
-        Largest relative error of arc length of an element.
+        Largest relative error of the arc length of an element.
     curvature_error
-        Largest error of curvature times the length of the beam.
+        Largest error of the curvature times the length of the beam.
     verdict
-        "good", "fair" or "coarse", and what helps.
+        "good", "fair" or "coarse"; for the latter two with a better number of elements.
     """
 
     beam: str
@@ -90,16 +94,16 @@ class MeshAssessment:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """What a run with `Auto()` will take, to the order of magnitude, from a trial of a second.
+    """Predicted cost of a run with `Auto()`, to the order of magnitude, from a pilot run.
 
     Attributes
     ----------
     steps, seconds
-        Steps, and time without building and compiling.
+        Number of steps, and wall time [s] without building and compiling.
     method
-        Which method Auto takes, and why.
+        Method that Auto selects, and the reason.
     reached
-        How far the trial came, of the whole run.
+        Share of the run that the pilot run covered.
     """
 
     steps: float
@@ -110,32 +114,33 @@ class RunPrediction:
 
 @dataclass(frozen=True)
 class Check:
-    """What a mechanism is and what is wrong with it; `str` tells all of it.
+    """Properties and defects of a mechanism; `str` gives all of them as text.
 
     Attributes
     ----------
     name
-        Of the model.
+        Name of the model.
     coordinates, constraints, rank
-        n, m and the number of independent constraints at the start; None where it is too large.
+        Numbers of coordinates, of constraints, and of independent constraints at the start; the
+        latter is None with more than 1500 constraints.
     rigid_mobility
-        Degrees of freedom if all beams are rigid, with drivers as constraints.
+        Degrees of freedom with rigid beams, drivers counting as constraints; None as above.
     dependent
-        Minimal sets of constraints that depend on each other.
+        Minimal sets of dependent constraints.
     free_motions
-        What the bodies can do, in words.
+        Motions of the bodies that the joints allow, in words.
     loose
-        Groups of parts that nothing ties to the others.
+        Groups of parts without a connection to the ground.
     residuals
-        By how much constraints are off, by part.
+        Residuals of the constraints of each part.
     start
-        What the joints change of the start asked for, or None if there is no start.
+        Changes that the joints make to the requested start, or None if there is no start.
     spectrum
-        Natural frequencies, or None: without a start, or of more than 600 coordinates.
+        Natural frequencies, or None without a start or with more than 600 coordinates.
     meshes
-        Of each beam.
+        Assessment of the mesh of each beam.
     prediction
-        Steps and time of a run, or None.
+        Predicted cost of a run, or None.
     problem
         Why the mechanism cannot be run, or "".
     """
@@ -156,8 +161,8 @@ class Check:
     problem: str
 
     def __repr__(self) -> str:
-        told = self.problem or "it can be run"
-        return f"<Check of {self.name}: mobility {self.mobility}; {told}>"
+        verdict = self.problem or "it can be run"
+        return f"<Check of {self.name}: mobility {self.mobility}; {verdict}>"
 
     def _repr_html_(self) -> str:
         from beamdae.report.run_summary import format_html_table
@@ -165,10 +170,9 @@ class Check:
         return format_html_table(describe_check(self))
 
     def __str__(self) -> str:
-        """All of it as text."""
-        told = describe_check(self)
-        width = max(map(len, told))
-        return "\n".join([self.name, *(f"{topic:<{width}}  {x}" for topic, x in told.items())])
+        facts = describe_check(self)
+        width = max(map(len, facts))
+        return "\n".join([self.name, *(f"{topic:<{width}}  {x}" for topic, x in facts.items())])
 
     @property
     def mobility(self) -> int | None:
@@ -177,26 +181,36 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether it can be run."""
+        """Whether the mechanism can be run."""
         return not self.problem
 
 
 def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check:
-    """Look a model through without running it to its end.
+    """Check a model without a complete run.
+
+    Determines mobility, dependent constraints, free motions, residuals of the start, natural
+    frequencies, mesh errors and the cost of a run.
 
     Parameters
     ----------
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     t_end
-        End time [s] of the run to predict; default the model's own, without one none is.
+        End time [s] of the predicted run. Defaults to the model's end time; without one, nothing
+        is predicted.
     predict
-        Whether a trial run of at most a second is made.
+        Whether to predict the cost by a pilot run of at most a second, or two if the first one
+        compiles.
+
+    Returns
+    -------
+    Check
+        The findings; `problem` says why a model cannot be run.
 
     Raises
     ------
     BeamdaeError
-        If the model cannot be stated; what is stated but cannot be run is told by `Check.problem`.
+        If an argument is invalid or the equations cannot be assembled.
     """
     name, predict = "mechanism", require_choice("check", "predict", predict, (True, False))
     if isinstance(model, (Model, HasOrigin)) and model.origin is not None:
@@ -204,10 +218,11 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
     starter, state, problem = _plan_start(equations, end or 1.0)
-    time, own = _first_branch(equations, end or 1.0), ConsistencySolver(equations)
+    # All constraints, redundant ones included.
+    time, solver = _initial_time(equations, end or 1.0), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
-    found = Check(
+    findings = Check(
         name,
         equations.n,
         equations.m,
@@ -215,100 +230,106 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         rigid_mobility=None,
         dependent=(),
         free_motions=(),
-        # Coordinates of other systems may be anything.
+        # A constrained system has no parts, and its coordinates may have any meaning.
         loose=find_loose_groups(equations) if equations.mechanism else (),
-        residuals=_constraint_residuals(own, time, state),
+        residuals=_constraint_residuals(solver, time, state),
         start=None if state is None else compare_start(equations, state),
         spectrum=None,
         meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
     )
-    if equations.m <= _MOST_CONSTRAINTS:
-        joints = analyze_constraint_rank(own, time, q)
-        found = replace(
-            found,
+    if equations.m <= _MAX_CONSTRAINTS:
+        joints = analyze_constraint_rank(solver, time, q)
+        findings = replace(
+            findings,
             rank=joints.rank,
             rigid_mobility=count_rigid_mobility(equations, q, joints),
-            dependent=find_dependent_sets(own, time, q, v, joints),
+            dependent=find_dependent_sets(solver, time, q, v, joints),
             free_motions=describe_free_motions(equations, q, joints),
         )
-        if state is not None and equations.n <= _MOST:
-            found = replace(found, spectrum=compute_frequency_range(starter.equations, time, state))
+        if state is not None and equations.n <= _MAX_COORDINATES:
+            spectrum = compute_frequency_range(starter.equations, time, state)
+            findings = replace(findings, spectrum=spectrum)
     if predict and end is not None and not problem:
-        found = replace(found, prediction=_predict_run(equations, end))
-    return found
+        findings = replace(findings, prediction=_predict_run(equations, end))
+    return findings
 
 
-def _first_branch(equations: EquationsOfMotion, end: float) -> Array:
-    inner = min((b for b in equations.breakpoints if 0.0 < b < end), default=end)
-    return np.array([0.0, branch_time(0.0, inner)])
+def _initial_time(equations: EquationsOfMotion, end: float) -> Array:
+    """Return (t, branch) at t = 0."""
+    next_time = min((b for b in equations.breakpoints if 0.0 < b < end), default=end)
+    return np.array([0.0, branch_time(0.0, next_time)])
 
 
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
-    """What starts the mechanism, its consistent state if there is one, and why it cannot be run.
+    """Return the solver of the start, the consistent state or None, and why no run is possible.
 
-    Where constraints depend on each other it is that of those that do not.
+    Dependent constraints are left out of the solver and the state.
     """
-    time, own, problem = _first_branch(equations, end), equations, ""
-    few = equations.m <= _MOST_CONSTRAINTS
-    if few and (by := drop_dependent_constraints(equations, time)) is not None:
-        own = by.equations
+    independent, problem = equations, ""
+    reduction = None
+    if equations.m <= _MAX_CONSTRAINTS:
+        time = _initial_time(equations, end)
+        reduction = drop_dependent_constraints(equations, time)
+    if reduction is not None:
+        independent = reduction.equations
         try:
             if equations.redundant:
-                by.require_agreement(time)
+                reduction.require_agreement(time)
             else:
                 plan_run(equations, np.array([0.0, end]))
-        except BeamdaeError as wrong:
-            problem = str(wrong)
+        except BeamdaeError as error:
+            problem = str(error)
     try:
-        route = plan_run(own, np.array([0.0, end]))
-    except BeamdaeError as wrong:
-        return ConsistencySolver(own), None, problem or str(wrong)
-    return route.starter, route.state, problem
+        run_plan = plan_run(independent, np.array([0.0, end]))
+    except BeamdaeError as error:
+        return ConsistencySolver(independent), None, problem or str(error)
+    return run_plan.starter, run_plan.state, problem
 
 
 def _constraint_residuals(
-    starter: ConsistencySolver, time: Array, state: Any
+    solver: ConsistencySolver, time: Array, state: Any
 ) -> tuple[ConstraintResidual, ...]:
-    e = starter.equations
-    g, rate, _ = np.abs(starter.constraint_levels(time, e.q0, e.v0))
+    e = solver.equations
+    g, g_dot, _ = np.abs(solver.constraint_levels(time, e.q0, e.v0))
     if state is not None:
-        last = np.abs(starter.constraint_levels(time, state.q, state.v, state.a)[2])
+        g_ddot = np.abs(solver.constraint_levels(time, state.q, state.v, state.a)[2])
     parts = [name.rpartition(".")[0] or name for name in e.lam_names]
-    found = []
+    residuals = []
     for part in dict.fromkeys(parts):
-        own = np.array([name == part for name in parts])
-        accelerated = None if state is None else float(last[own].max())
-        found.append(
-            ConstraintResidual(part, float(g[own].max()), float(rate[own].max()), accelerated)
-        )
-    return tuple(found)
+        rows = np.array([name == part for name in parts])
+        acceleration = None if state is None else float(g_ddot[rows].max())
+        position, velocity = float(g[rows].max()), float(g_dot[rows].max())
+        residuals.append(ConstraintResidual(part, position, velocity, acceleration))
+    return tuple(residuals)
 
 
 def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
-    beams = mechanism.parts.values() if mechanism else ()
-    found = []
-    for beam in beams:
-        if isinstance(beam, Beam):
-            length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
-            off = max(length, curvature)
-            grade = "good" if off <= _GOOD else "fair" if off <= _FAIR else "coarse"
-            finer = f", elements={2 * beam.mesh.elements} would be better" * (grade != "good")
-            found.append(MeshAssessment(beam.name, length, curvature, grade + finer))
-    return tuple(found)
+    assessments = []
+    for part in mechanism.parts.values() if mechanism else ():
+        if not isinstance(part, Beam):
+            continue
+        length, curvature = part.mesh.length_error, part.kinematics.curvature_error
+        error = max(length, curvature)
+        verdict = "good"
+        if not error <= _MAX_GOOD_MESH_ERROR:
+            grade = "fair" if error <= _MAX_FAIR_MESH_ERROR else "coarse"
+            verdict = f"{grade}, elements={2 * part.mesh.elements} would be better"
+        assessments.append(MeshAssessment(part.name, length, curvature, verdict))
+    return tuple(assessments)
 
 
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
-    """From a trial run of at most a second; of a second one, if the first had loops to compile."""
+    """Extrapolate a pilot run; a second one is made if the first had to compile step loops."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
-        solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
+        solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
         if not solution.status.success:
-            solution = simulate(equations, Auto(time_limit=_TRIAL), end, output_step=end)
+            solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
     reached = solution.trajectory.end / end
     if not reached > 0.0 or solution.status.kind == "failed":
         return None
-    took, chosen = solution.statistics, solution.integrator
-    told = f"{chosen.get('method', '')}, {chosen.get('auto', '')}".rstrip(", ")
-    return RunPrediction(took.steps / reached, took.wall_time / reached, told, reached)
+    cost, integrator = solution.statistics, solution.integrator
+    method = f"{integrator.get('method', '')}, {integrator.get('auto', '')}".rstrip(", ")
+    return RunPrediction(cost.steps / reached, cost.wall_time / reached, method, reached)

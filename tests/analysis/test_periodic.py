@@ -1,4 +1,4 @@
-"""Periodic motions, their multipliers, and curves of them, against closed forms and other ways."""
+"""Periodic motions, Floquet multipliers and response curves against independent solutions."""
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
 
 def oscillator(load, cubic=0.0, stiffness=STIFFNESS, damping=DAMPING):
-    """A mass on a rail, on a spring and a damper."""
+    """Return a mass on a rail with a spring and a damper."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
@@ -21,37 +21,37 @@ def oscillator(load, cubic=0.0, stiffness=STIFFNESS, damping=DAMPING):
     def pull(x, rate):
         return stiffness * x + cubic * x**3 + damping * rate
 
-    # Far from where it swings: at its other end a spring turns around.
+    # The spring is anchored far away, since its direction reverses at the anchor.
     mech.add(bd.SpringDamper("spring", mech.ground.at(-9.0, 0.0), mass.point, law=pull))
     mech.add(bd.Force("load", mass.point, (load, 0.0)))
     mech.observe("mass", mass.point)
     return mech
 
 
-def assert_same(found, expected, off):
+def assert_same_multipliers(actual, expected, atol):
     np.testing.assert_allclose(
-        np.sort_complex(np.round(found, 12)), np.sort_complex(expected), rtol=0.0, atol=off
+        np.sort_complex(np.round(actual, 12)), np.sort_complex(expected), rtol=0.0, atol=atol
     )
 
 
 @pytest.mark.parametrize("frequency", [0.2, 3.0])
-def test_a_damped_oscillator_under_a_sine(frequency):
+def test_damped_oscillator_under_a_sine(frequency):
     motion = bd.periodic(oscillator(bd.sine(1.0, frequency)), 1.0 / frequency)
     omega = 2.0 * np.pi * frequency
     amplitude = 1.0 / np.hypot(STIFFNESS - MASS * omega**2, DAMPING * omega)
     assert motion.status.success
     assert motion.stable
     row = motion.amplitudes().loc["mass.x [m]"]
-    # Of the parabolas through 200 samples of a period.
+    # The accuracy of parabolas through 200 samples of a period.
     assert row["half range"] == pytest.approx(amplitude, rel=2e-6)
     assert row["mean"] == pytest.approx(1.0, abs=1e-6 * amplitude)
     rate = 0.5 * DAMPING / MASS
     multiplier = np.exp((-rate + 1j * np.sqrt(STIFFNESS / MASS - rate**2)) / frequency)
-    assert_same(motion.multipliers, [multiplier, multiplier.conj()], 1e-7)
+    assert_same_multipliers(motion.multipliers, [multiplier, multiplier.conj()], 1e-7)
 
 
 def mathieu(a, q, damping=0.0):
-    """x'' + damping x' + (a - 2 q cos 2 t) x = 0, and at rest."""
+    """Return x'' + damping x' + (a - 2 q cos 2 t) x = 0, initially at rest."""
     t, x, v = (ca.SX.sym(name) for name in "txv")
     force = -(a - 2.0 * q * ca.cos(2.0 * t)) * x - damping * v
     return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
@@ -59,18 +59,18 @@ def mathieu(a, q, damping=0.0):
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("q", [0.2, 5.0])
-def test_mathieu_s_equation_where_stability_changes(q):
-    # At its characteristic values both multipliers are 1 or -1, a double root.
+def test_mathieu_equation_at_the_stability_boundaries(q):
+    # At the characteristic values both multipliers are 1 or -1, a double root.
     for value, sign in ((mathieu_a(0, q), 1.0), (mathieu_b(1, q), -1.0), (mathieu_a(2, q), 1.0)):
         motion = bd.periodic(mathieu(value, q), np.pi)
         assert motion.multipliers.sum().real == pytest.approx(2.0 * sign, abs=2e-5)
         assert np.prod(motion.multipliers).real == pytest.approx(1.0, abs=1e-6)
 
 
-def test_mathieu_s_equation_beside_it():
-    # Below the first region of stability, between it and the second, and within them.
-    said = {-0.5: "one side", 1.0: "double", 0.5: "stable", 2.5: "stable"}
-    for value, word in said.items():
+def test_mathieu_equation_inside_its_stability_regions():
+    # Below the first region of stability, between it and the second, and inside both.
+    expected = {-0.5: "one side", 1.0: "double", 0.5: "stable", 2.5: "stable"}
+    for value, word in expected.items():
         assert word in bd.periodic(mathieu(value, 0.6), np.pi).stability
 
 
@@ -78,22 +78,23 @@ def test_mathieu_s_equation_beside_it():
 def test_all_integrators_agree(name):
     integrator = tuned(1e-7, 2e-3)[name]
     motion = bd.periodic(mathieu(1.7, 0.6, 0.1), np.pi, integrator)
-    # Liouville: the product of all multipliers is that of what damping leaves.
+    # Liouville: damping determines the product of all multipliers.
     assert np.prod(motion.multipliers).real == pytest.approx(np.exp(-0.1 * np.pi), rel=1e-5)
     assert motion.multipliers[0].real == pytest.approx(-0.7095668, abs=1e-5)
 
 
-def test_what_is_wrong_is_said():
-    swing = oscillator(bd.sine(1.0, 0.5))
+def test_invalid_arguments_are_rejected():
+    oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
-        bd.BeamdaeError, match=r"^mass\.x: what acts on it.*not the same a period of 3 s later"
+        bd.BeamdaeError,
+        match=r"^mass\.x: the load or driver on it.*differs one period of 3 s later",
     ):
-        bd.periodic(swing, 3.0)
-    swing.when("mass.x", crosses=1.0, do="stop")
+        bd.periodic(oscillation, 3.0)
+    oscillation.when("mass.x", crosses=1.0, do="stop")
     with pytest.raises(bd.BeamdaeError, match="events must not stop a run"):
-        bd.periodic(swing, 2.0)
+        bd.periodic(oscillation, 2.0)
     with pytest.raises(bd.BeamdaeError, match="model must be a model function"):
-        bd.frequency_response(swing, "omega", (1.0, 2.0))
+        bd.frequency_response(oscillation, "omega", (1.0, 2.0))
     with pytest.raises(bd.BeamdaeError, match="parameter must be one of 'omega'"):
         bd.frequency_response(duffing, "speed", (1.0, 2.0))
     with pytest.raises(bd.BeamdaeError, match="must be two values that differ"):
@@ -101,11 +102,11 @@ def test_what_is_wrong_is_said():
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_what_is_not_found_is_a_result_with_a_reason():
-    # Undamped at resonance it swings ever further.
-    hopeless = oscillator(bd.sine(1.0, 3.0 / (2.0 * np.pi)), damping=0.0)
+def test_failed_search_is_a_result_with_a_reason():
+    # Undamped at resonance, the amplitude grows without bound.
+    resonant = oscillator(bd.sine(1.0, 3.0 / (2.0 * np.pi)), damping=0.0)
     with pytest.warns(bd.BeamdaeWarning, match="misses its start by"):
-        motion = bd.periodic(hopeless, 2.0 * np.pi / 3.0, bd.Radau(1e-4), settle=0)
+        motion = bd.periodic(resonant, 2.0 * np.pi / 3.0, bd.Radau(1e-4), settle=0)
     assert motion.status.kind == "failed"
     assert not motion.stable
     assert motion.stability.startswith("not known: after")
@@ -124,89 +125,92 @@ def test_what_is_not_found_is_a_result_with_a_reason():
 
 @bd.model(t_end=1.0)
 def duffing(omega=1.0):
-    """M x'' + M 0.1 x' + M x + M 0.5 x^3 = M 0.3 sin omega t."""
+    """Return the Duffing oscillator M x'' + M 0.1 x' + M x + M 0.5 x^3 = M 0.3 sin omega t."""
     load = bd.sine(0.3 * MASS, omega / (2.0 * np.pi))
     return oscillator(load, 0.5 * MASS, MASS, 0.1 * MASS)
 
 
-# Of an odd number of samples over a period: the rate of the trigonometric polynomial through them.
+# Spectral differentiation matrix of an odd number of samples over a period.
 SAMPLES = 67
 _K = np.arange(SAMPLES)[:, None] - np.arange(SAMPLES)
 RATE = np.where(_K == 0, 0.0, 0.5 * (-1.0) ** _K / np.sin(np.pi * _K / SAMPLES + (_K == 0)))
 
 
 def collocation(omega, x):
-    """Residual of Duffing's equation at samples of a period, and its derivative."""
+    """Return the residual of Duffing's equation at samples of a period, and its derivative."""
     linear = omega**2 * RATE @ RATE + 0.1 * omega * RATE + np.eye(SAMPLES)
     load = 0.3 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
     return linear @ x + 0.5 * x**3 - load, linear + np.diag(1.5 * x**2)
 
 
-def on_the_curve(omega, x):
-    """(omega, samples) of the periodic solution nearest to these, also where the curve turns."""
+def nearest_periodic_solution(omega, x):
+    """Return (omega, samples) of the nearest periodic solution, also at folds."""
     z = np.append(x, omega)
     for _ in range(6):
         x, omega = z[:SAMPLES], z[SAMPLES]
-        off, slope = collocation(omega, x)
+        residual, slope = collocation(omega, x)
         by_omega = (2.0 * omega * RATE @ RATE + 0.1 * RATE) @ x
-        z = z - np.linalg.lstsq(np.column_stack([slope, by_omega]), off)[0]
+        z = z - np.linalg.lstsq(np.column_stack([slope, by_omega]), residual)[0]
     return z[SAMPLES], z[:SAMPLES]
 
 
-def fold(omega, x):
-    """Where the derivative is singular: (x, omega, a vector it takes to zero)."""
+def find_fold(omega, x):
+    """Return the omega at which the derivative is singular, near a periodic solution."""
 
-    def off(z):
-        missed, slope = collocation(z[SAMPLES], z[:SAMPLES])
+    def fold_equations(z):
+        residual, slope = collocation(z[SAMPLES], z[:SAMPLES])
         null = z[SAMPLES + 1 :]
-        return np.concatenate([missed, slope @ null, [null @ null - 1.0]])
+        return np.concatenate([residual, slope @ null, [null @ null - 1.0]])
 
     null = np.linalg.svd(collocation(omega, x)[1])[2][-1]
-    return fsolve(off, np.concatenate([x, [omega], null]), xtol=1e-12)[SAMPLES]
+    return fsolve(fold_equations, np.concatenate([x, [omega], null]), xtol=1e-12)[SAMPLES]
 
 
-def sampled(point):
-    """Samples of the motion of a point of the curve."""
+def sample_motion(point):
+    """Return samples over the period of a point of the curve."""
     t = point.period * np.arange(SAMPLES) / SAMPLES
     return point.solution.trajectory.at(t)[1].q[:, 0]
 
 
 @pytest.mark.slow(reason="a hundred periodic motions")
-def test_response_of_duffing_s_oscillator_past_both_folds():
+def test_response_of_a_duffing_oscillator_passes_both_folds():
     response = bd.frequency_response(
         duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, longest_step=0.2
     )
     assert response.status.success
-    # The branch between both folds is not stable, the others are.
+    # The branch between the folds is unstable, the others are stable.
     table = response.table()
-    turns = np.flatnonzero(table["fold"])
-    assert len(turns) == 2
+    folds = np.flatnonzero(table["fold"])
+    assert len(folds) == 2
     between = np.arange(len(table))
-    between = (between >= turns[0]) & (between < turns[1])
-    # At a fold itself a multiplier is 1.
-    clear = np.abs(table["largest multiplier"] - 1.0) > 0.02
-    assert np.array_equal(~table["stable"][clear], between[clear])
+    between = (between >= folds[0]) & (between < folds[1])
+    # At a fold a multiplier is 1.
+    off_fold = np.abs(table["largest multiplier"] - 1.0) > 0.02
+    assert np.array_equal(~table["stable"][off_fold], between[off_fold])
     for point in response.points[::5]:
-        x = sampled(point) - 1.0
-        omega, known = on_the_curve(point.parameter, x)
-        # A period may miss 1e-6 of its motion.
+        x = sample_motion(point) - 1.0
+        omega, known = nearest_periodic_solution(point.parameter, x)
+        # The default tolerance of a period is 1e-6 of its amplitude.
         np.testing.assert_allclose(x, known, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
     lines = response.plot("mass.x [m]").figure.axes[0].lines
-    # Up, back between the folds, on; and the peak.
+    # Up to the first fold, between the folds, beyond the second one; and the peak.
     assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
-    known = [fold(response.points[k].parameter, sampled(response.points[k]) - 1.0) for k in turns]
-    # Of parabolas through three points each, as far apart as a fifth of the range.
+    known = [
+        find_fold(response.points[k].parameter, sample_motion(response.points[k]) - 1.0)
+        for k in folds
+    ]
+    # Folds are those of parabolas through three points, up to a fifth of the range apart.
     np.testing.assert_allclose(response.folds, known, rtol=1e-3)
 
 
-# What is stiff beside its mass vibrates a thousand times as fast: it takes ten seconds.
+# A stiffness of this size makes it vibrate a thousand times as fast: ten seconds.
 STIFF = pytest.param(1e6, marks=pytest.mark.slow(reason="thousands of vibrations in a period"))
 
 
 @pytest.mark.parametrize("size", [1e-6, STIFF])
-def test_forces_may_be_of_any_size(size):
+def test_forces_of_any_size_are_checked(size):
     system = oscillator(bd.sine(size, 0.5), stiffness=size * STIFFNESS)
-    with pytest.raises(bd.BeamdaeError, match="not the same a period of 3 s later"):
+    with pytest.raises(bd.BeamdaeError, match="differs one period of 3 s later"):
         bd.periodic(system, 3.0, settle=0)
     assert bd.periodic(system, 2.0, settle=0).status.success

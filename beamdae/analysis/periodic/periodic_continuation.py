@@ -1,4 +1,4 @@
-"""Pseudo arc length continuation of periodic motions: one point of a curve after the other."""
+"""Pseudo-arc-length continuation of periodic motions past folds: `bd.frequency_response`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.periodic.periodic_solution import (
-    MOST_SETTLING,
-    RTOL,
-    TOLERANCE,
+from beamdae.analysis.periodic.shooting import (
+    DEFAULT_RTOL,
+    DEFAULT_TOLERANCE,
+    MAX_SETTLING_PERIODS,
+    IncompleteRunError,
+    PeriodMap,
+    ShootingResult,
     build_periodic_equations,
-    settle_motion,
     solve_shooting,
 )
-from beamdae.analysis.periodic.shooting import IncompleteRunError, PeriodMap, ShootingResult
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -39,36 +40,166 @@ from beamdae.results.periodic_motion import floquet_multipliers
 
 Array = np.ndarray
 
-# Iterations of Newton's method, and the largest change in one.
-_MOST_ITERATIONS, _MOST_CHANGED = 8, 0.3
-# Step of differences by the parameter, over its range.
-_DIFFERENCE = 1e-5
-_SLOW = "Newton's method does not converge"
-_SHARP = "the curve turns too sharply for the steps"
-# Cosine of the angle by which it may turn in a step.
-_TURNED = 0.8
+_NAME = "frequency_response"
+# Corrector: maximum number of Newton iterations, and largest change relative to the amplitudes and
+# to the range of the parameter.
+_MAX_ITERATIONS = 8
+_MAX_CHANGE = 0.3
+# Step of finite differences by the parameter, relative to its range.
+_DIFFERENCE_STEP = 1e-5
+# Least cosine of the angle between the directions at both ends of a step.
+_MIN_COSINE = 0.8
+# Steps grow after at most so many iterations of the corrector, and shrink from so many on.
+_MAX_ITERATIONS_TO_GROW = 3
+_MIN_ITERATIONS_TO_SHRINK = 5
+_GROWTH_FACTOR = 1.5
+_CUT_FACTOR = 0.5
+# Least step, relative to the first one.
+_MIN_STEP_RATIO = 1e-3
+_NOT_CONVERGED = "Newton's method does not converge"
+_SHARP_TURN = "the curve turns too sharply for the steps"
+
+
+def frequency_response(
+    model: Model,
+    parameter: str,
+    between: tuple[float, float],
+    period: Callable[[float], float] | None = None,
+    integrator: Integrator | None = None,
+    step: float = 0.02,
+    longest_step: float = 0.1,
+    settle: int = 20,
+    tolerance: float = DEFAULT_TOLERANCE,
+    most_points: int = 400,
+    begin: float = 0.0,
+) -> FrequencyResponse:
+    """Follow the periodic motion of a model over the frequency of its loads or another parameter.
+
+    Pseudo-arc-length continuation (Keller 1977) of the single shooting of `periodic`. It passes
+    folds, at which the parameter turns around, and follows unstable motions.
+
+    Parameters
+    ----------
+    model
+        A model function; the motions are those of `model(**{parameter: value})`.
+    parameter
+        Name of one of its numeric parameters.
+    between
+        Values of the parameter at which the curve begins and ends, in either direction.
+    period
+        Period [s] of the loads as a function of the parameter. Defaults to its reciprocal, for a
+        frequency in Hz.
+    integrator
+        Integrator of the periods. Defaults to Radau(1e-8).
+    step, longest_step
+        First and largest step of the curve, relative to the range of the parameter.
+    settle
+        Number of periods run before the first motion.
+    tolerance
+        Largest deviation of the state after a period from its start, relative to the amplitudes.
+    most_points
+        Maximum number of motions.
+    begin
+        Time [s] at which periods begin.
+
+    Returns
+    -------
+    FrequencyResponse
+        The motions in the order of the curve. If the curve ends early or no first motion is found,
+        `status` gives the reason.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, loads or drivers are not periodic, or events switch parts.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the curve ends before the end of the range.
+    """
+    if not isinstance(model, Model):
+        raise BeamdaeError(f"{_NAME}: model must be a model function, got {short_repr(model)}.")
+    first, last = require_pair(_NAME, "between", between, "a pair of values of the parameter")
+    ends = require_finite(_NAME, "between", first), require_finite(_NAME, "between", last)
+    if ends[0] == ends[1]:
+        raise BeamdaeError(
+            f"{_NAME}: between must be two values that differ, got {short_repr(between)}."
+        )
+    require_choice(_NAME, "parameter", parameter, tuple(model.parameters))
+    model.complete({parameter: ends[0]})
+    method = Radau(DEFAULT_RTOL) if integrator is None else integrator
+    require_integrator(_NAME, method)
+    curve = ResponseCurve(
+        model,
+        parameter,
+        ends,
+        (lambda frequency: 1.0 / frequency) if period is None else period,
+        method,
+        require_finite(_NAME, "begin", begin),
+        require_positive(_NAME, "tolerance", tolerance),
+    )
+    first_step = require_positive(_NAME, "step", step)
+    max_step = require_positive(_NAME, "longest_step", longest_step)
+    settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
+    max_points = require_count(_NAME, "most_points", most_points, least=2)
+    points, status = _follow_curve(curve, settle, first_step, max_step, max_points)
+    if not status.success:
+        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=2)
+    return FrequencyResponse(parameter, points, status)
+
+
+def _follow_curve(
+    curve: ResponseCurve, settle: int, first_step: float, max_step: float, max_points: int
+) -> tuple[tuple[ResponsePoint, ...], Status]:
+    """Return the points of the curve, and the status at its end."""
+    step, (first, last) = first_step, curve.ends
+    sign = 1.0 if last > first else -1.0
+    point, reason = curve.first_point(settle)
+    if point is None:
+        return (), Status("failed", reason)
+    points = [point.as_response_point(sign)]
+    while len(points) < max_points:
+        next_point, reason = curve.next_point(point, step)
+        if next_point is None:
+            step *= _CUT_FACTOR
+            if step < _MIN_STEP_RATIO * first_step:
+                return tuple(points), Status("failed", f"{curve.describe(point.value)}: {reason}")
+            continue
+        point = next_point
+        points.append(point.as_response_point(sign))
+        if sign * (point.value - last) >= 0.0:
+            return tuple(points), Status("ok", "reached the end of the range")
+        if sign * (point.value - first) < 0.0:
+            return tuple(points), Status("ok", "came back to the begin of the range")
+        if point.iterations <= _MAX_ITERATIONS_TO_GROW:
+            step = min(step * _GROWTH_FACTOR, max_step)
+        elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
+            step *= _CUT_FACTOR
+    sentence = f"{curve.describe(point.value)}: reached the maximum of {max_points} points"
+    return tuple(points), Status("limited", sentence)
 
 
 @dataclass(frozen=True, eq=False)
 class CurvePoint:
-    """A periodic motion on the curve.
+    """A periodic motion on a response curve.
 
     Attributes
     ----------
-    shot
-        One period of it.
+    result
+        One period of the motion.
     value, period
-        Of the parameter, and its period [s].
+        Value of the parameter, and period [s].
     direction
-        Of the curve there: of (q, v), and of the parameter over its range.
+        Tangent of the curve: in (q, v), and in the parameter relative to its range, (2 n + 1,).
     orientation
-        Sign of the determinant that the derivatives of what a period misses, and the direction
-        below them, have: all along a curve it is the same.
+        Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
+        constant along a curve.
     iterations
-        Of Newton's method.
+        Newton iterations of the corrector.
     """
 
-    shot: ShootingResult
+    result: ShootingResult
     value: float
     period: float
     direction: Array
@@ -77,23 +208,29 @@ class CurvePoint:
 
     @property
     def state(self) -> Array:
-        """(q, v) at the start of the period."""
-        first = self.shot.solution.trajectory.intervals[0].state
+        """(q, v) at the start of the period, (2 n,)."""
+        first = self.result.solution.trajectory.intervals[0].state
         return np.concatenate([first.q[0], first.v[0]])
+
+    def as_response_point(self, sign: float) -> ResponsePoint:
+        """Return the point of the result; `sign` is the direction of the range."""
+        multipliers = floquet_multipliers(self.result.monodromy)
+        forward = sign * self.direction[-1] > 0.0
+        return ResponsePoint(self.value, self.period, self.result.solution, multipliers, forward)
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
-    """The periodic motions of a family of mechanisms.
+    """The curve of periodic motions of a family of mechanisms.
 
     Attributes
     ----------
     model, parameter
-        The family, and what tells its members from each other.
+        The model function and the parameter of the curve.
     ends
-        Where the curve begins, and the value at which it ends.
+        Values of the parameter at which the curve begins and ends.
     period
-        Period [s] of each member.
+        Period [s] as a function of the parameter.
     integrator, begin, tolerance
         See `periodic`.
     """
@@ -106,249 +243,125 @@ class ResponseCurve:
     begin: float
     tolerance: float
 
-    def told(self, value: float) -> str:
-        """A value of the parameter, in words."""
+    def describe(self, value: float) -> str:
+        """Return the parameter with a value, for messages."""
         return f"{self.parameter} = {value:.6g}"
 
     @property
     def _range(self) -> float:
         return self.ends[1] - self.ends[0]
 
-    def _flow(self, value: float) -> PeriodMap:
-        """One of the mechanisms."""
+    def _period_map(self, value: float) -> PeriodMap:
+        """Return the period map of the mechanism at a value of the parameter."""
         try:
             period = self.period(value)
-        except Exception as problem:
+        except Exception as error:
             raise BeamdaeError(
-                f"frequency_response: period must be a function of {self.parameter}, it failed, "
-                f"{format_exception(problem)}."
-            ) from problem
-        period = require_positive("frequency_response", "period", period)
-        equations = build_periodic_equations(
-            "frequency_response", self.model(**{self.parameter: value})
-        )
-        return PeriodMap.of(equations, self.integrator, self.begin, period)
+                f"{_NAME}: period must be a function of {self.parameter}, it raised "
+                f"{format_exception(error)}."
+            ) from error
+        period = require_positive(_NAME, "period", period)
+        equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))
+        return PeriodMap.from_equations(equations, self.integrator, self.begin, period)
 
-    def first(self, settle: int) -> tuple[CurvePoint | None, str]:
-        """The motion at the beginning of the range; None if there is none, and why."""
+    def first_point(self, settle: int) -> tuple[CurvePoint | None, str]:
+        """Return the motion at the begin of the range, or None and the reason."""
         value = self.ends[0]
-        flow = self._flow(value)
+        period_map = self._period_map(value)
         try:
-            shot, iterations = solve_shooting(flow, *settle_motion(flow, settle), self.tolerance)
-            if shot.off > self.tolerance:
+            q, v = period_map.settle(settle)
+            result, iterations = solve_shooting(period_map, q, v, self.tolerance)
+            if result.relative_deviation > self.tolerance:
                 return None, (
-                    f"no periodic motion was found at {self.told(value)}; give the model another "
-                    "start, or settle= more periods"
+                    f"no periodic motion was found at {self.describe(value)}; change the start of "
+                    "the model, or increase settle="
                 )
-            ahead = np.append(np.zeros(len(shot.scales)), 1.0)
-            begun = CurvePoint(shot, value, flow.period, ahead, iterations=iterations)
-            return _orient_curve(begun, self._by_parameter(begun)), ""
-        except IncompleteRunError as problem:
-            return None, f"{self.told(value)}: {_failure_reason(problem)}"
+            ahead = np.append(np.zeros(len(result.scales)), 1.0)
+            point = CurvePoint(result, value, period_map.period, ahead, iterations=iterations)
+            return _orient_curve(point, self._differentiate_by_parameter(point)), ""
+        except IncompleteRunError as error:
+            return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
-    def after(self, point: CurvePoint, size: float) -> tuple[CurvePoint | None, str]:
-        """The next point of the curve, so far away; None if it is not found, and why."""
-        value = point.value + size * point.direction[-1] * self._range
-        state = point.state + size * point.direction[:-1]
+    def next_point(self, point: CurvePoint, step: float) -> tuple[CurvePoint | None, str]:
+        """Return the point of the curve one step ahead, or None and the reason."""
+        value = point.value + step * point.direction[-1] * self._range
+        state = point.state + step * point.direction[:-1]
         by_parameter: Array | None = None
         try:
-            for iteration in range(_MOST_ITERATIONS + 1):
-                flow = self._flow(value)
-                n = flow.equations.n
-                shot = ShootingResult.of(flow, *flow.consistent(state[:n], state[n:]))
-                before = point.direction, point.orientation
-                now = CurvePoint(shot, value, flow.period, *before, iteration)
-                if shot.off <= self.tolerance:
-                    found = _orient_curve(now, self._by_parameter(now))
-                    return (found, "") if _is_smooth(point, found) else (None, _SHARP)
+            for iteration in range(_MAX_ITERATIONS + 1):
+                period_map = self._period_map(value)
+                n = period_map.equations.n
+                q, v = period_map.make_consistent(state[:n], state[n:])
+                result = ShootingResult.from_state(period_map, q, v)
+                iterate = replace(
+                    point,
+                    result=result,
+                    value=value,
+                    period=period_map.period,
+                    iterations=iteration,
+                )
+                if result.relative_deviation <= self.tolerance:
+                    derivative = self._differentiate_by_parameter(iterate)
+                    oriented = _orient_curve(iterate, derivative)
+                    is_smooth = _cosine(point, oriented) >= _MIN_COSINE
+                    return (oriented, "") if is_smooth else (None, _SHARP_TURN)
                 if by_parameter is None:
-                    by_parameter = self._by_parameter(now)
-                change = self._correction(now, by_parameter)
-                # No more than a part of the motion as a whole, or of the range.
-                change /= max(1.0, float(np.max(np.abs(change))) / _MOST_CHANGED)
-                state = np.concatenate(shot.moved(change[:-1]))
+                    by_parameter = self._differentiate_by_parameter(iterate)
+                # Newton's step orthogonal to the tangent.
+                tangent = _reduce_direction(result, iterate.direction)
+                matrix = np.vstack([_extended_jacobian(result, by_parameter), tangent])
+                change = np.linalg.solve(matrix, np.append(-result.deviation, 0.0))
+                change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
+                state = np.concatenate(result.shift_start(change[:-1]))
                 value += change[-1] * self._range
-        except (BeamdaeError, la.LinAlgError) as problem:
-            return None, _failure_reason(problem)
-        return None, _SLOW
+        except (BeamdaeError, la.LinAlgError) as error:
+            return None, _failure_reason(error)
+        return None, _NOT_CONVERGED
 
-    def _correction(self, now: CurvePoint, by_parameter: Array) -> Array:
-        """Newton's step across the direction of the curve: in free motions, and the parameter."""
-        shot, along = now.shot, _reduce_direction(now.shot, now.direction)
-        matrix = _extended_jacobian(shot, by_parameter)
-        return np.linalg.solve(np.vstack([matrix, along]), np.append(-shot.missed, 0.0))
-
-    def _by_parameter(self, now: CurvePoint) -> Array:
-        """What the period misses, differentiated by the parameter over its range."""
-        shot, flow = now.shot, self._flow(now.value + _DIFFERENCE * self._range)
-        n = flow.equations.n
-        solution = flow.run(*flow.consistent(now.state[:n], now.state[n:]), shot.scales[:n])
-        missed = (shot.free / shot.scales[:, None] ** 2).T @ flow.missed(solution)
-        return (missed - shot.missed) / _DIFFERENCE
+    def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
+        """Return the derivative of the deviation by the parameter relative to its range, (k,)."""
+        result = point.result
+        period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
+        n = period_map.equations.n
+        q, v = period_map.make_consistent(point.state[:n], point.state[n:])
+        solution = period_map.run(q, v, result.scales[:n])
+        deviation = result.projection @ period_map.deviation(solution)
+        return (deviation - result.deviation) / _DIFFERENCE_STEP
 
 
-def _failure_reason(problem: Exception) -> str:
-    return re.sub("^(periodic|frequency_response): ", "", str(problem)).rstrip(".")
+def _failure_reason(error: Exception) -> str:
+    return re.sub("^(periodic|frequency_response): ", "", str(error)).rstrip(".")
 
 
-def _orient_curve(now: CurvePoint, by_parameter: Array) -> CurvePoint:
-    """The point with the direction of the curve there, in its orientation.
+def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
+    """Return the point with the tangent of the curve, in the orientation of the curve.
 
-    Of the first point, which has none, the direction is that of its own.
+    The first point has no orientation: its tangent is that along its preliminary direction.
     """
-    shot = now.shot
-    matrix = _extended_jacobian(shot, by_parameter)
-    along = la.svd(matrix)[2][-1]
-    orientation = float(np.linalg.slogdet(np.vstack([matrix, along]))[0])
-    if now.orientation:
-        along = along * (now.orientation * orientation)
-    elif along @ _reduce_direction(shot, now.direction) < 0.0:
-        along, orientation = -along, -orientation
-    direction = np.append(shot.free @ along[:-1], along[-1])
-    return replace(now, direction=direction, orientation=now.orientation or orientation)
+    result = point.result
+    matrix = _extended_jacobian(result, by_parameter)
+    tangent = la.svd(matrix)[2][-1]
+    orientation = float(np.linalg.slogdet(np.vstack([matrix, tangent]))[0])
+    if point.orientation:
+        tangent = tangent * (point.orientation * orientation)
+    elif tangent @ _reduce_direction(result, point.direction) < 0.0:
+        tangent, orientation = -tangent, -orientation
+    direction = np.append(result.basis @ tangent[:-1], tangent[-1])
+    return replace(point, direction=direction, orientation=point.orientation or orientation)
 
 
-def _is_smooth(point: CurvePoint, after: CurvePoint) -> bool:
-    """Whether the curve goes on about in the direction it had."""
-    ways = [_reduce_direction(after.shot, x.direction) for x in (point, after)]
-    cosine = ways[0] @ ways[1] / np.prod(np.linalg.norm(ways, axis=1))
-    return bool(cosine >= _TURNED)
+def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
+    """Return the cosine of the angle between the tangents at two points."""
+    tangents = [_reduce_direction(next_point.result, x.direction) for x in (point, next_point)]
+    return float(tangents[0] @ tangents[1] / np.prod(np.linalg.norm(tangents, axis=1)))
 
 
-def _extended_jacobian(shot: ShootingResult, by_parameter: Array) -> Array:
-    """What the period misses, differentiated by free motions and the parameter, (k, k + 1)."""
-    return np.column_stack([shot.carried - np.eye(len(shot.missed)), by_parameter])
+def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
+    """Return the derivative of the deviation by `basis` and the parameter, (k, k + 1)."""
+    by_state = result.monodromy - np.eye(len(result.deviation))
+    return np.column_stack([by_state, by_parameter])
 
 
-def _reduce_direction(shot: ShootingResult, direction: Array) -> Array:
-    """A direction in terms of the free motions of a shot, and of the parameter."""
-    own = (shot.free / shot.scales[:, None] ** 2).T @ direction[:-1]
-    return np.append(own, direction[-1])
-
-
-# Iterations of Newton's method up to which steps get longer, and from which on they get shorter; by
-# how much, and how short they may be over the first.
-_FEW, _MANY = 3, 5
-_LONGER, _SHORTER, _LEAST_STEP = 1.5, 0.5, 1e-3
-
-
-def frequency_response(
-    model: Model,
-    parameter: str,
-    between: tuple[float, float],
-    period: Callable[[float], float] | None = None,
-    integrator: Integrator | None = None,
-    step: float = 0.02,
-    longest_step: float = 0.1,
-    settle: int = 20,
-    tolerance: float = TOLERANCE,
-    most_points: int = 400,
-    begin: float = 0.0,
-) -> FrequencyResponse:
-    """Follow the periodic motion of a model over the frequency of its loads, or another parameter.
-
-    Pseudo arc length continuation (Keller 1977) of single shooting, see `periodic`: the curve goes
-    on where the parameter turns around (folds), on to motions that are not stable.
-
-    Parameters
-    ----------
-    model
-        A model function; each motion is one of `model(**{parameter: value})`.
-    parameter
-        The name of one of its parameters, a number.
-    between
-        Where the curve begins, and the value at which it ends; also downwards.
-    period
-        Period [s] of the loads as a function of the parameter; default its reciprocal, that of a
-        frequency in Hz.
-    integrator
-        Default Radau(1e-8).
-    step, longest_step
-        First and longest step of the curve, over the range of the parameter.
-    settle
-        Periods run before the first motion.
-    tolerance
-        By how much a period may miss its start, over how far coordinates move.
-    most_points
-        How many motions at most.
-    begin
-        Time [s] at which periods begin.
-
-    Returns
-    -------
-    FrequencyResponse
-        Also where the curve ends before its range does, or where no motion is found to begin with:
-        `status` says why, and a warning.
-    """
-    name = "frequency_response"
-    if not isinstance(model, Model):
-        raise BeamdaeError(f"{name}: model must be a model function, got {short_repr(model)}.")
-    first, last = require_pair(name, "between", between, "a pair of values of the parameter")
-    ends = require_finite(name, "between", first), require_finite(name, "between", last)
-    if ends[0] == ends[1]:
-        raise BeamdaeError(
-            f"{name}: between must be two values that differ, got {short_repr(between)}."
-        )
-    require_choice(name, "parameter", parameter, tuple(model.parameters))
-    model.complete({parameter: ends[0]})
-    method = Radau(RTOL) if integrator is None else integrator
-    require_integrator(name, method)
-    curve = ResponseCurve(
-        model,
-        parameter,
-        ends,
-        _default_period if period is None else period,
-        method,
-        require_finite(name, "begin", begin),
-        require_positive(name, "tolerance", tolerance),
-    )
-    steps = (
-        require_positive(name, "step", step),
-        require_positive(name, "longest_step", longest_step),
-    )
-    settle = require_count(name, "settle", settle, 0, MOST_SETTLING)
-    most = require_count(name, "most_points", most_points, least=2)
-    points, status = _follow_curve(curve, settle, steps, most)
-    if not status.success:
-        warnings.warn(f"{name}: {status.sentence}.", BeamdaeWarning, stacklevel=2)
-    return FrequencyResponse(parameter, points, status)
-
-
-def _default_period(frequency: float) -> float:
-    return 1.0 / frequency
-
-
-def _follow_curve(
-    curve: ResponseCurve, settle: int, steps: tuple[float, float], most: int
-) -> tuple[tuple[ResponsePoint, ...], Status]:
-    """The points, and how the curve ended."""
-    size, (first, last) = steps[0], curve.ends
-    way = 1.0 if last > first else -1.0
-    point, why = curve.first(settle)
-    if point is None:
-        return (), Status("failed", why)
-    found = [_response_point(point, way)]
-    while len(found) < most:
-        after, why = curve.after(point, size)
-        if after is None:
-            size *= _SHORTER
-            if size < _LEAST_STEP * steps[0]:
-                return tuple(found), Status("failed", f"{curve.told(point.value)}: {why}")
-            continue
-        point = after
-        found.append(_response_point(point, way))
-        if way * (point.value - last) >= 0.0:
-            return tuple(found), Status("ok", "reached the end of the range")
-        if way * (point.value - first) < 0.0:
-            return tuple(found), Status("ok", "came back to where the range begins")
-        if point.iterations <= _FEW:
-            size = min(size * _LONGER, steps[1])
-        elif point.iterations >= _MANY:
-            size *= _SHORTER
-    return tuple(found), Status("limited", f"{curve.told(point.value)}: {most} points were made")
-
-
-def _response_point(point: CurvePoint, way: float) -> ResponsePoint:
-    multipliers = floquet_multipliers(point.shot.carried)
-    forward = way * point.direction[-1] > 0.0
-    return ResponsePoint(point.value, point.period, point.shot.solution, multipliers, forward)
+def _reduce_direction(result: ShootingResult, direction: Array) -> Array:
+    """Express a direction in terms of the basis of a result and the parameter, (k + 1,)."""
+    return np.append(result.projection @ direction[:-1], direction[-1])

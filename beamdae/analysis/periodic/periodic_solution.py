@@ -1,4 +1,4 @@
-"""Steady states under periodic loads, and whether they are stable."""
+"""Periodic motion under periodic loads, and its Floquet multipliers: `bd.periodic`."""
 
 from __future__ import annotations
 
@@ -8,35 +8,30 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.periodic.monodromy import VariationalEquations
-from beamdae.analysis.periodic.shooting import IncompleteRunError, PeriodMap, ShootingResult
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import (
-    BeamdaeError,
-    BeamdaeWarning,
-    require_count,
-    require_finite,
-    require_positive,
+from beamdae.analysis.periodic.shooting import (
+    DEFAULT_RTOL,
+    DEFAULT_TOLERANCE,
+    MAX_SETTLING_PERIODS,
+    IncompleteRunError,
+    PeriodMap,
+    ShootingResult,
+    build_periodic_equations,
+    solve_shooting,
 )
+from beamdae.errors import BeamdaeWarning, require_count, require_finite, require_positive
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
-from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
-# Newton's method: where it has converged, over how far coordinates move, and how often it goes.
-TOLERANCE, _MOST_ITERATIONS = 1e-6, 25
-RTOL = 1e-8
-MOST_SETTLING = 10_000
-# Nearer than this iterations that do not halve what is missed are in vain, several in a row.
-_NEAR, _IN_VAIN = 1e-4, 4
-# How often a step of Newton's method is halved from where no run reaches the end of the period.
-_HALVINGS = 5
-# Steps of the disturbances are halved until the largest multipliers change by less.
-_MULTIPLIERS, _MOST_HALVINGS = 1e-5, 6
-# Singular values smaller than this, over the largest, belong to motions that any state repeats in.
-_NEUTRAL = 1e-9
+_NAME = "periodic"
+# Steps of the variational equations are halved until the largest multiplier changes by less.
+_MULTIPLIER_TOLERANCE = 1e-5
+_MAX_REFINEMENTS = 6
+# Below this relative deviation the accuracy of the integrator may limit Newton's method.
+_INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
 def periodic(
@@ -46,43 +41,49 @@ def periodic(
     start: Any = None,
     begin: float = 0.0,
     settle: int = 5,
-    tolerance: float = TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
 ) -> PeriodicMotion:
-    """Find the steady state under loads and drivers that repeat after a period.
+    """Find a periodic motion under periodic loads and drivers, and its stability.
 
-    By single shooting: Newton's method on the state that a period carries to itself, in the motions
-    that the joints allow, with the monodromy matrix from the equations linearized along the run
-    (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6). Stable and unstable
-    motions are found alike; where there are several, the one near the start. Angles repeat up to
-    whole turns. Motions whose disturbances grow by more than 1e5 in a period are out of its reach.
+    Single shooting (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6): Newton's
+    method on the state that one period T maps to itself, (q, v)(t + T) = (q, v)(t), in the motions
+    that the joints allow. The monodromy matrix comes from the variational equations along the run.
+    Stable and unstable motions are found alike; of several, one near the start. Angles may
+    advance by full turns. Motions whose disturbances grow by more than a factor 1e5 per period are
+    out of reach.
 
     Parameters
     ----------
     model
         As in `simulate`.
     period
-        Of the motion [s]: that of loads and drivers, or a multiple of it for subharmonics.
+        Period of the motion [s]: that of loads and drivers, or a multiple of it for subharmonics.
     integrator
-        Default Radau(1e-8).
+        Integrator of the period. Defaults to Radau(1e-8).
     start
-        "as drawn", "equilibrium", or positions and velocities by name, see `simulate`.
+        "as drawn", "equilibrium", or positions and velocities by name, as in `simulate`.
     begin
-        Time [s] at which periods begin, where loads repeat from there on.
+        Time [s] at which the period begins, for loads that are periodic from there on.
     settle
-        Periods that are run before, towards a motion that is stable.
+        Number of periods run before the first iteration, towards a stable motion.
     tolerance
-        By how much a period may miss its start, over how far coordinates move.
+        Largest deviation of the state after a period from its start, relative to the amplitudes.
 
     Returns
     -------
     PeriodicMotion
-        Also where Newton's method did not converge, or a run did not reach its end: `status` says
-        so, and a warning.
+        One period with its Floquet multipliers. If Newton's method did not converge or a run ended
+        early, `status` gives the reason.
 
     Raises
     ------
     BeamdaeError
-        If loads or drivers do not repeat, or parts are switched.
+        If loads or drivers are not periodic, events switch parts, or an argument is invalid.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If no periodic motion was found.
 
     Examples
     --------
@@ -98,110 +99,49 @@ def periodic(
     >>> motion.stability
     'stable'
     """
-    period, begin = (
-        require_positive("periodic", "period", period),
-        require_finite("periodic", "begin", begin),
-    )
-    tolerance = require_positive("periodic", "tolerance", tolerance)
-    settle = require_count("periodic", "settle", settle, 0, MOST_SETTLING)
-    method = Radau(RTOL) if integrator is None else integrator
-    require_integrator("periodic", method)
-    flow = PeriodMap.of(build_periodic_equations("periodic", model, start), method, begin, period)
+    period = require_positive(_NAME, "period", period)
+    begin = require_finite(_NAME, "begin", begin)
+    tolerance = require_positive(_NAME, "tolerance", tolerance)
+    settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
+    method = Radau(DEFAULT_RTOL) if integrator is None else integrator
+    require_integrator(_NAME, method)
+    equations = build_periodic_equations(_NAME, model, start)
+    period_map = PeriodMap.from_equations(equations, method, begin, period)
     try:
-        shot, iterations = solve_shooting(flow, *settle_motion(flow, settle), tolerance)
-    except IncompleteRunError as problem:
-        told = str(problem).removeprefix("periodic: ").rstrip(".")
-        found = PeriodicMotion(problem.solution, period, status=Status("failed", told))
+        q, v = period_map.settle(settle)
+        result, iterations = solve_shooting(period_map, q, v, tolerance)
+    except IncompleteRunError as error:
+        sentence = str(error).removeprefix("periodic: ").rstrip(".")
+        motion = PeriodicMotion(error.solution, period, status=Status("failed", sentence))
     else:
-        status = _shooting_status(shot, iterations, tolerance)
-        multipliers, error = _converge_multipliers(flow, shot)
-        found = PeriodicMotion(
-            shot.solution, period, multipliers, error, shot.off, iterations, status
+        deviation = result.relative_deviation
+        status = Status("ok", "repeats after its period")
+        if deviation > tolerance:
+            sentence = (
+                f"after {iterations} iterations the motion misses its start by {deviation:.3g} of "
+                "its amplitude"
+            )
+            if deviation < _INTEGRATOR_LIMITED_DEVIATION:
+                sentence += ", which may be the accuracy of the integrator"
+            status = Status("failed", sentence)
+        multipliers, error_estimate = _refine_multipliers(period_map, result)
+        motion = PeriodicMotion(
+            result.solution, period, multipliers, error_estimate, deviation, iterations, status
         )
-    if not found.status.success:
-        warnings.warn(f"periodic: {found.status.sentence}.", BeamdaeWarning, stacklevel=2)
-    return found
+    if not motion.status.success:
+        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=2)
+    return motion
 
 
-def _shooting_status(shot: ShootingResult, iterations: int, tolerance: float) -> Status:
-    if shot.off <= tolerance:
-        return Status("ok", "repeats after its period")
-    told = f"after {iterations} iterations the motion misses its start by {shot.off:.3g} of itself"
-    if shot.off < _NEAR:
-        told += ", which may be what the integrator is off by"
-    return Status("failed", told)
-
-
-def build_periodic_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Equations of a model whose parts are always active; `name` is that of what was given it."""
-    equations = as_equations(name, model, start)
-    if equations.configurations is not None or any(x.do != "record" for x in equations.events):
-        raise BeamdaeError(
-            f"{name}: events must not stop a run or switch parts; make contacts and the like "
-            "smooth forces."
-        )
-    return equations
-
-
-def settle_motion(flow: PeriodMap, periods: int) -> tuple[Array, Array]:
-    """The state (q, v) after some periods."""
-    e = flow.equations
-    q, v = flow.consistent(e.q0, e.v0)
-    if not periods:
-        return q, v
-    solution = flow.run(q, v, periods=periods)
-    last = solution.trajectory.intervals[-1].state
-    q = last.q[-1].copy()
-    angles = np.array([c.unit == "rad" for c in e.coordinates])
-    turns = np.where(angles, 2.0 * np.pi * np.round((q - e.q0) / (2.0 * np.pi)), 0.0)
-    return flow.consistent(q - turns, last.v[-1])
-
-
-def solve_shooting(
-    flow: PeriodMap, q: Array, v: Array, tolerance: float
-) -> tuple[ShootingResult, int]:
-    """The last shot of Newton's method, and how many there were before it."""
-    shot = ShootingResult.of(flow, q, v)
-    flow.require_repeating(shot.solution)
-    best, last = shot, 0
-    for iteration in range(1, _MOST_ITERATIONS + 1):
-        if shot.off <= tolerance:
-            return shot, iteration - 1
-        matrix = shot.carried - np.eye(len(shot.missed))
-        change = -np.linalg.lstsq(matrix, shot.missed, rcond=_NEUTRAL)[0]
-        # No more than what the motion is as a whole.
-        change /= max(1.0, float(np.max(np.abs(change))) / 3.0)
-        shot = _shoot_from(flow, shot, change)
-        if shot.off < 0.5 * best.off:
-            last = iteration
-        best = min(best, shot, key=lambda x: x.off)
-        if best.off < _NEAR and iteration - last >= _IN_VAIN:
-            return best, iteration
-    return best, _MOST_ITERATIONS
-
-
-def _shoot_from(
-    flow: PeriodMap, shot: ShootingResult, change: Array, halvings: int = _HALVINGS
-) -> ShootingResult:
-    """The period from a changed start on; from one changed by less where no run gets through."""
-    try:
-        return ShootingResult.of(flow, *flow.consistent(*shot.moved(change)))
-    except IncompleteRunError:
-        if not halvings:
-            raise
-        return _shoot_from(flow, shot, 0.5 * change, halvings - 1)
-
-
-def _converge_multipliers(flow: PeriodMap, shot: ShootingResult) -> tuple[Array, float]:
-    """Floquet multipliers, with the steps of disturbances halved until the largest stay."""
-    linear = VariationalEquations(flow.equations)
-    into = (shot.free / shot.scales[:, None] ** 2).T
-    found, error = floquet_multipliers(shot.carried), np.inf
-    for halving in range(1, _MOST_HALVINGS + 1):
-        carried = into @ linear.carried(shot.solution.trajectory, shot.free, halving)
-        finer = floquet_multipliers(carried)
-        error = abs(largest_modulus(finer) - largest_modulus(found))
-        found = finer
-        if error <= _MULTIPLIERS:
+def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
+    """Return the Floquet multipliers and the change of the largest one in the last refinement."""
+    variational = VariationalEquations(period_map.equations)
+    multipliers, error = floquet_multipliers(result.monodromy), np.inf
+    for refinement in range(1, _MAX_REFINEMENTS + 1):
+        propagated = variational.propagate(result.solution.trajectory, result.basis, refinement)
+        refined = floquet_multipliers(result.projection @ propagated)
+        error = abs(largest_modulus(refined) - largest_modulus(multipliers))
+        multipliers = refined
+        if error <= _MULTIPLIER_TOLERANCE:
             break
-    return found, float(error)
+    return multipliers, float(error)

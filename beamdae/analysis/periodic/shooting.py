@@ -1,9 +1,9 @@
-"""Shooting: Newton's method on the state that a period carries to itself."""
+"""Single shooting: Newton's method on the state that one period maps to itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,36 +16,65 @@ from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.results.solution import Solution
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
-_ROWS = 201
-_TURN = 2.0 * np.pi
-# Over the largest force, and over the size of the mechanism or a radian: what does not come back to
-# it after a period does not repeat; it is looked at so many times.
-_REPEATS, _LOOKED_AT = 1e-6, 11
+# Defaults and limits of `periodic` and `frequency_response`.
+DEFAULT_TOLERANCE = 1e-6
+DEFAULT_RTOL = 1e-8
+MAX_SETTLING_PERIODS = 10_000
+
+# Output times of a period, both ends included.
+_OUTPUT_TIMES = 201
+_FULL_TURN = 2.0 * np.pi
+# Change of forces after a period, relative to the largest force, and of constraints, relative to
+# the size of the mechanism or 1 rad, that counts as none; and the number of times compared.
+_REPETITION_TOLERANCE = 1e-6
+_COMPARED_TIMES = 11
+# Newton's method: maximum number of iterations, and largest change relative to the amplitudes.
+_MAX_ITERATIONS = 25
+_MAX_CHANGE = 3.0
+# Below this deviation, so many iterations without halving it end the search.
+_STAGNATION_DEVIATION = 1e-4
+_STAGNATION_ITERATIONS = 4
+# Halvings of a Newton step from which a run does not reach the end of the period.
+_MAX_HALVINGS = 5
+# Singular values below this share of the largest one belong to motions that repeat from any state.
+_NEUTRAL_RATIO = 1e-9
 
 
 class IncompleteRunError(BeamdaeError):
-    """A run that did not reach the end of the periods, `solution`."""
+    """A run ended before the end of its periods; `solution` is that run."""
 
-    def __init__(self, what: str, solution: Solution) -> None:
-        super().__init__(f"periodic: {what} was not finished, {solution.status.sentence}.")
+    def __init__(self, run: str, solution: Solution) -> None:
+        super().__init__(f"periodic: {run} was not finished, {solution.status.sentence}.")
         self.solution = solution
+
+
+def build_periodic_equations(function: str, model: Any, start: Any = None) -> EquationsOfMotion:
+    """Return the equations of a model, for `function` in messages; reject events that switch."""
+    equations = as_equations(function, model, start)
+    if equations.configurations is not None or any(x.do != "record" for x in equations.events):
+        raise BeamdaeError(
+            f"{function}: events must not stop a run or switch parts; model contacts and the like "
+            "by smooth forces."
+        )
+    return equations
 
 
 @dataclass(frozen=True)
 class PeriodMap:
-    """One period of a mechanism, from any state on.
+    """The map of a state to the state one period later.
 
     Attributes
     ----------
     equations
-        Without redundant constraints.
+        The equations of motion, without redundant constraints.
     integrator
-        What integrates them.
+        The integrator of the period.
     begin, period
-        Where periods begin, and how long they are [s].
+        Begin and duration of the period [s].
     """
 
     equations: EquationsOfMotion
@@ -54,39 +83,51 @@ class PeriodMap:
     period: float
 
     @classmethod
-    def of(
+    def from_equations(
         cls, equations: EquationsOfMotion, integrator: Integrator, begin: float, period: float
     ) -> PeriodMap:
-        """Without constraints that are redundant."""
-        by = remove_redundant(equations, begin)
-        own = equations if by is None else by.equations
-        return cls(own, integrator, begin, period)
+        """Return the map of equations whose redundant constraints are removed."""
+        reduction = remove_redundant(equations, begin)
+        independent = equations if reduction is None else reduction.equations
+        return cls(independent, integrator, begin, period)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
-        """A run over so many periods; `scales` are how far the coordinates move, if it is known.
+        """Integrate over some periods; `scales` are the amplitudes of the coordinates, if known.
 
         Raises
         ------
-        UnfinishedError
-            If it does not reach their end.
+        IncompleteRunError
+            If the run ends early.
         """
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
-        times = self.begin + self.period * np.linspace(0.0, periods, periods * (_ROWS - 1) + 1)
+        count = periods * (_OUTPUT_TIMES - 1) + 1
+        times = self.begin + self.period * np.linspace(0.0, periods, count)
         solution = self.integrator.integrate(equations, times)
         if not solution.status.success or solution.trajectory.end < times[-1]:
-            what = "the run over a period" if periods == 1 else "the run to settle"
-            raise IncompleteRunError(what, solution)
+            run = "the run over a period" if periods == 1 else "the run to settle"
+            raise IncompleteRunError(run, solution)
         return solution
 
-    def consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """The state nearest to it that the joints allow at the beginning of a period."""
-        inner = [b for b in self.equations.breakpoints if b > self.begin]
-        time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *inner]))])
-        found = ConsistencySolver(self.equations).state(time, q, v)
-        return found.q, found.v
+    def settle(self, periods: int) -> tuple[Array, Array]:
+        """Return the state (q, v) after some periods from the start of the equations."""
+        e = self.equations
+        q, v = self.make_consistent(e.q0, e.v0)
+        if not periods:
+            return q, v
+        solution = self.run(q, v, periods=periods)
+        last = solution.trajectory.intervals[-1].state
+        q = last.q[-1].copy()
+        return self.make_consistent(q - self._full_turns(e.q0, q), last.v[-1])
 
-    def require_repeating(self, solution: Solution) -> None:
-        """Refuse loads and drivers that do not come back after a period.
+    def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the nearest state that satisfies the constraints at the begin of a period."""
+        later = [b for b in self.equations.breakpoints if b > self.begin]
+        time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
+        state = ConsistencySolver(self.equations).state(time, q, v)
+        return state.q, state.v
+
+    def require_periodic_loads(self, solution: Solution) -> None:
+        """Reject loads and drivers that differ one period later.
 
         Raises
         ------
@@ -96,37 +137,41 @@ class PeriodMap:
         e = self.equations
         form = formulate_first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
-        times = np.linspace(interval.t[0], interval.t[-1], _LOOKED_AT + 2)[1:-1]
+        times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
         state = interval.at(times)
-        later = np.zeros(form.size)
-        later[: e.n] = self.turns(solution)
-        off, forces = np.zeros((_LOOKED_AT, form.size)), 0.0
+        turns = np.zeros(form.size)
+        turns[: e.n] = self.full_turns(solution)
+        change, largest_force = np.zeros((_COMPARED_TIMES, form.size)), 0.0
         for k, t in enumerate(times.tolist()):
             y, yp = form.pack(State(*(x[k] for x in state)))
-            now, then = np.array([t, interval.branch]), np.full(2, t + self.period)
-            off[k] = np.abs(form.residual(then, y + later, yp) - form.residual(now, y, yp))
-            still = form.residual(now, y, np.zeros_like(yp))
-            forces = max(forces, float(np.max(np.abs(still[e.n : 2 * e.n]))))
+            now, later = np.array([t, interval.branch]), np.full(2, t + self.period)
+            change[k] = np.abs(form.residual(later, y + turns, yp) - form.residual(now, y, yp))
+            forces = form.residual(now, y, np.zeros_like(yp))[e.n : 2 * e.n]
+            largest_force = max(largest_force, float(np.max(np.abs(forces))))
         sizes = np.full(form.size, min(1.0, e.length))
-        sizes[e.n : 2 * e.n] = forces
-        row, worst = map(int, np.unravel_index(np.argmax(off - _REPEATS * sizes), off.shape))
-        if off[row, worst] > _REPEATS * sizes[worst]:
-            # Forces are the rows of velocities.
+        # Rows of velocities are forces.
+        sizes[e.n : 2 * e.n] = largest_force
+        excess = change - _REPETITION_TOLERANCE * sizes
+        row, worst = map(int, np.unravel_index(np.argmax(excess), change.shape))
+        if change[row, worst] > _REPETITION_TOLERANCE * sizes[worst]:
             name = form.names[worst].removeprefix("velocity of ")
             raise BeamdaeError(
-                f"{name}: what acts on it at t = {times[row]:.6g} s is not the same a period of "
-                f"{self.period:g} s later, give the period of loads and drivers."
+                f"{name}: the load or driver on it at t = {times[row]:.6g} s differs one period of "
+                f"{self.period:g} s later; set period to that of loads and drivers."
             )
 
-    def turns(self, solution: Solution) -> Array:
-        """Whole turns that angles make in a period, (n,)."""
-        angles = np.array([c.unit == "rad" for c in self.equations.coordinates])
+    def full_turns(self, solution: Solution) -> Array:
+        """Return the full turns [rad] that angles make in a period, (n,)."""
         last = solution.trajectory.intervals[-1].state.q[-1]
         first = solution.trajectory.intervals[0].state.q[0]
-        return np.where(angles, _TURN * np.round((last - first) / _TURN), 0.0)
+        return self._full_turns(first, last)
 
-    def missed(self, solution: Solution) -> Array:
-        """By how much a period misses the state it began with, (2 n,)."""
+    def _full_turns(self, first: Array, last: Array) -> Array:
+        is_angle = np.array([c.unit == "rad" for c in self.equations.coordinates])
+        return np.where(is_angle, _FULL_TURN * np.round((last - first) / _FULL_TURN), 0.0)
+
+    def deviation(self, solution: Solution) -> Array:
+        """Return the state at the end of a period less that at its begin, (2 n,)."""
         first, last = (
             np.concatenate([x.q[k], x.v[k]])
             for x, k in (
@@ -134,63 +179,115 @@ class PeriodMap:
                 (solution.trajectory.intervals[-1].state, -1),
             )
         )
-        missed = last - first
-        missed[: self.equations.n] -= self.turns(solution)
-        return missed
+        deviation = last - first
+        deviation[: self.equations.n] -= self.full_turns(solution)
+        return deviation
 
-    def scales(self, solution: Solution) -> Array:
-        """How far coordinates move in a run; of turning ones, no more than a radian."""
-        found = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
-        return np.minimum(found, self.equations.position_scales)
-
-    def state_scales(self, scales: Array) -> Array:
-        """The same of (q, v), (2 n,)."""
-        return np.concatenate([scales, scales * (_TURN / self.period)])
+    def state_scales(self, solution: Solution) -> Array:
+        """Return natural sizes of (q, v), (2 n,): amplitudes in the run, angles at most 1 rad."""
+        amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
+        scales = np.minimum(amplitudes, self.equations.position_scales)
+        return np.concatenate([scales, scales * (_FULL_TURN / self.period)])
 
 
 class ShootingResult(NamedTuple):
-    """A period that was run, and what becomes of its disturbances.
+    """One period of a motion with its monodromy matrix.
 
     Attributes
     ----------
     solution
-        The period.
-    free
-        Disturbances of its start that the joints allow, (2 n, k), orthonormal over `scales`.
+        The run over the period.
+    basis
+        Admissible disturbances of the start, (2 n, k), orthonormal in natural sizes `scales`.
     scales
         Natural sizes of (q, v), (2 n,).
-    carried
-        What becomes of them, in terms of `free` (k, k): the monodromy matrix.
-    missed
-        By how much it misses its start, in terms of `free` (k,).
-    off
-        The largest of it over natural sizes.
+    projection
+        Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`.
+    monodromy
+        Disturbances one period later, in terms of `basis`, (k, k).
+    deviation
+        State after the period less its start, in terms of `basis`, (k,).
+    relative_deviation
+        Largest deviation in natural sizes.
     """
 
     solution: Solution
-    free: Array
+    basis: Array
     scales: Array
-    carried: Array
-    missed: Array
-    off: float
+    projection: Array
+    monodromy: Array
+    deviation: Array
+    relative_deviation: float
 
     @classmethod
-    def of(cls, flow: PeriodMap, q: Array, v: Array) -> ShootingResult:
-        """Run a period from a state on; see `PeriodMap.run`."""
-        solution = flow.run(q, v)
-        sizes = flow.state_scales(flow.scales(solution))
-        linear = VariationalEquations(flow.equations)
-        free = linear.free_motions(solution.trajectory, sizes)
-        into = (free / sizes[:, None] ** 2).T
-        missed = flow.missed(solution)
-        carried = into @ linear.carried(solution.trajectory, free)
+    def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> ShootingResult:
+        """Run one period from a consistent state; see `PeriodMap.run` for errors."""
+        solution = period_map.run(q, v)
+        scales = period_map.state_scales(solution)
+        variational = VariationalEquations(period_map.equations)
+        basis = variational.admissible_disturbances(solution.trajectory, scales)
+        projection = (basis / scales[:, None] ** 2).T
+        deviation = period_map.deviation(solution)
+        monodromy = projection @ variational.propagate(solution.trajectory, basis)
         return cls(
-            solution, free, sizes, carried, into @ missed, float(np.max(np.abs(missed / sizes)))
+            solution,
+            basis,
+            scales,
+            projection,
+            monodromy,
+            projection @ deviation,
+            float(np.max(np.abs(deviation / scales))),
         )
 
-    def moved(self, by: Array) -> tuple[Array, Array]:
-        """Its start, moved by so much of the free motions, before joints are closed."""
+    def shift_start(self, change: Array) -> tuple[Array, Array]:
+        """Return the start changed by multiples (k,) of `basis`; not yet consistent."""
         first = self.solution.trajectory.intervals[0].state
         n = first.q.shape[1]
-        change = self.free @ by
-        return first.q[0] + change[:n], first.v[0] + change[n:]
+        increment = self.basis @ change
+        return first.q[0] + increment[:n], first.v[0] + increment[n:]
+
+
+def solve_shooting(
+    period_map: PeriodMap, q: Array, v: Array, tolerance: float
+) -> tuple[ShootingResult, int]:
+    """Return the best period that Newton's method finds, and the number of iterations.
+
+    It has converged if `relative_deviation` is at most `tolerance`.
+
+    Raises
+    ------
+    IncompleteRunError
+        If no run reaches the end of the period, even for small Newton steps.
+    BeamdaeError
+        If loads or drivers are not periodic.
+    """
+    result = ShootingResult.from_state(period_map, q, v)
+    period_map.require_periodic_loads(result.solution)
+    best, last_halving = result, 0
+    for iteration in range(1, _MAX_ITERATIONS + 1):
+        if result.relative_deviation <= tolerance:
+            return result, iteration - 1
+        matrix = result.monodromy - np.eye(len(result.deviation))
+        change = -np.linalg.lstsq(matrix, result.deviation, rcond=_NEUTRAL_RATIO)[0]
+        change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
+        result = _shoot_from(period_map, result, change)
+        if result.relative_deviation < 0.5 * best.relative_deviation:
+            last_halving = iteration
+        best = min(best, result, key=lambda x: x.relative_deviation)
+        is_near = best.relative_deviation < _STAGNATION_DEVIATION
+        if is_near and iteration - last_halving >= _STAGNATION_ITERATIONS:
+            return best, iteration
+    return best, _MAX_ITERATIONS
+
+
+def _shoot_from(
+    period_map: PeriodMap, result: ShootingResult, change: Array, halvings: int = _MAX_HALVINGS
+) -> ShootingResult:
+    """Run a period from a changed start; halve the change while the run ends early."""
+    try:
+        q, v = period_map.make_consistent(*result.shift_start(change))
+        return ShootingResult.from_state(period_map, q, v)
+    except IncompleteRunError:
+        if not halvings:
+            raise
+        return _shoot_from(period_map, result, 0.5 * change, halvings - 1)
