@@ -42,8 +42,8 @@ def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, mo
     whole = bd.simulate(pendulum(), integrator, 1.0)
     assert whole.statistics.steps > 1900
     monkeypatch.setattr(rows, "available_memory", lambda: 1e5)
-    monkeypatch.setattr(rows, "_LITTLE", 0.0)
-    monkeypatch.setattr(rows, "_ROWS_AT_ONCE", 1024)
+    monkeypatch.setattr(rows, "_UNCHECKED_BYTES", 0.0)
+    monkeypatch.setattr(rows, "_MAX_BLOCK_ROWS", 1024)
     solution = bd.simulate(pendulum(), integrator, 1.0)
     assert solution.status.kind == "limited"
     assert "states stored take 9.8e-05 GB" in solution.status.sentence
@@ -150,7 +150,9 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
 
 
 def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
-    monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 10.0 * assemble._MEMORY)
+    monkeypatch.setattr(
+        "beamdae.memory._free_physical_memory", lambda: 10.0 * assemble._BYTES_PER_COORDINATE
+    )
     mech = bd.Mechanism()
     for k in range(10):
         mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))
