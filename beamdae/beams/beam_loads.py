@@ -183,7 +183,7 @@ class DistributedForce(Part):
         Points under a user's formula share a kernel within this part only, in `kernels`.
         """
         expression, numbers = FormulaExpression.of(kind, functions)
-        if expression.is_kind and not callable(self.law):
+        if expression.is_shareable and not callable(self.law):
             return build_formula_kernel(kind, functions, size)
         if expression not in kernels:
             # Without a formula of the kinematics each point has its own kernel; equal ones are

@@ -121,7 +121,7 @@ def test_two_nodes_make_an_element_straight(curve, frame, quadrature):
 
 
 def test_elements_of_two_nodes_meet_at_kinks():
-    match = "beam: straight elements meet at kinks, continuity must be 'cartesian'"
+    match = "beam: straight elements meet at kinks; continuity must be 'cartesian'"
     with pytest.raises(bd.BeamdaeError, match=match):
         beam(ARC, 2, continuity="local", nodes=2)
     assert beam(ARC, 2, continuity="local", nodes=3).kinematics.continuity == "local"

@@ -7,8 +7,8 @@ from random import Random
 
 from properties.bodies import GROUND, Body, Place, World
 from properties.forces import FORCES
-from properties.similarity import Similarity
 from properties.joints import JOINTS
+from properties.similarity import Similarity
 
 import beamdae as bd
 

@@ -7,8 +7,8 @@ from random import Random
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.similarity import Similarity
 from properties.mechanism_state import MechanismState
+from properties.similarity import Similarity
 from properties.state_laws import consistent_state, similarity_transformations
 
 import beamdae as bd

@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 from hypothesis import assume
 from properties.drawings import Drawing
-from properties.similarity import Similarity
 from properties.mechanism_state import MechanismState, observe_ground_reactions
+from properties.similarity import Similarity
 
 import beamdae as bd
 

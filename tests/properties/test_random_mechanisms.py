@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
 from properties.drawings import BUILDERS
-from properties.random_drawings import draw_mechanism
 from properties.equilibrium_laws import EQUILIBRIUM_LAWS
+from properties.random_drawings import draw_mechanism
 from properties.run_laws import RUN_LAWS
 from properties.state_laws import STATE_LAWS, build_unless_contradictory
 
@@ -59,7 +59,7 @@ def test_every_part_is_drawn():
     """Damper and TorsionDamper are what springs with dampers are without stiffness, and so on."""
     known = {getattr(bd, name) for name in dir(bd)}
     parts = {one for one in known if isinstance(one, type) and issubclass(one, bd.Part)}
-    kinds, drawn = set(), {bd.Part, bd.Spring, bd.Damper, bd.TorsionDamper}
+    kinds, drawn = set(), {bd.Part, bd.Joint, bd.Spring, bd.Damper, bd.TorsionDamper}
     expected = {*BUILDERS, "bar", "disk", "beam", "particle"}
     for seed in range(400):
         drawing = draw_mechanism(Random(seed))

@@ -85,7 +85,7 @@ def test_kinematics_without_a_limit_are_never_warned_of():
     assert bd.Beam("arc", ARC, STRIP, formulation="exact").ranges() == []
 
     class Unlimited(FloatingFrame):
-        reach = None
+        strain_validity = None
 
     mech = bd.Mechanism()
     mech.add(bd.Beam("free", LINE, STRIP, elements=1, kinematics=Unlimited))
