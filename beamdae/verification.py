@@ -1,4 +1,4 @@
-"""How far a run is off: by another run of its like, or by another method."""
+"""Error estimation of a run by a coarser run, and verification by another method."""
 
 from __future__ import annotations
 
@@ -19,53 +19,63 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# The coarser run: so many times the tolerance, or the step.
-_COARSER = {"rtol": 10.0, "step": 2.0}
-_LOOSE = 3e-4
-# The difference is that of errors which fall as the order says, or by less than that.
-_SAFETY = 4.5
-# The finer run is off as well.
-_OF_FINER = 3.0
-# Runs of so nearly as many steps say nothing of their errors.
-_ALIKE = 0.95
-# What columns may differ by, over rtol, in a verification.
-_PROMISED = 100.0
-_TIGHTER = 0.1
-_TIGHTEST = 1e-10
-# A column that moves less, beside others in its unit, moves by rounding alone; and one that moves
-# less beside its own size.
-_AT_REST, _ROUNDING = 1e-9, 1e-12
+# Error estimate.
+_COARSENING = {"rtol": 10.0, "step": 2.0}  # tolerance or step of the second run, over the first
+_MAX_COARSENED_RTOL = 3e-4  # above it, errors do not decrease with the order yet
+_SAFETY_FACTOR = 4.5  # on the error that the order predicts; stiff errors decrease more slowly
+_MAX_DIFFERENCE_FACTOR = 3.0  # largest error estimate, in differences of the two runs
+_SAME_STEPS = 0.95  # ratio of numbers of steps above which two runs say nothing of their errors
 
-HALF_RANGE, RELATIVE_ERROR = "half the range", "error over half the range"
+# Verification.
+_ALLOWED_ERROR = 100.0  # allowed difference of positions and angles over the looser rtol
+_ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
+_TIGHTER = 0.1  # tolerance of the second run, over the first
+_MIN_RTOL = 1e-10
+_RTOL_FOR_FIXED_STEPS = 1e-6  # of the run that verifies one with a fixed step
 
-# Columns of a table with a row for each observed column.
+# Columns whose half range is below either of these are at rest.
+_REST_TO_OTHERS = 1e-9  # relative to the largest half range of a column with the same unit
+_REST_TO_VALUES = 1e-12  # relative to the largest value of the column, where rounding dominates
+
+# Columns of the tables.
+HALF_RANGE = "half the range"
+RELATIVE_ERROR = "error over half the range"
+
+# Columns of a table with one row per observed column, by header.
 ErrorColumns = dict[str, Any]
 
 
 def error_estimate(solution: Solution) -> pd.DataFrame:
-    """Estimate of the error of each observed column, forces and reactions among them.
+    """Estimate the error of each observed column, including forces and reactions.
 
-    The same integrator goes again with ten times the tolerance, or twice the step. With errors
-    that fall as accuracy^order, the difference d of the two runs is (c^order - 1) times the error
-    of the finer one, c = 10 or 2; 4.5 times d / (c^order - 1), at most 3 d, is told, for errors
-    of stiff mechanisms fall more slowly (validation/tolerances counts how often it covers the true
-    one). Radau passes over vibrations, and coarser steps would pass over the same; and where rtol
-    is above 3e-4 errors do not fall yet as they should: there it goes again with a tenth of the
-    tolerance, and 3 d is told.
+    The integrator runs again with ten times the tolerance, or twice the step. If errors decrease as
+    accuracy^order, the difference d of the two runs is (c^order - 1) times the error of the finer
+    run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most 3 d, because errors of
+    stiff mechanisms decrease more slowly (validation/tolerances counts how often the estimate
+    covers the true error).
+
+    There are two exceptions, in which the second run has a tenth of the tolerance and the estimate
+    is 3 d: Radau, which skips fast vibrations, as would a coarser run; and rtol above 3e-4, where
+    errors do not decrease with the order yet.
+
+    Parameters
+    ----------
+    solution
+        The run.
 
     Returns
     -------
-    DataFrame
-        By column: half its range [its unit], and the estimate of its largest error over that [-];
-        NaN where the other run did not end or took as many steps, and of columns that are not
-        finite; 0 where a column is at rest.
+    pandas.DataFrame
+        One row per observed column: half of its range [its unit], and the estimated largest error
+        relative to that [-]. The error is NaN if the second run did not reach its end or took as
+        many steps, and for columns that are not finite; it is 0 for columns at rest.
 
     Raises
     ------
     BeamdaeError
-        If the solution does not know its integrator.
+        If the solution does not contain its integrator.
     KeyboardInterrupt
-        If the other run is interrupted.
+        If the second run is interrupted.
 
     Examples
     --------
@@ -78,123 +88,130 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     >>> bool(errors["error over half the range"].max() < 1e-3)
     True
     """
-    return _table(solution, estimate_errors(solution))
+    return _tabulate(solution, estimate_errors(solution))
 
 
 def estimate_errors(solution: Solution, progress: Progress | None = None) -> ErrorColumns:
-    """The columns of `error_estimate`, as arrays; `progress` is that of the other run."""
-    integrator = _integrator_of("error_estimate", solution)
+    """Return the columns of `error_estimate` as arrays.
+
+    Parameters
+    ----------
+    solution
+        The run.
+    progress
+        Progress function of the second run, see `simulate`.
+    """
+    integrator = _require_own_integrator("error_estimate", solution)
     name, value = integrator.accuracy
-    factor = _COARSER[name]
-    fraction = min(_SAFETY / (factor**integrator.order - 1.0), _OF_FINER)
-    too_loose = name == "rtol" and value > _LOOSE
-    if too_loose or solution.integrator.get("method") == "Radau":
-        factor, fraction = _TIGHTER, _OF_FINER
-    other = _again(solution, _with(integrator, factor), progress)
-    alike = other is not None and _alike(solution.trajectory.steps, other.trajectory.steps)
-    return _difference(solution, None if alike else other, fraction)
-
-
-def _alike(steps: int, others: int) -> bool:
-    """Whether something else than the tolerance limits steps: both runs are as far off then."""
-    return min(steps, others) > _ALIKE * max(steps, others)
+    factor = _COARSENING[name]
+    fraction = min(_SAFETY_FACTOR / (factor**integrator.order - 1.0), _MAX_DIFFERENCE_FACTOR)
+    is_loose = name == "rtol" and value > _MAX_COARSENED_RTOL
+    if is_loose or solution.integrator.get("method") == "Radau":
+        factor, fraction = _TIGHTER, _MAX_DIFFERENCE_FACTOR
+    refined: Any = replace(integrator, **{name: factor * value})  # type: ignore[type-var]
+    other = _run_again(solution, refined, progress)
+    if other is not None:
+        steps = solution.trajectory.steps, other.trajectory.steps
+        # The steps are limited by something other than the tolerance.
+        if min(steps) > _SAME_STEPS * max(steps):
+            other = None
+    return _compare(solution, other, fraction)
 
 
 def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
-    """A sentence on the position or angle whose error exceeds 100 rtol, if there is one.
+    """Return a warning about the largest error of a position or angle above 100 rtol, or "".
 
-    `errors` are those of `error_estimate`, a row for each observed column in their order.
-    Of a run that was cut short nothing is promised: half the range is that of the whole motion.
+    Parameters
+    ----------
+    solution
+        The run. If it did not reach its end there is no warning, because half the range is that of
+        the whole motion.
+    errors
+        The result of `estimate_errors` or `error_estimate`.
     """
-    name, value = _integrator_of("exceeded", solution).accuracy
-    if not solution.status.success:
+    name, value = _require_own_integrator("accuracy_warning", solution).accuracy
+    if not solution.status.success or name != "rtol":
         return ""
-    told = zip(np.asarray(errors[RELATIVE_ERROR]).tolist(), solution.columns, strict=True)
-    promised = [(error, column) for error, column in told if _is_promised(column)]
-    beyond = [both for both in promised if both[0] > _PROMISED * value]
-    if name != "rtol" or not beyond:
+    rows = zip(np.asarray(errors[RELATIVE_ERROR]).tolist(), solution.columns, strict=True)
+    excessive = [
+        (error, column)
+        for error, column in rows
+        if _is_controlled(column) and error > _ALLOWED_ERROR * value
+    ]
+    if not excessive:
         return ""
-    most, worst = max(beyond, key=lambda both: both[0])
+    largest, column = max(excessive, key=lambda row: row[0])
     return (
-        f"{worst}: its error is put at {most:.2g} of half its range, more than "
-        f"the {_PROMISED:g} rtol that are promised; take a tenth of rtol, or another method."
+        f"{column}: the estimated error is {largest:.2g} of half the range, more than "
+        f"{_ALLOWED_ERROR:g} rtol; reduce rtol by a factor of ten, or use another method."
     )
 
 
-def _with(integrator: Integrator, factor: float) -> Integrator:
-    """The same with another accuracy."""
-    name, value = integrator.accuracy
-    other: Any = replace(integrator, **{name: factor * value})  # type: ignore[type-var]
-    return other
-
-
 def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
-    """Compare a run with one of another method at a tighter tolerance.
+    """Compare a run with one of another method and a tighter tolerance.
 
     Parameters
     ----------
     solution
         The run.
     by
-        The other integrator; default Radau at a tenth of the tolerance, or GeneralizedAlpha(rtol)
-        where the run was made by Radau.
+        The other integrator; default `Radau` with a tenth of the tolerance, or
+        `GeneralizedAlpha(rtol=...)` if Radau made the run.
 
     Returns
     -------
-    DataFrame
-        By observed column: half its range, the largest difference over that, what positions and
-        angles may differ by (100 rtol of the looser run, or 1e-3 without one), and the verdict:
-        "agrees", "differs",
-        "known to ..." for rates, forces and moments, of which rtol promises nothing, and for all
-        columns of a run that was cut short, and "not verified" where the other run did not end.
+    pandas.DataFrame
+        One row per observed column: half of its range [its unit]; the largest difference relative
+        to that [-]; the allowed difference of positions and angles, 100 rtol of the looser run or
+        1e-3 without rtol [-]; and the verdict. The verdict is "agrees", "differs", or "not
+        verified" if the other run did not reach its end. It is "known to ..." for rates, forces and
+        moments, whose errors rtol does not control, and for all columns of a run that did not reach
+        its end.
 
     Raises
     ------
     BeamdaeError
-        If the solution does not know its integrator.
+        If the solution does not contain its integrator.
     KeyboardInterrupt
         If the other run is interrupted.
     """
-    return _table(solution, compare_methods(solution, by))
+    return _tabulate(solution, compare_methods(solution, by))
 
 
 def compare_methods(
     solution: Solution, by: Integrator | None = None, progress: Progress | None = None
 ) -> ErrorColumns:
-    """The columns of `verify`, as arrays; `progress` is that of the other run."""
-    name, value = _integrator_of("verify", solution).accuracy
-    allowed = _PROMISED * value if name == "rtol" else 1e-3
+    """Return the columns of `verify` as arrays.
+
+    Parameters
+    ----------
+    solution, by
+        As for `verify`.
+    progress
+        Progress function of the other run, see `simulate`.
+    """
+    name, value = _require_own_integrator("verify", solution).accuracy
+    has_rtol = name == "rtol"
+    allowed = _ALLOWED_ERROR * value if has_rtol else _ALLOWED_ERROR_WITHOUT_RTOL
     if by is None:
-        rtol = max(_TIGHTER * value, _TIGHTEST) if name == "rtol" else 1e-6
-        radau = solution.integrator.get("method") == "Radau"
-        by = GeneralizedAlpha(rtol=rtol) if radau else Radau(rtol)
-    other, loosest = require_integrator("verify", by).accuracy
-    if other == "rtol":
-        allowed = max(allowed, _PROMISED * loosest)
-    found = _difference(solution, _again(solution, by, progress), 1.0)
-    # Half the range is that of a whole run, or nothing is promised.
-    whole = solution.status.success
-    promised = [whole and _is_promised(column) for column in solution.columns]
-    most = np.where(promised, allowed, np.nan)
+        rtol = max(_TIGHTER * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
+        is_radau = solution.integrator.get("method") == "Radau"
+        by = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
+    other_name, other_value = require_integrator("verify", by).accuracy
+    if other_name == "rtol":
+        allowed = max(allowed, _ALLOWED_ERROR * other_value)
+    columns = _compare(solution, _run_again(solution, by, progress), 1.0)
+    # The allowed difference refers to half the range of a whole run.
+    is_whole = solution.status.success
+    is_judged = [is_whole and _is_controlled(column) for column in solution.columns]
+    limits = np.where(is_judged, allowed, np.nan)
     verdicts = [
-        _verdict(error, bound) for error, bound in zip(found[RELATIVE_ERROR], most, strict=True)
+        _judge(error, limit) for error, limit in zip(columns[RELATIVE_ERROR], limits, strict=True)
     ]
-    return {**found, "allowed": most, "verdict": verdicts}
+    return {**columns, "allowed": limits, "verdict": verdicts}
 
 
-def _is_promised(column: str) -> bool:
-    """Whether rtol promises anything of a column: it does of positions and angles."""
-    return Header.of(column).unit in ("m", "rad")
-
-
-def _table(solution: Solution, found: ErrorColumns) -> pd.DataFrame:
-    # Here, for importing it takes as long as a short run, which does without.
-    import pandas as pd
-
-    return pd.DataFrame(found, index=pd.Index(list(solution.columns)))
-
-
-def _verdict(error: float, allowed: float) -> str:
+def _judge(error: float, allowed: float) -> str:
     if np.isnan(error):
         return "not verified"
     if np.isnan(allowed):
@@ -202,24 +219,34 @@ def _verdict(error: float, allowed: float) -> str:
     return "agrees" if error <= allowed else "differs"
 
 
-def _integrator_of(asked: str, solution: Any) -> Integrator:
+def _is_controlled(column: str) -> bool:
+    """Return whether rtol controls the error of a column: those of positions and angles."""
+    return Header.of(column).unit in ("m", "rad")
+
+
+def _tabulate(solution: Solution, columns: ErrorColumns) -> pd.DataFrame:
+    # Importing pandas takes as long as a short run, and the command line does without it.
+    import pandas as pd
+
+    return pd.DataFrame(columns, index=pd.Index(list(solution.columns)))
+
+
+def _require_own_integrator(name: str, solution: Any) -> Integrator:
+    """Return the integrator that made the solution, an argument of the function `name`."""
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"{asked}: solution must be that of a run, got {short_repr(solution)}.")
+        raise BeamdaeError(f"{name}: solution must be that of a run, got {short_repr(solution)}.")
     if not isinstance(solution.made_by, Integrator):
         raise BeamdaeError(
-            f"{asked}: made_by of the solution must be the integrator of its run, "
+            f"{name}: made_by of the solution must be the integrator of its run, "
             f"got {short_repr(solution.made_by)}."
         )
-    return require_integrator(asked, solution.made_by)
+    return require_integrator(name, solution.made_by)
 
 
-def _again(
+def _run_again(
     solution: Solution, integrator: Integrator, progress: Progress | None
 ) -> Solution | None:
-    """Another run over what this one reached; None if it does not end.
-
-    An interrupt ends both: there is nothing to tell.
-    """
+    """Run again up to the time that the solution reached; None if that run does not get there."""
     if len(solution.t) < 2:
         return None
     other = integrator.integrate(solution.equations, solution.t, progress)
@@ -228,34 +255,37 @@ def _again(
     return other if other.status.success else None
 
 
-def _difference(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
-    """Half the range of each column, and this fraction of the largest difference over it."""
+def _compare(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
+    """Return half the range of each column, and `fraction` of the largest difference over it."""
     if other is not None and other.t[-1] < solution.t[-1]:
-        # An event ended it a little earlier.
+        # An event ended the other run slightly earlier.
         common = solution.t[solution.t <= other.t[-1]]
         solution, other = replace(solution, t=common), replace(other, t=common)
-    rows = _rows(solution)
+    rows = _stack_columns(solution)
     rows = np.where(np.isfinite(rows).all(axis=0), rows, np.nan)
-    amplitude = 0.5 * np.ptp(rows, axis=0)
-    error = np.full(len(amplitude), np.nan)
+    half_range = 0.5 * np.ptp(rows, axis=0)
+    error = np.full(len(half_range), np.nan)
     if other is not None:
-        most = np.max(np.abs(rows - _rows(other)), axis=0)
-        at_rest = amplitude <= _rest(solution, amplitude, np.max(np.abs(rows), axis=0))
+        difference = np.max(np.abs(rows - _stack_columns(other)), axis=0)
+        largest = np.max(np.abs(rows), axis=0)
+        is_at_rest = half_range <= _rest_limits(solution, half_range, largest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.where(at_rest, 0.0, fraction * most / amplitude)
-    return {HALF_RANGE: amplitude, RELATIVE_ERROR: error}
+            error = np.where(is_at_rest, 0.0, fraction * difference / half_range)
+    return {HALF_RANGE: half_range, RELATIVE_ERROR: error}
 
 
-def _rows(solution: Solution) -> Array:
-    """The observed columns, side by side."""
+def _stack_columns(solution: Solution) -> Array:
+    """Return the observed columns, (k, number of columns)."""
     columns = solution.columns.values()
     return np.stack(list(columns), axis=1) if columns else np.zeros((len(solution.t), 0))
 
 
-def _rest(solution: Solution, amplitude: Array, largest: Array) -> Array:
-    """What columns with these amplitudes and largest values move by at rest."""
+def _rest_limits(solution: Solution, half_range: Array, largest: Array) -> Array:
+    """Return the half range up to which each column is at rest."""
     kinds = [Header.of(name).kind for name in solution.columns]
-    beside = dict.fromkeys(kinds, 0.0)
-    for kind, moved in zip(kinds, np.nan_to_num(amplitude, posinf=np.inf).tolist(), strict=True):
-        beside[kind] = max(beside[kind], moved)
-    return np.maximum(_AT_REST * np.array([beside[kind] for kind in kinds]), _ROUNDING * largest)
+    of_kind = dict.fromkeys(kinds, 0.0)
+    for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
+        of_kind[kind] = max(of_kind[kind], value)
+    return np.maximum(
+        _REST_TO_OTHERS * np.array([of_kind[kind] for kind in kinds]), _REST_TO_VALUES * largest
+    )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,29 +73,15 @@ class Animation:
 
 
 class Views(Protocol):
-    """The functions of `beamdae.views` that methods of results call."""
+    """Functions of `beamdae.views` that methods of results call, with the types they return."""
 
-    def save_plot(self, plot: Plot, path: str | Path) -> Path: ...
-
-    def plot_time_series(self, run: Any, *names: str) -> Plot: ...
-
-    def plot_equilibrium_path(self, equilibrium: Any, names: Sequence[str]) -> Plot: ...
-
-    def plot_frequency_response(self, response: Any, column: str) -> Plot: ...
-
-    def plot_section_forces(self, forces: Any, what: str, t: float | None) -> Plot: ...
-
-    def animate(
-        self,
-        solution: Any,
-        path: str | Path | None,
-        speed: float,
-        frames: int | None,
-        color: str | None,
-        trail: Any,
-    ) -> Animation | Path: ...
-
-    def summarize_as_html(self, solution: Any) -> str: ...
+    animate: Callable[..., Animation | Path]
+    plot_equilibrium_path: Callable[..., Plot]
+    plot_frequency_response: Callable[..., Plot]
+    plot_section_forces: Callable[..., Plot]
+    plot_time_series: Callable[..., Plot]
+    save_plot: Callable[..., Path]
+    summarize_as_html: Callable[..., str]
 
 
 def load_views() -> Views:

@@ -118,7 +118,7 @@ class Equilibrium:
 
     @property
     def stable(self) -> bool:
-        """Whether the end of the path is stable under constant loads."""
+        """True if the end of the path is stable under constant loads."""
         return bool(self.unstable[-1] == 0) and not self.free
 
     @property
@@ -260,8 +260,9 @@ class Equilibrium:
         free = ""
         if self.free and self.status.success:
             free = (
-                f"{self.free}: it is free to move without stiffness, so the equilibrium is arbitrary "
-                "along a motion in which this coordinate moves most; add a spring or a joint."
+                f"{self.free}: it is free to move without stiffness, so the equilibrium is "
+                "arbitrary along a motion in which this coordinate moves most; add a spring or a "
+                "joint."
             )
         beams = (beam.warning for beam in self.validity)
         return tuple(filter(None, (*self.notes, free, *beams)))

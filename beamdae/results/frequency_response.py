@@ -48,7 +48,7 @@ class ResponsePoint:
 
     @property
     def stable(self) -> bool:
-        """Whether no disturbance grows."""
+        """True if no disturbance grows."""
         return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 
@@ -105,7 +105,7 @@ class FrequencyResponse:
         }
 
     def plot(self, column: str) -> Plot:
-        """Plot the half range of an observed column over the parameter; unstable parts are dashed."""
+        """Plot the half range of an observed column over the parameter; dashed where unstable."""
         return load_views().plot_frequency_response(self, column)
 
     @property
@@ -139,7 +139,7 @@ class FrequencyResponse:
         return peaks
 
     def curve(self, column: str) -> tuple[Array, Array]:
-        """Return the parameter and the half range of an observed column of each motion, (k,) each."""
+        """Return the parameter and the half range of an observed column, (k,) each."""
         if self.points:
             require_choice(
                 "frequency_response", "column", column, list(self.points[0].solution.columns)

@@ -11,7 +11,7 @@ Kind = Literal["ok", "limited", "interrupted", "failed"]
 
 @dataclass(frozen=True)
 class Status:
-    """How a run ended.
+    """Status of a run: how it ended, and why.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Status:
 
     @property
     def success(self) -> bool:
-        """Whether the run reached its end."""
+        """True if the run reached its end."""
         return self.kind == "ok"
 
     def is_unreliable(self, has_pending_event: bool) -> bool:

@@ -58,7 +58,7 @@ class PeriodicMotion:
 
     @property
     def stable(self) -> bool:
-        """Whether the search converged and no disturbance grows."""
+        """True if the search converged and no disturbance grows."""
         limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
         return self.status.success and largest_modulus(self.multipliers) <= limit
 
@@ -76,7 +76,7 @@ class PeriodicMotion:
         return f"unstable: disturbances grow by {abs(multiplier):.6g} in a period, {growth}"
 
     def amplitudes(self) -> pd.DataFrame:
-        """Return one row per observed column: mean, half range, minimum and maximum of the period."""
+        """Return mean, half range, minimum and maximum of each observed column, one row each."""
         import pandas as pd
 
         rows = {}

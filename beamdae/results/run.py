@@ -95,7 +95,7 @@ class Run:
         return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
     def coordinate_table(self) -> tuple[list[str], Array]:
-        """Return headers and rows (k, 1 + 2 n + m) of time, coordinates, velocities, multipliers."""
+        """Return headers and rows (k, 1 + 2n + m) of time, coordinates, velocities, multipliers."""
         e = self.equations
         columns = [
             *e.coordinates,

@@ -460,11 +460,11 @@ def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    def second(_):
+    def second(*_):
         raise AssertionError("went again")
 
     monkeypatch.setattr("beamdae.integrators.ida.stepper.IdaStepper.advance", interrupted)
-    monkeypatch.setattr("beamdae.verification.error_estimate", second)
+    monkeypatch.setattr("beamdae.verification.estimate_errors", second)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)
     assert "interrupted at t = 0 s" in result.output

@@ -185,11 +185,11 @@ def test_interrupt_while_building_ends_the_run(here):
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.verification as verification
-again = verification._again
+again = verification._run_again
 def struck(*arguments):
     strike()
     return again(*arguments)
-verification._again = struck
+verification._run_again = struck
 """
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py")

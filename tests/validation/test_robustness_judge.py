@@ -150,7 +150,7 @@ def test_the_thinned_sample_has_each_public_name_with_each_value(monkeypatch):
         (("ok", "", np.nan, 50.0, ""), "energies do not close"),
         (("ok", "", 0.2, 50.0, "beam: it bends far."), ""),
         (("ok", "", 1e-3, 101.0, ""), "from the other methods"),
-        (("ok", "", 1e-3, 101.0, "tip: its error is put at 0.1."), ""),
+        (("ok", "", 1e-3, 101.0, "tip: the estimated error is 0.1."), ""),
         (("failed", "the residual is not finite", np.nan, np.nan, ""), ""),
         (("failed", "", 1e-3, 1.0, ""), "it ended failed"),
         (("interrupted", "by the user", 1e-3, 1.0, ""), "it ended interrupted"),

@@ -214,7 +214,7 @@ class _LoadCollector:
         return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
 
     def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
-        """Return the forces on the local coordinates, as on the left-hand side, (rows, count, .)."""
+        """Return the forces on the local coordinates, on the left-hand side, (rows, count, .)."""
         statement, (q, v, a, lam) = entry.statement, self._state
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
         data = np.tile(statement.data.T, (self._rows, 1))
@@ -259,7 +259,7 @@ class _LoadCollector:
     def _equivalent_wrenches(self, at: list[SectionFunction], force: Array) -> Array:
         """Return wrenches at sections that do the virtual work of a force on the coordinates.
 
-        The equality holds in the least-squares sense if the sections are fewer than the coordinates.
+        The equality holds in the least-squares sense if there are fewer sections than coordinates.
         """
         motion = self._evaluate_motion(at)
         size, count = at[0].operator.shape[0], len(at)

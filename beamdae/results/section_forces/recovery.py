@@ -245,8 +245,8 @@ def _require_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
     if not isinstance(part, Beam) or parts.get(part.name) is not part:
         beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
         raise BeamdaeError(
-            f"section_forces: beam must be a beam of the mechanism that ran ({beams or 'it has none'}"
-            f"), got {short_repr(beam)}."
+            "section_forces: beam must be a beam of the mechanism that ran "
+            f"({beams or 'it has none'}), got {short_repr(beam)}."
         )
     return part
 
@@ -278,7 +278,10 @@ def _default_sections(
     state: State,
     groups: list[RowGroup],
 ) -> tuple[Array, Array]:
-    """Return arc lengths between element boundaries and loads, and whether they precede a load."""
+    """Return arc lengths at and between element boundaries and loads.
+
+    The second array is true for sections that are evaluated just before a load.
+    """
     length = beam.length
     near, jumps = _SAME_SECTION * length, [0.0, length]
     for rows, factors in groups:
