@@ -1,4 +1,4 @@
-"""How much memory there is, told before it is asked for."""
+"""Memory available to this process, compared with a requirement before it is allocated."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from pathlib import Path
 from beamdae.errors import BeamdaeError
 
 _BYTES_PER_GIGABYTE = 1e9
-# Address space, which such limits are about, over memory in use: 2.8 in a run of 10 000 elements.
-# SuperLU breaks down with the process where it is short.
+_BYTES_PER_KILOBYTE = 1024.0
+# Address space, which limits apply to, over memory in use: 2.8 in a run of 10 000 elements. SuperLU
+# crashes the process where address space runs out.
 _ADDRESS_SPACE_RATIO = 2.5
 
 
 def available_memory() -> float:
-    """Memory [bytes] this process can still get; infinite where the system does not tell.
+    """Return the memory [bytes] this process can still get; infinite if the system does not say.
 
-    What other processes leave of the machine's, and what a limit (`ulimit -v`) leaves.
+    It is the smaller one of the free memory of the machine and what a limit (`ulimit -v`) leaves.
     """
     return min(_free_physical_memory(), _free_address_space())
 
@@ -25,11 +26,11 @@ def _free_physical_memory() -> float:
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         kilobytes = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
-        return 1024.0 * float(kilobytes)
+        return _BYTES_PER_KILOBYTE * float(kilobytes)
     except (OSError, StopIteration):
         pass
     try:
-        # Of what is in use nothing is known here.
+        # Total memory: these systems do not tell how much is in use.
         return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):
         return float("inf")
@@ -48,22 +49,22 @@ def _free_address_space() -> float:
         return float("inf")
 
 
-def require_memory(part: str, what: str, needed: float, remedy: str) -> None:
-    """Refuse what needs more memory [bytes] than there is.
+def require_memory(part: str, purpose: str, required: float, remedy: str) -> None:
+    """Require that `required` bytes of memory are available.
 
     Raises
     ------
     BeamdaeError
-        With what is needed, what there is, and what helps.
+        With the required and the available memory, and the remedy.
     """
-    there = available_memory()
-    if needed > there:
+    available = available_memory()
+    if required > available:
         raise BeamdaeError(
-            f"{part}: {what} needs about {format_gigabytes(needed)} of memory, {format_gigabytes(there)} are "
-            f"left; {remedy}."
+            f"{part}: {purpose} needs about {format_gigabytes(required)} of memory, "
+            f"{format_gigabytes(available)} are left; {remedy}."
         )
 
 
 def format_gigabytes(size: float) -> str:
-    """A size [bytes] to be read."""
+    """Return a size [bytes] as text, in gigabytes."""
     return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"

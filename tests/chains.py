@@ -58,7 +58,7 @@ def matrices(equations, step):
         predicted = StepPrediction(q, v, a, q, coefficients)
         found[name] = (form.pattern, form.jacobian(time, predicted, x))
     start = StateEvaluator(equations)
-    nonzeros = start.saddle(time, q, v, a, (0.0, 0.0, 1.0))
+    nonzeros = start.saddle_matrix(time, q, v, a, (0.0, 0.0, 1.0))
     return {**found, "start": (start.sums.saddle_pattern, nonzeros)}
 
 

@@ -1,4 +1,4 @@
-"""What results measure of a run, as functions of its states: one row a state."""
+"""Observed columns and energy balance of a run, evaluated at rows of states."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
-# States whose books are kept at once: as many as stay in the caches.
-_NUMBERS_AT_ONCE, _ROWS_AT_ONCE = 100_000, 1024
+# Rows evaluated at once: as many as stay in the caches.
+_MAX_NUMBERS_AT_ONCE = 100_000
+_MAX_ROWS_AT_ONCE = 1024
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
-_N_NORMS = 5
-# What tables hold besides the observed columns.
+_N_FORCE_NORMS = 3  # of F + G^T lam, G^T lam and F at a = 0
+_N_GAP_NORMS = 2  # of g and g_dot
+
+# Headers of tables besides the observed columns.
 TIME = "t [s]"
 LEDGER_COLUMNS = tuple(
     f"energy.{name.replace(' ', '_')} [J]" for name in (*ENERGIES, *WORKS, "imbalance")
@@ -32,29 +35,29 @@ DRIFT_COLUMNS = ("drift.position", "drift.velocity")
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """All observed columns, in the order of `observables`."""
+    """Evaluates all observed columns, in the order of `observables`."""
 
     equations: EquationsOfMotion
 
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-        """Rows of the columns at states (q, v, a, lam) at (t, branch)."""
-        e, found = self.equations, [np.zeros((len(times), 0))]
+        """Return rows of the columns at rows of (t, branch) and states (q, v, a, lam)."""
+        e, blocks = self.equations, [np.zeros((len(times), 0))]
         for o in e.observables:
             local = (np.asarray(o.operator @ x.T).T for x in (q, v))
-            found.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
-        return np.hstack(found)
+            blocks.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
+        return np.hstack(blocks)
 
 
 @dataclass(frozen=True)
 class BalancePlan:
-    """What keeps the books of a run, see `plan_balance`.
+    """Sum that evaluates energies, powers and residuals, see `plan_balance`.
 
     Attributes
     ----------
     n, m
         Numbers of coordinates and constraints.
     total
-        `assemble_balance` of (q, v, a, lam).
+        `assemble_balance` over (q, v, a, lam).
     """
 
     n: int
@@ -62,20 +65,20 @@ class BalancePlan:
     total: SumPlan
 
     def rows(self, p: Array) -> BalanceRows:
-        """What evaluates it at rows of states, with the numbers of a model, for one run alone."""
+        """Return an evaluator for rows of states with the numbers p of a model, for one run."""
         return BalanceRows(self, p)
 
     def buffers(self, native: bool, p: Array) -> BalanceBuffers:
-        """What `evaluate_balance` works on."""
+        """Return the buffers of `evaluate_balance`."""
         size = 3 * self.n + self.m
-        rows = int(np.clip(_NUMBERS_AT_ONCE // max(size, 1), 1, _ROWS_AT_ONCE))
+        rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
         return BalanceBuffers(
             self.total.sum(native, p),
             self.n,
             self.m,
             times=np.zeros((rows, 2)),
             states=np.zeros((rows, size)),
-            found=np.zeros((rows, N_BALANCE_SCALARS + _N_NORMS)),
+            results=np.zeros((rows, N_BALANCE_SCALARS + _N_FORCE_NORMS + _N_GAP_NORMS)),
             value=np.zeros(N_BALANCE_SCALARS + size + self.m),
             ones=np.ones(max(self.n, self.m)),
         )
@@ -83,7 +86,7 @@ class BalancePlan:
 
 @dataclass(slots=True)
 class BalanceBuffers:
-    """Rows of a run whose books are kept.
+    """Rows of states and their energies, powers and norms.
 
     Attributes
     ----------
@@ -91,12 +94,12 @@ class BalanceBuffers:
         See `BalancePlan`.
     times, states
         (t, branch) and (q, v, a, lam) of the rows.
-    found
+    results
         Energies, powers and norms of the rows.
     value, ones
-        The sum at one of them, and weights of its norms.
-    filled
-        How many rows there are.
+        The sum at one row, and the weights of its norms.
+    n_rows
+        Number of rows in use.
     """
 
     total: Sum
@@ -104,35 +107,34 @@ class BalanceBuffers:
     m: int
     times: Array
     states: Array
-    found: Array
+    results: Array
     value: Array
     ones: Array
-    filled: int = 0
+    n_rows: int = 0
 
 
 def evaluate_balance(run: BalanceBuffers) -> int:
-    """Energies, powers and norms of all rows there are."""
+    """Evaluate energies, powers and norms of the rows in use."""
     n, m, value = run.n, run.m, run.value
     on_q, on_g = run.ones[:n], run.ones[:m]
-    levels = N_BALANCE_SCALARS + 3 * n
-    for i in range(run.filled):
+    forces = N_BALANCE_SCALARS
+    gaps = forces + _N_FORCE_NORMS * n
+    for i in range(run.n_rows):
         combine(run.total.shared, (1.0,), (run.times[i],))
         evaluate_sum(run.total, run.states[i], value)
-        row = run.found[i]
-        combine(row[:N_BALANCE_SCALARS], (1.0,), (value[:N_BALANCE_SCALARS],))
-        for k in range(3):
-            row[N_BALANCE_SCALARS + k] = max_norm(
-                value[N_BALANCE_SCALARS + k * n : N_BALANCE_SCALARS + (k + 1) * n], on_q
-            )
-        for k in range(2):
-            row[N_BALANCE_SCALARS + 3 + k] = max_norm(
-                value[levels + k * m : levels + (k + 1) * m], on_g
+        row = run.results[i]
+        combine(row[:forces], (1.0,), (value[:forces],))
+        for k in range(_N_FORCE_NORMS):
+            row[forces + k] = max_norm(value[forces + k * n : forces + (k + 1) * n], on_q)
+        for k in range(_N_GAP_NORMS):
+            row[forces + _N_FORCE_NORMS + k] = max_norm(
+                value[gaps + k * m : gaps + (k + 1) * m], on_g
             )
     return DONE
 
 
 class BalanceRows:
-    """Keeps the books of one run, in machine code where that can be had."""
+    """Evaluates the balance of one run, in machine code if available."""
 
     def __init__(self, balance: BalancePlan, p: Array) -> None:
         self._run, self._loop = prepare_loop(
@@ -140,40 +142,38 @@ class BalanceRows:
         )
 
     def __call__(self, times: Array, *state: Array) -> Array:
-        """Rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
-        run, found = self._run, np.empty((len(times), self._run.found.shape[1]))
+        """Return rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
+        run, results = self._run, np.empty((len(times), self._run.results.shape[1]))
         ends = np.cumsum([x.shape[1] for x in state])[:-1]
         columns = np.split(run.states, ends, axis=1)
-        # In between Python hears of Ctrl-C.
+        # Ctrl-C takes effect between two blocks of rows.
         for first in range(0, len(times), len(run.times)):
-            some = slice(first, first + len(run.times))
-            run.filled = len(times[some])
-            run.times[: run.filled] = times[some]
+            block = slice(first, first + len(run.times))
+            run.n_rows = len(times[block])
+            run.times[: run.n_rows] = times[block]
             for column, x in zip(columns, state, strict=True):
-                column[: run.filled] = x[some]
-            self._keep()
-            found[some] = run.found[: run.filled]
-        return found
-
-    def _keep(self) -> None:
-        if self._loop is not None:
-            self._loop()
-            return
-        # Forces beyond all numbers are told of by their norms.
-        with np.errstate(over="ignore", invalid="ignore"):
-            evaluate_balance(self._run)
+                column[: run.n_rows] = x[block]
+            if self._loop is not None:
+                self._loop()
+            else:
+                # Norms report forces that overflow.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    evaluate_balance(run)
+            results[block] = run.results[: run.n_rows]
+        return results
 
 
 @cache_on_owner
 def plan_balance(e: Structure) -> BalancePlan:
-    """(3) `ENERGIES` [J], (3) powers of `WORKS` [W], and what shows how good a state is.
+    """Return the plan of energies (3) [J], powers of the works (3) [W] and five norms.
 
-    The latter are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+    The norms are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot. Energies
+    and works are those of `ENERGIES` and `WORKS`.
     """
-    at = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
-    return BalancePlan(e.n, e.m, assemble_balance(e, at).vector())
+    layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
+    return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector())
 
 
 def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
-    """Rows (energies, powers, norms) at rows of states, see `plan_balance`; for one run alone."""
+    """Return an evaluator of rows (energies, powers, norms), see `plan_balance`; for one run."""
     return plan_balance(equations.structure).rows(equations.p)

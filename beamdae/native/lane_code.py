@@ -1,4 +1,10 @@
-"""LLVM IR of kernels across elements: the instructions of an SX function, a vector lane a copy."""
+"""LLVM IR of kernels: the instructions of an SX function, with one copy per vector lane.
+
+Each operation does what the virtual machine of CasADi does, with NaN, infinities and signed zeros.
+Operations that are not exact by IEEE 754 are left to the functions of the C library, one lane at a
+time, so that results have the same bits. (Sign and payload of a NaN are not preserved: no rule says
+which operand they come from.)
+"""
 
 from __future__ import annotations
 
@@ -14,10 +20,11 @@ import casadi as ca
 
 from beamdae.native.llvm import MachineCodeError, library_address
 
+# Copies per vector.
 LANE_WIDTH = 8
 
-# {r} is the result, {T} the type of the operands {x} and {y}, {B} that of truth values, {s} the
-# suffix of intrinsics.
+# {r}: result, {T}: type of the operands {x} and {y}, {B}: type of truth values, {s}: suffix of
+# intrinsics.
 _INLINE_TEMPLATES = {
     ca.OP_ADD: "{r} = fadd {T} {x}, {y}",
     ca.OP_SUB: "{r} = fsub {T} {x}, {y}",
@@ -50,7 +57,7 @@ _INLINE_TEMPLATES = {
         "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n"
         "{r} = select {B} {r}.a, {T} zeroinitializer, {T} {y}"
     ),
-    # The other one in place of a NaN, and of two zeros the first.
+    # The other operand in place of a NaN; the first one of two zeros.
     ca.OP_FMIN: (
         "{r}.a = fcmp ogt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
@@ -59,7 +66,7 @@ _INLINE_TEMPLATES = {
         "{r}.a = fcmp olt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
     ),
-    # A zero and a NaN stay as they are.
+    # Zeros and NaN are returned unchanged.
     ca.OP_SIGN: (
         "{r}.a = fcmp olt {T} {x}, zeroinitializer\n{r}.b = fcmp ogt {T} {x}, zeroinitializer\n"
         "{r}.c = select {B} {r}.b, {T} {one}, {T} {x}\n"
@@ -93,12 +100,22 @@ _LIBRARY_NAMES = {
     ca.OP_REMAINDER: "remainder",
 }
 
-
 LIBRARY_FUNCTIONS = tuple(dict.fromkeys(_LIBRARY_NAMES.values()))
+_BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 
 class OperandType(NamedTuple):
-    """Types of one number, or of a vector of them; the operations in them."""
+    """LLVM type of scalars or vectors, with the operations in it.
+
+    Attributes
+    ----------
+    number
+        The type.
+    inline
+        Operation of CasADi -> instructions, with {r}, {x} and {y} to be replaced.
+    functions
+        Prefix of the functions that stand for those of the C library.
+    """
 
     number: str
     inline: dict[int, str]
@@ -106,18 +123,18 @@ class OperandType(NamedTuple):
 
 
 def format_constant(value: float) -> str:
-    """A constant to the last bit."""
+    """Return a constant as its bits."""
     return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
 
 
 def _operand_type(number: str, truth: str, suffix: str, functions: str, lanes: int) -> OperandType:
-    words = {"{T}": number, "{B}": truth, "{s}": suffix}
+    replacements = {"{T}": number, "{B}": truth, "{s}": suffix}
     for name, value in (("{one}", 1.0), ("{minus_one}", -1.0)):
-        each = ", ".join([f"double {format_constant(value)}"] * lanes)
-        words[name] = f"<{each}>" if lanes > 1 else format_constant(value)
+        elements = ", ".join([f"double {format_constant(value)}"] * lanes)
+        replacements[name] = f"<{elements}>" if lanes > 1 else format_constant(value)
     inline = dict(_INLINE_TEMPLATES)
-    for word, text in words.items():
-        inline = {operation: lines.replace(word, text) for operation, lines in inline.items()}
+    for placeholder, text in replacements.items():
+        inline = {operation: ir.replace(placeholder, text) for operation, ir in inline.items()}
     return OperandType(number, inline, functions)
 
 
@@ -127,18 +144,13 @@ LANES = _operand_type(
 )
 
 
-def library_function_name(operation: int) -> str | None:
-    """The function of the C library that an operation calls, if it does."""
-    return _LIBRARY_NAMES.get(operation)
-
-
 def is_supported(operation: int) -> bool:
-    """Whether `write_operation` has this operation."""
+    """Return True if `write_operation` can write this operation of CasADi."""
     return operation in _INLINE_TEMPLATES or operation in _LIBRARY_NAMES
 
 
 def write_operation(kind: OperandType, operation: int, result: str, x: str, y: str) -> str:
-    """IR of one operation; of a unary one y is not read."""
+    """Return the IR of one operation; a unary one ignores y."""
     if operation in _LIBRARY_NAMES:
         name = _LIBRARY_NAMES[operation]
         operands = ", ".join(f"{kind.number} {z}" for z in (x, y)[: _count_arguments(name)])
@@ -147,30 +159,28 @@ def write_operation(kind: OperandType, operation: int, result: str, x: str, y: s
 
 
 def _count_arguments(name: str) -> int:
-    """Number of arguments of a function of the C library."""
-    binary = ("pow", "atan2", "hypot", "fmod", "remainder")
-    return 2 if name in binary else 1
+    return 2 if name in _BINARY_FUNCTIONS else 1
 
 
 def write_lane_wrapper(name: str) -> str:
-    """IR that declares a function of the C library and calls it a lane at a time.
+    """Return IR that declares a function of the C library and calls it for each lane.
 
-    A lane with the operands of the one before it has its result: lanes to spare cost nothing. By
-    another name: LLVM would put other functions in the place of those it knows.
+    A lane with the operands of the one before it takes over its result, so that padding lanes cost
+    nothing. The function has a name of its own: LLVM would replace functions whose names it knows.
     """
     operands = "xy"[: _count_arguments(name)]
-    plain = ", ".join(["double"] * len(operands))
-    lanes = ", ".join(f"{LANES.number} %{z}" for z in operands)
+    scalar_types = ", ".join(["double"] * len(operands))
+    parameters = ", ".join(f"{LANES.number} %{z}" for z in operands)
     body = []
     for lane in range(LANE_WIDTH):
         for z in operands:
             body += [
                 f"%{z}{lane} = extractelement {LANES.number} %{z}, i32 {lane}",
-                # Zeros that are equal may differ in their sign.
+                # Compare bits: zeros that are equal may differ in their sign.
                 f"%{z}{lane}.b = bitcast double %{z}{lane} to i64",
             ]
-    given = [", ".join(f"double %{z}{lane}" for z in operands) for lane in range(LANE_WIDTH)]
-    body += [f"%f0 = call double @libm.{name}({given[0]})", "br label %next0", "next0:"]
+    arguments = [", ".join(f"double %{z}{lane}" for z in operands) for lane in range(LANE_WIDTH)]
+    body += [f"%f0 = call double @libm.{name}({arguments[0]})", "br label %next0", "next0:"]
     for lane in range(1, LANE_WIDTH):
         last = lane - 1
         body += [f"%{z}{lane}.s = icmp eq i64 %{z}{lane}.b, %{z}{last}.b" for z in operands]
@@ -178,20 +188,20 @@ def write_lane_wrapper(name: str) -> str:
             f"%s{lane} = and i1 %{operands[0]}{lane}.s, %{operands[-1]}{lane}.s",
             f"br i1 %s{lane}, label %next{lane}, label %call{lane}",
             f"call{lane}:",
-            f"%g{lane} = call double @libm.{name}({given[lane]})",
+            f"%g{lane} = call double @libm.{name}({arguments[lane]})",
             f"br label %next{lane}",
             f"next{lane}:",
             f"%f{lane} = phi double [%f{last}, %next{last}], [%g{lane}, %call{lane}]",
         ]
     for lane in range(LANE_WIDTH):
-        before = "poison" if lane == 0 else f"%r{lane - 1}"
+        vector = "poison" if lane == 0 else f"%r{lane - 1}"
         body.append(
-            f"%r{lane} = insertelement {LANES.number} {before}, double %f{lane}, i32 {lane}"
+            f"%r{lane} = insertelement {LANES.number} {vector}, double %f{lane}, i32 {lane}"
         )
     return "\n".join(
         [
-            f"declare double @libm.{name}({plain}) nounwind willreturn memory(none)",
-            f"define internal {LANES.number} @lanes.{name}({lanes}) noinline nounwind {{",
+            f"declare double @libm.{name}({scalar_types}) nounwind willreturn memory(none)",
+            f"define internal {LANES.number} @lanes.{name}({parameters}) noinline nounwind {{",
             *body,
             f"ret {LANES.number} %r{LANE_WIDTH - 1}",
             "}",
@@ -200,40 +210,55 @@ def write_lane_wrapper(name: str) -> str:
 
 
 def write_lane_module(function: ca.Function) -> str:
-    """LLVM IR of an SX function of (shared, local) with one dense output.
+    """Return LLVM IR of an SX function of (shared, local) with one dense output.
 
     Raises
     ------
     ValueError
-        If it has an operation that cannot be compiled.
+        If the function has another form, or an operation that cannot be compiled.
     """
-    writer = _write_function(function)
-    if writer is None or any(f"libm.{name}" not in library_imports() for name in writer.library):
+    require_lane_form(function)
+    writer = _LaneWriter(function.name())
+    is_complete = _write_instructions(function, writer)
+    if not is_complete or any(f"libm.{x}" not in library_imports() for x in writer.library):
         raise ValueError(f"{function.name()}: it has operations that cannot be compiled.")
-    return writer.source
+    return writer.module
 
 
 @cache
 def library_imports() -> dict[str, int]:
-    """Addresses of the functions of the C library that there are."""
-    found = {}
+    """Return the addresses of `LIBRARY_FUNCTIONS`, without those that this system lacks."""
+    addresses = {}
     for name in LIBRARY_FUNCTIONS:
         with suppress(MachineCodeError):
-            found[f"libm.{name}"] = library_address(name)
-    return found
+            addresses[f"libm.{name}"] = library_address(name)
+    return addresses
 
 
 @cache
 def describe_writer() -> tuple[str, ...]:
-    """What writes the IR of a function."""
+    """Return everything besides a function that determines its IR."""
     return f"casadi {version('casadi')}", Path(__file__).read_text("utf-8")
+
+
+class _Operand(NamedTuple):
+    is_vector: bool
+    text: str
 
 
 @dataclass
 class _LaneWriter:
-    """IR of one function: what all copies share, then what is each copy's own.
+    """IR of one function.
 
-    Operands are named by whether they are vectors, and by their text.
+    Attributes
+    ----------
+    name
+        Name of the function.
+    before, group
+        Instructions on numbers that all copies share, executed once, and those executed for each
+        group of `LANE_WIDTH` copies.
+    library
+        Functions of the C library that it calls.
     """
 
     name: str
@@ -242,47 +267,43 @@ class _LaneWriter:
     library: set[str] = field(default_factory=set)
     _broadcast: dict[str, str] = field(default_factory=dict)
 
-    def shared(self, result: str, row: int) -> tuple[bool, str]:
+    def load_shared(self, result: str, row: int) -> _Operand:
         self.before += [
             f"{result}.p = getelementptr double, ptr %shared, i64 {row}",
             f"{result} = load double, ptr {result}.p, align 8",
         ]
-        return False, result
+        return _Operand(False, result)
 
-    def local(self, result: str, row: int) -> tuple[bool, str]:
-        self._pointer(result, "%local", row)
+    def load_local(self, result: str, row: int) -> _Operand:
+        self._locate_row(result, "%local", row)
         self.group.append(f"{result} = load {LANES.number}, ptr {result}.p, align 8")
-        return True, result
+        return _Operand(True, result)
 
-    def store(self, result: str, row: int, value: tuple[bool, str]) -> None:
-        text = self._lanes(value)
-        self._pointer(result, "%out", row)
+    def store_output(self, result: str, row: int, value: _Operand) -> None:
+        text = self._broadcast_lanes(value)
+        self._locate_row(result, "%out", row)
         self.group.append(f"store {LANES.number} {text}, ptr {result}.p, align 8")
 
-    def operation(
-        self, operation: int, result: str, x: tuple[bool, str], y: tuple[bool, str]
-    ) -> tuple[bool, str]:
-        function = library_function_name(operation)
-        if function is not None:
-            self.library.add(function)
-        if x[0] or y[0]:
-            self.group.append(
-                write_operation(LANES, operation, result, self._lanes(x), self._lanes(y))
-            )
-            return True, result
-        self.before.append(write_operation(SCALAR, operation, result, x[1], y[1]))
-        return False, result
+    def apply(self, operation: int, result: str, x: _Operand, y: _Operand) -> _Operand:
+        if operation in _LIBRARY_NAMES:
+            self.library.add(_LIBRARY_NAMES[operation])
+        if x.is_vector or y.is_vector:
+            lanes_of_x, lanes_of_y = self._broadcast_lanes(x), self._broadcast_lanes(y)
+            self.group.append(write_operation(LANES, operation, result, lanes_of_x, lanes_of_y))
+            return _Operand(True, result)
+        self.before.append(write_operation(SCALAR, operation, result, x.text, y.text))
+        return _Operand(False, result)
 
-    def _pointer(self, result: str, base: str, row: int) -> None:
+    def _locate_row(self, result: str, base: str, row: int) -> None:
         self.group += [
             f"{result}.r = mul i64 %padded, {row}",
             f"{result}.i = add i64 {result}.r, %first",
             f"{result}.p = getelementptr double, ptr {base}, i64 {result}.i",
         ]
 
-    def _lanes(self, value: tuple[bool, str]) -> str:
-        is_vector, text = value
-        if is_vector:
+    def _broadcast_lanes(self, value: _Operand) -> str:
+        text = value.text
+        if value.is_vector:
             return text
         if text not in self._broadcast:
             name = f"%b{len(self._broadcast)}"
@@ -295,8 +316,8 @@ class _LaneWriter:
         return self._broadcast[text]
 
     @property
-    def source(self) -> str:
-        """The module."""
+    def module(self) -> str:
+        """The module with the function and the wrappers of library functions."""
         return "\n".join(
             [
                 *(write_lane_wrapper(name) for name in sorted(self.library)),
@@ -320,36 +341,41 @@ class _LaneWriter:
         )
 
 
-def _write_function(function: ca.Function) -> _LaneWriter | None:
-    """The function's instructions in IR, or None if one of them cannot be compiled."""
-    require_lane_form(function)
-    writer = _LaneWriter(function.name())
-    work: dict[int, tuple[bool, str]] = {}
+def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:
+    """Write the instructions of a function; return False if one of them is not supported."""
+    work: dict[int, _Operand] = {}
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation == ca.OP_OUTPUT:
             (_, row), (source,) = function.instruction_output(k), function.instruction_input(k)
-            writer.store(f"%v{k}", row, work[source])
+            writer.store_output(f"%v{k}", row, work[source])
             continue
         (target,) = function.instruction_output(k)
         if operation == ca.OP_CONST:
-            work[target] = False, format_constant(function.instruction_constant(k))
+            work[target] = _Operand(False, format_constant(function.instruction_constant(k)))
         elif operation == ca.OP_INPUT:
-            which, row = function.instruction_input(k)
-            work[target] = (writer.local if which else writer.shared)(f"%v{k}", row)
+            is_local, row = function.instruction_input(k)
+            load = writer.load_local if is_local else writer.load_shared
+            work[target] = load(f"%v{k}", row)
         elif operation == ca.OP_ASSIGN:
             (source,) = function.instruction_input(k)
             work[target] = work[source]
         elif is_supported(operation):
-            read = [work[i] for i in function.instruction_input(k)]
-            work[target] = writer.operation(operation, f"%v{k}", read[0], read[-1])
+            operands = [work[i] for i in function.instruction_input(k)]
+            work[target] = writer.apply(operation, f"%v{k}", operands[0], operands[-1])
         else:
-            return None
-    return writer
+            return False
+    return True
 
 
 def require_lane_form(function: ca.Function) -> None:
-    """Refuse a function that is not one of (shared, local) with one dense output."""
+    """Require an SX function of (shared, local) with one dense output.
+
+    Raises
+    ------
+    ValueError
+        If the function has another form.
+    """
     shapes = [function.sparsity_in(i) for i in range(function.n_in())]
     shapes += [function.sparsity_out(i) for i in range(function.n_out())]
     if not (
@@ -358,6 +384,6 @@ def require_lane_form(function: ca.Function) -> None:
         and all(shape.is_dense() and shape.size2() == 1 for shape in shapes)
     ):
         raise ValueError(
-            f"{function.name()}: a kernel is an SX function of two columns with one dense column "
-            f"as its output, got {function}."
+            f"{function.name()}: a kernel must be an SX function of two columns with one dense "
+            f"column as its output, got {function}."
         )

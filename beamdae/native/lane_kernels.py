@@ -1,7 +1,7 @@
-"""Kernels across elements: one SX function as machine code, one vector lane an element.
+"""Kernels as machine code: one SX function evaluated for many copies, one copy per vector lane.
 
-The code performs the operations of CasADi's virtual machine in the same order, without
-contraction, so results are the same to the last bit, which is tried whenever one is built.
+The code performs the operations of CasADi's virtual machine in the same order and without
+contraction, so that results agree to the last bit. This is tested whenever a kernel is built.
 """
 
 from __future__ import annotations
@@ -26,15 +26,18 @@ from beamdae.native.object_code import ObjectSource, is_native_enabled, load_obj
 
 Array = np.ndarray
 
-# Straight lines gain nothing from LLVM's passes, which take a third of the time.
+# Straight-line code gains nothing from LLVM's passes, which take a third of the build time.
 _OPTIMIZATION_LEVEL = 0
-# Rows so many numbers apart share few sets of the cache: a tangent takes up to 1.7 times as long.
+# Rows whose length [doubles] is a multiple of this map to few sets of the cache: tangents take up
+# to 1.7 times as long.
 _CACHE_CONFLICT_STRIDE = 128
-_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
+_KERNEL_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
+# Points at which a new kernel is compared with the virtual machine: three vectors of lanes.
+_N_TEST_COPIES = 3 * LANE_WIDTH
 
 
 def pad_copies(copies: int) -> int:
-    """A length of rows for so many copies: whole vectors, and rows that do not evict each other."""
+    """Return the length of rows for so many copies: whole vectors without cache conflicts."""
     length = -(-copies // LANE_WIDTH) * LANE_WIDTH
     return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 
@@ -43,19 +46,20 @@ def pad_copies(copies: int) -> int:
 class LaneKernel:
     """A function of (shared, local) as machine code that evaluates `LANE_WIDTH` copies at once.
 
-    void f(const double *shared, const double *local, double *out, int64_t padded), where `local`
-    is [n_local][padded] and `out` is [n_out][padded]. The address is good as long as this is kept.
+    Its C prototype is void f(const double *shared, const double *local, double *out,
+    int64_t padded), where `local` is [n_local][padded] and `out` is [n_out][padded]. The address is
+    valid as long as this object lives.
 
     Attributes
     ----------
     name
-        Of the function.
+        Name of the function.
     address
-        Of the machine code.
+        Address of the machine code.
     n_shared, n_local, n_out
-        Numbers that all copies share, numbers of each copy, and its results.
+        Number of inputs that all copies share, of inputs of a copy, and of its outputs.
     code
-        What holds the machine code in memory.
+        Keeps the machine code in memory.
     """
 
     name: str
@@ -67,10 +71,10 @@ class LaneKernel:
 
     @cached_property
     def _call(self) -> Any:
-        return _SIGNATURE(self.address)
+        return _KERNEL_SIGNATURE(self.address)
 
     def __call__(self, shared: Array, local: Array, out: Array | None = None) -> Array:
-        """Values (n_out, padded) at shared (n_shared,) and local (n_local, padded).
+        """Return values (n_out, padded) at shared (n_shared,) and local (n_local, padded).
 
         Raises
         ------
@@ -100,50 +104,49 @@ class LaneKernel:
         return out
 
 
-def lane_kernel(function: ca.Function) -> LaneKernel | None:
-    """Machine code of an SX function of two columns, (shared, local), with one dense output.
+def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
+    """Return machine code of an SX function of two columns, (shared, local), with one dense output.
 
-    None where it has an operation that cannot be compiled, or machine code cannot be had or is not
-    wanted.
+    Returns None if the function has an operation that cannot be compiled, or if machine code is
+    unavailable or switched off.
 
     Warns
     -----
     KernelWarning
-        Once a process, of a cache or a machine that cannot be used.
+        Once per process, if the cache or the compiler cannot be used.
     """
     if not is_native_enabled():
         return None
     require_lane_form(function)
     name = function.name()
 
-    def kernel(code: LoadedObject) -> LaneKernel:
+    def wrap_code(code: LoadedObject) -> LaneKernel:
         sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
-    # What the function is written as follows from it and from these: writing takes longer.
-    text = "\n".join([function.serialize(), *describe_writer()])
+    # The IR follows from the function and the writer; writing it to build a cache key takes longer.
     source = ObjectSource(
-        name,
-        text,
-        (name,),
-        library_imports(),
-        _OPTIMIZATION_LEVEL,
-        lambda: write_lane_module(function),
+        name=name,
+        text="\n".join([function.serialize(), *describe_writer()]),
+        symbols=(name,),
+        imports=library_imports(),
+        level=_OPTIMIZATION_LEVEL,
+        ir=lambda: write_lane_module(function),
     )
     try:
-        code = load_object(source, lambda code: _matches_virtual_machine(function, kernel(code)))
+        code = load_object(source, lambda code: _matches_virtual_machine(function, wrap_code(code)))
     except ValueError:
         return None
-    return None if code is None else kernel(code)
+    return None if code is None else wrap_code(code)
 
 
 def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
-    """Whether a kernel gives the bits of CasADi's virtual machine at some points."""
+    """Return True if a kernel has the bits of CasADi's virtual machine at random points."""
     random = np.random.default_rng(0)
     shared = random.uniform(0.5, 1.5, kernel.n_shared)
-    local = random.uniform(0.5, 1.5, (kernel.n_local, 3 * LANE_WIDTH))
-    # As in lanes to spare.
+    local = random.uniform(0.5, 1.5, (kernel.n_local, _N_TEST_COPIES))
+    # Equal copies at the end, as in padding lanes.
     local[:, -LANE_WIDTH // 2 :] = local[:, -1:]
-    found = kernel(shared, local)
+    values = kernel(shared, local)
     expected = np.hstack([function(shared, column).full() for column in local.T])
-    return np.array_equal(found, expected, equal_nan=True)
+    return np.array_equal(values, expected, equal_nan=True)

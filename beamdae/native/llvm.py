@@ -1,6 +1,6 @@
-"""LLVM: IR to objects, objects to addresses.
+"""LLVM: compile IR to objects, load objects into memory.
 
-Where IR comes from does not matter: kernels of `lanes`, or what another compiler printed.
+The origin of the IR does not matter: kernels of `lane_code`, or the output of another compiler.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _library_numbers = count()
 
 
 class MachineCodeError(Exception):
-    """Machine code that cannot be had; the message names what fails and says why."""
+    """Machine code is unavailable; the message names the failing part and the reason."""
 
 
 @cache
 def describe_target() -> tuple[str, ...]:
-    """What an object depends on besides IR and level: system, processor and compiler.
+    """Return system, processor and compiler, which objects depend on besides IR and level.
 
     Raises
     ------
-    MachineError
-        If there is no compiler.
+    MachineCodeError
+        If llvmlite is missing.
     """
     llvmlite = _llvmlite()
     llvm = llvmlite.binding
@@ -39,22 +39,22 @@ def describe_target() -> tuple[str, ...]:
 
 
 def compile_module(ir: str, level: int) -> bytes:
-    """The object of a module of LLVM IR, for this machine.
+    """Return the object of a module of LLVM IR, for this machine.
 
     Parameters
     ----------
     level
-        Of optimization, as in O1: 0 for IR that needs none.
+        Optimization level, as in O1; 0 for IR that needs no passes.
 
     Raises
     ------
-    MachineError
+    MachineCodeError
         If LLVM cannot compile it.
     """
     llvm = _llvmlite().binding
     try:
         target = _target()
-        # Of its own context, which goes with it: the global one keeps every constant.
+        # The context is released with the module; the global one would keep every constant.
         module = llvm.parse_assembly(ir, llvm.create_context())
         module.data_layout = str(target.target_data)
         module.verify()
@@ -66,36 +66,53 @@ def compile_module(ir: str, level: int) -> bytes:
         raise MachineCodeError(f"LLVM cannot compile kernels ({_first_line(problem)})") from problem
 
 
-def link_modules(texts: Iterable[str], wanted: Container[str]) -> str:
-    """One module of LLVM IR of several; of their functions only those wanted have to stay.
+def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
+    """Return one module of LLVM IR of several.
+
+    Functions that are not among `exports` may be removed by the compiler.
 
     Raises
     ------
-    MachineError
-        If two of them have something of one name, or what is no IR.
+    MachineCodeError
+        If a text is not valid IR, or two of them define the same symbol.
     """
     llvm = _llvmlite().binding
     try:
         context = llvm.create_context()
-        whole, *others = (llvm.parse_assembly(text, context) for text in texts)
+        module, *others = (llvm.parse_assembly(text, context) for text in texts)
         for other in others:
-            whole.link_in(other)
+            module.link_in(other)
     except RuntimeError as problem:
         raise MachineCodeError(f"LLVM cannot link loops ({_first_line(problem)})") from problem
-    for function in whole.functions:
-        is_open = not function.is_declaration and function.linkage == llvm.Linkage.external
-        if is_open and function.name not in wanted:
+    for function in module.functions:
+        is_external = not function.is_declaration and function.linkage == llvm.Linkage.external
+        if is_external and function.name not in exports:
             function.linkage = "linkonce_odr"
-    return str(whole)
+    return str(module)
 
 
 class LoadedObject:
-    """An object in memory; its code stays there as long as this does.
+    """An object in memory; its code stays loaded as long as this exists.
+
+    Parameters
+    ----------
+    content
+        An object that `compile_module` returned in this or an earlier process. LLVM ends the
+        process if the bytes are not a valid object.
+    names
+        Exported symbols.
+    imports
+        Addresses of symbols that the object imports, besides those of the process.
 
     Attributes
     ----------
     addresses
-        By name, of the symbols that were asked for.
+        Addresses of the exported symbols by name.
+
+    Raises
+    ------
+    MachineCodeError
+        If a symbol is missing, or the system forbids executing code from memory.
     """
 
     def __init__(
@@ -104,22 +121,6 @@ class LoadedObject:
         names: Iterable[str],
         imports: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        """Load what `compile_module` made, in this or an earlier process, and nothing else.
-
-        LLVM ends the process over bytes that are no object.
-
-        Parameters
-        ----------
-        names
-            Symbols of it whose addresses are wanted.
-        imports
-            Addresses of symbols it takes from outside, besides those of the process itself.
-
-        Raises
-        ------
-        MachineError
-            If a symbol is missing, or nothing may be executed from memory.
-        """
         llvm, engine = _llvmlite().binding, _engine()
         builder = llvm.JITLibraryBuilder().add_object_img(content).add_current_process()
         for name, address in imports.items():
@@ -127,25 +128,25 @@ class LoadedObject:
         for name in names:
             builder.export_symbol(name)
         try:
-            # A library of its own each: objects may have symbols of the same name.
+            # One library per object, as objects may have symbols of the same name.
             library = builder.link(engine, f"{next(_library_numbers)}")
         except RuntimeError as problem:
             raise MachineCodeError(
                 f"LLVM cannot load kernels ({_first_line(problem)})"
             ) from problem
         self.addresses = {name: int(library[name]) for name in names}
-        # The library is released before the engine it is part of.
+        # In this order the library is released before its engine.
         self._library, self._engine = library, engine
 
 
 @cache
 def library_address(name: str) -> int:
-    """Where the process has a function of its mathematical C library, the one CasADi calls.
+    """Return the address of a function of the C math library that CasADi calls.
 
     Raises
     ------
-    MachineError
-        If it has none.
+    MachineCodeError
+        If the library does not have it.
     """
     try:
         return int(ctypes.cast(getattr(_math_library(), name), ctypes.c_void_p).value or 0)
@@ -161,14 +162,14 @@ def _math_library() -> ctypes.CDLL:
         try:
             return ctypes.CDLL("libm.so.6")
         except OSError:
-            pass  # Not of GNU: then it is part of the C library, which every process has.
+            pass  # Without glibc, the functions are part of the C library of the process.
     return ctypes.CDLL(None)
 
 
 def _llvmlite() -> Any:
     try:
         import llvmlite.binding
-    # The latter of a library of it that is not there.
+    # OSError: its shared library is missing.
     except (ImportError, OSError) as problem:
         raise MachineCodeError(
             f"llvmlite cannot be imported ({format_exception(problem)})"

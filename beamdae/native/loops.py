@@ -1,9 +1,9 @@
-"""Loops in machine code: plain Python functions over arrays, compiled by numba once a machine.
+"""Compiled loops: plain Python functions over arrays as machine code, compiled once per machine.
 
-A loop is a function of one object, whose fields are numbers, arrays and such objects again; it may
-set numbers, and what is in arrays. Its machine code is given the numbers and the addresses of the
-arrays in a table, knows nothing of Python, and so releases the interpreter while it runs; it is
-kept like that of kernels, and numba is imported only to make it.
+A loop is a function of one object, whose fields are numbers, arrays and such objects; it may set
+numbers, and entries of arrays. Its machine code gets the numbers and the addresses of the arrays in
+a table, knows nothing of Python, and therefore releases the interpreter while it runs. It is cached
+as that of kernels is; numba is imported only to compile it.
 """
 
 from __future__ import annotations
@@ -31,23 +31,31 @@ from beamdae.native.object_code import ObjectSource, is_native_enabled, load_obj
 Array = np.ndarray
 
 _OPTIMIZATION_LEVEL = 2
-# What the machine code of a loop depends on besides its source.
+# Modules whose source determines the machine code of a loop, besides the loop.
 _RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
-# What stands behind functions of `vectors` that are more than a loop.
+# Implementations of those `loop_functions` whose overloads call further functions.
 _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,
 }
 _LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-# Symbol, function and arguments of what is compiled into one module.
+# (symbol, (function, arguments)) of everything that is compiled into one module.
 _EntryPoints = tuple[tuple[str, tuple[Any, str]], ...]
 
 
 def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledLoop | None]:
-    """What a loop works on, and the loop; None where plain Python has to do.
+    """Return the object that a loop works on, and the compiled loop.
 
-    `make` makes the former, for machine code or for plain Python; `native` is whether the first is
-    possible.
+    The compiled loop is None where the loop runs in plain Python.
+
+    Parameters
+    ----------
+    function
+        The loop.
+    make
+        Makes the object: `make(True)` for machine code, `make(False)` for plain Python.
+    native
+        Whether machine code is possible.
     """
     if native:
         work = make(True)
@@ -57,87 +65,93 @@ def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledL
 
 
 class CompiledLoop:
-    """A loop in machine code, bound to the object it works on.
+    """A loop as machine code, bound to the object it works on.
+
+    Parameters
+    ----------
+    function
+        The loop, `function(work)`; returns an int.
+    work
+        A dataclass of int, float, arrays and such dataclasses.
+    **callbacks
+        (function, arguments) of further C functions `function(work, *arguments)` on the same table.
+        Arguments are "d" for a double, "p" for a pointer, which the function receives as an
+        integer, and "@" for the table.
 
     Attributes
     ----------
     addresses
-        Of C functions: of the loop, whose one argument is the address of `table`, and of callbacks.
+        Addresses of the C functions by name: "loop", whose one argument is the address of `table`,
+        and the callbacks.
     table
-        Numbers and addresses.
+        Numbers of the object and addresses of its arrays, as words of 64 bits.
+
+    Raises
+    ------
+    MachineCodeError
+        If machine code is unavailable or switched off.
     """
 
     def __init__(self, function: Any, work: Any, **callbacks: tuple[Any, str]) -> None:
-        """`function(work)` in machine code, and other functions of the same object.
-
-        Parameters
-        ----------
-        work
-            A dataclass of int, float, arrays and such dataclasses.
-        **callbacks
-            (function, arguments) of C functions `function(work, *arguments)` of the same table:
-            "d" for double, "p" for a pointer, which the function is given as an integer, "@" for
-            the table.
-        """
-        layout = _Layout(work)
+        layout = _TableLayout(work)
         self._numbers, self._kind = layout.numbers, layout.kind
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
         entries = {"loop": (function, "@"), **callbacks}
         self.addresses = _load_entries(tuple(entries.items()), self._kind)
         self._call = _LOOP_SIGNATURE(self.addresses["loop"])
-        # What the table points to.
+        # The table holds addresses of its arrays.
         self._work = work
 
     def __call__(self) -> int:
-        """Run it; numbers of the object go in and come out."""
+        """Run the loop on the current numbers of the object, set them, and return its code."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()
         return int(code)
 
     def bind(self) -> None:
-        """Numbers and arrays of the object, which may be others now, into the table.
+        """Update the table for arrays that have been replaced.
 
-        The table stays where it is: a C function of it may do this while it runs.
+        The table keeps its address, so that a C function of the loop may do this while it runs.
         """
-        layout = _Layout(self._work)
+        layout = _TableLayout(self._work)
         assert layout.kind == self._kind
         self._numbers = layout.numbers
         self.table[:] = layout.words
         self.load()
 
     def load(self) -> None:
-        """The numbers of the object, into the table."""
+        """Copy the numbers of the object into the table."""
         for owner, name, word, kind in self._numbers:
             (self._floats if kind is float else self.table)[word] = getattr(owner, name)
 
     def unload(self) -> None:
-        """The numbers of the table, into the object."""
+        """Copy the numbers of the table into the object."""
         for owner, name, word, kind in self._numbers:
             setattr(owner, name, kind((self._floats if kind is float else self.table)[word]))
 
 
-class _Layout:
-    """Where the fields of an object stand in a table.
+class _TableLayout:
+    """Positions of the fields of an object in a table.
 
     Attributes
     ----------
     words
-        The table.
+        The table, with zeros in place of numbers.
     numbers
-        (owner, name, word, type) of its numbers.
+        (owner, name, word, type) of the numbers.
     kind
-        ((name, word, type), ...): what machine code depends on.
+        (class name, ((field, word, type), ...)): the part that machine code depends on.
     """
 
     def __init__(self, work: Any) -> None:
         self.words: list[int] = []
         self.numbers: list[tuple[Any, str, int, type]] = []
-        self.kind = self._of(work)
+        self.kind = self._add_object(work)
 
-    def _of(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
-        start, found = len(self.words), []
+    def _add_object(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
+        start, entries = len(self.words), []
         for name in _field_names(owner):
             value, word = getattr(owner, name), len(self.words)
             if type(value) is tuple:
@@ -153,31 +167,32 @@ class _Layout:
                 self.words += [value.ctypes.data, *value.shape]
                 kind = (str(value.dtype), value.ndim)
             else:
-                kind = self._of(value)
-            found.append((name, word - start, kind))
-        return type(owner).__name__, tuple(found)
+                kind = self._add_object(value)
+            entries.append((name, word - start, kind))
+        return type(owner).__name__, tuple(entries)
 
 
 def _field_names(owner: Any) -> tuple[str, ...]:
-    """Fields of a dataclass, or of a named tuple."""
+    """Return the fields of a dataclass or a named tuple."""
     return getattr(owner, "_fields", None) or tuple(field.name for field in fields(owner))
 
 
-def _iterate_code(function: FunctionType, found: dict[FunctionType, None]) -> Iterator[str]:
-    """What a function consists of: its bytecode, that of those it calls, and the constants.
+def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> Iterator[str]:
+    """Yield the bytecode of a function and of those it calls, and the constants they read.
 
-    Bytecode is what numba compiles; reading sources takes as long as the steps of a short run.
+    Numba compiles bytecode; reading sources would take as long as the steps of a short run.
+    `visited` collects the functions.
     """
-    if function in found or function.__module__ == loop_functions.__name__:
+    if function in visited or function.__module__ == loop_functions.__name__:
         return
-    found[function] = None
+    visited[function] = None
     code = function.__code__
-    named = (code.co_name, code.co_varnames, code.co_names)
-    yield repr((*named, code.co_code.hex(), code.co_consts, function.__defaults__))
+    names = (code.co_name, code.co_varnames, code.co_names)
+    yield repr((*names, code.co_code.hex(), code.co_consts, function.__defaults__))
     for name in code.co_names:
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
-            yield from _iterate_code(_IMPLEMENTATIONS.get(value, value), found)
+            yield from _iterate_code(_IMPLEMENTATIONS.get(value, value), visited)
         elif isinstance(value, (int, float, complex, tuple)):
             yield f"{name} = {value!r}"
         elif isinstance(value, np.ndarray):
@@ -185,11 +200,11 @@ def _iterate_code(function: FunctionType, found: dict[FunctionType, None]) -> It
 
 
 @cache
-def _versions() -> str:
-    return "\n".join(
-        [f"numba {_numba_version()}", sys.version]
-        + [Path(__file__).with_name(f"{name}.py").read_text("utf-8") for name in _RECIPE_MODULES]
-    )
+def _describe_compiler() -> str:
+    """Return everything besides a loop that determines its IR."""
+    sources = (Path(__file__).with_name(f"{name}.py") for name in _RECIPE_MODULES)
+    texts = [source.read_text("utf-8") for source in sources]
+    return "\n".join([f"numba {_numba_version()}", sys.version, *texts])
 
 
 def _numba_version() -> str:
@@ -200,19 +215,20 @@ def _numba_version() -> str:
 
 
 _loaded_objects: dict[Any, LoadedObject | None] = {}
-# Of two threads that load the same, the second would take the place of what the first runs.
+# If two threads loaded the same loop, the second object would replace the one the first thread runs.
 _loading_lock = threading.Lock()
 
 
 def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
+    """Return the addresses of compiled functions by symbol."""
     if not is_native_enabled():
-        raise MachineCodeError("machine code is not wanted")
+        raise MachineCodeError("machine code is switched off")
     name = entries[0][1][0].__name__
     key = (entries, kind)
     with _loading_lock:
         if key not in _loaded_objects:
             called: dict[FunctionType, None] = {}
-            text = [repr(kind), _versions()]
+            text = [repr(kind), _describe_compiler()]
             for symbol, (function, arguments) in entries:
                 text += [symbol, arguments, *_iterate_code(function, called)]
             source = ObjectSource(
@@ -229,8 +245,8 @@ def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
     return code.addresses
 
 
-def _compile_entries(entries: _EntryPoints, parts: tuple[FunctionType, ...], kind: Any) -> str:
-    """LLVM IR of loops of one object, with everything they need."""
+def _compile_entries(entries: _EntryPoints, functions: tuple[FunctionType, ...], kind: Any) -> str:
+    """Return LLVM IR of loops of one object, with all functions they call."""
     with _pause_garbage_collection():
         try:
             from beamdae.native import numba_compiler
@@ -238,12 +254,12 @@ def _compile_entries(entries: _EntryPoints, parts: tuple[FunctionType, ...], kin
             raise MachineCodeError(
                 f"numba cannot be imported ({format_exception(problem)})"
             ) from problem
-        return numba_compiler.compile_loops(dict(entries), parts, kind)
+        return numba_compiler.compile_loops(dict(entries), functions, kind)
 
 
 @contextmanager
 def _pause_garbage_collection() -> Iterator[None]:
-    """Python looks for garbage later: numba makes objects by the million, most of which stay."""
+    """Pause garbage collection: numba creates millions of objects, most of which stay."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

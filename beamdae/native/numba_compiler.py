@@ -1,4 +1,9 @@
-"""From plain Python to LLVM IR, by numba. Importing this module imports numba."""
+"""Translation of plain Python functions to LLVM IR by numba. Importing this module imports numba.
+
+It replaces internal parts of numba (`_library_class`, `get_executable` and `nrt` of its target), so
+that numba emits IR and nothing else. pyproject.toml therefore limits numba and llvmlite to tested
+versions; for an untested one, `compile_loops` falls back to what numba does by itself.
+"""
 
 from __future__ import annotations
 
@@ -16,43 +21,44 @@ from numba.core.runtime import rtsys
 from numba.core.runtime.context import NRTContext
 
 from beamdae.errors import format_exception
-from beamdae.native import overloads, structs
+from beamdae.native import overloads as _overloads  # noqa: F401 registers them with numba
+from beamdae.native import structs
 from beamdae.native.llvm import MachineCodeError, link_modules
 
-_NUMBERS = {"int": numba.int64, "float": numba.float64}
-_ARGUMENTS = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
-# What numba's code calls where something is raised, or an array is freed: loops do neither.
+_NUMBER_TYPES = {"int": numba.int64, "float": numba.float64}
+_ARGUMENT_TYPES = {"d": numba.float64, "p": numba.int64, "@": numba.types.CPointer(numba.int64)}
+# Functions that numba's code calls to raise errors or free arrays; loops do neither.
 _RAISING = re.compile(r"^declare ([^@]*)@((?:Py|NRT_|numba_)\w+)\(([^)]*)\).*$", re.MULTILINE)
-# Whose memory arrays are: here always somebody else's.
+# Reference counting of arrays, whose memory always belongs to Python.
 _COUNTING = re.compile(
     r"^define [^@\n]*@(NRT_incref|NRT_decref)\(.*?^\}$", re.MULTILINE | re.DOTALL
 )
 _EXCEPTIONS = re.compile(r"^(@PyExc_\w+ = )external (global i8).*$", re.MULTILINE)
 
-# By which Python would call it.
+# Entry points for calls from Python, which loops do not need.
 _WRAPPER_OPTIONS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-# Between texts of modules.
+# Separates the texts of modules.
 _MODULE_SEPARATOR = "\n; next\n"
 
 _registered_functions: set[FunctionType] = set()
 
 
 class _IrLibrary(JITCodeLibrary):
-    """A function as IR alone.
+    """The code of a function as IR only.
 
-    Numba by itself optimizes every function twice, makes machine code of it, and copies it and all
-    it calls into every caller, which takes two thirds of the time; `machine` does all of that
-    once, for the whole loop.
+    By default numba optimizes every function twice, compiles it to machine code, and copies it with
+    all functions it calls into every caller, which takes two thirds of the time. `llvm` does all of
+    this once, for the whole loop.
     """
 
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
-        self._own: list[str] = []
+        self._modules: list[str] = []
 
     def add_ir_module(self, ir_module: Any) -> None:
         self._raise_if_finalized()
-        self._own.append(str(ir_module))
+        self._modules.append(str(ir_module))
 
     def finalize(self) -> None:
         self._raise_if_finalized()
@@ -63,29 +69,29 @@ class _IrLibrary(JITCodeLibrary):
         return 0
 
     def get_llvm_str(self) -> str:
-        return _MODULE_SEPARATOR.join(self._texts(set()))
+        return _MODULE_SEPARATOR.join(self._iterate_modules(set()))
 
-    def _texts(self, found: set[Any]) -> Iterator[str]:
-        """Of it and of all that it calls, each once."""
-        found.add(self)
-        yield from self._own
+    def _iterate_modules(self, visited: set[Any]) -> Iterator[str]:
+        """Yield its modules and those of all functions it calls, each once."""
+        visited.add(self)
+        yield from self._modules
         for library in self._linking_libraries:
-            if library in found:
+            if library in visited:
                 continue
             if isinstance(library, _IrLibrary):
-                yield from library._texts(found)
-            # That one counts and frees arrays.
+                yield from library._iterate_modules(visited)
+            # rtsys counts references and frees arrays.
             elif library is not rtsys.library:
-                found.add(library)
+                visited.add(library)
                 yield library.get_llvm_str()
 
     def _get_module_for_linking(self) -> Any:
-        # Of others, who compile something that calls it.
-        return ll.parse_assembly(link_modules(self._texts(set()), ()))
+        # Called by code of other packages that is compiled meanwhile and calls this function.
+        return ll.parse_assembly(link_modules(self._iterate_modules(set()), ()))
 
 
 class _NoReferenceCounting(NRTContext):
-    """Nobody counts who uses an array: its memory is always somebody else's."""
+    """Omits reference counts of arrays, whose memory always belongs to Python."""
 
     def incref(self, builder: Any, kind: Any, value: Any) -> None:
         pass
@@ -96,61 +102,58 @@ class _NoReferenceCounting(NRTContext):
 
 @contextmanager
 def _emit_ir_only() -> Iterator[None]:
-    """What numba compiles meanwhile is made IR of, and no machine code."""
+    """Make numba emit IR and no machine code in this context."""
     with global_compiler_lock:
         context = cpu_target.target_context
         codegen = context.codegen()
-        kept = codegen._library_class
+        library_class = codegen._library_class
         codegen._library_class = _IrLibrary
-        # Something of its own for Python to call, which never does.
+        # A new object for Python to call, which never happens.
         context.get_executable = lambda library, description, environment: [].count
-        counting = vars(context).pop("nrt", None)
+        reference_counting = vars(context).pop("nrt", None)
         context.nrt = _NoReferenceCounting(context, True)
         try:
             yield
         finally:
-            codegen._library_class = kept
+            codegen._library_class = library_class
             del context.get_executable, context.nrt
-            if counting is not None:
-                context.nrt = counting
-
-
-assert overloads.__name__
+            if reference_counting is not None:
+                context.nrt = reference_counting
 
 
 def compile_loops(
     entries: Mapping[str, tuple[Callable[..., int], str]],
-    parts: Sequence[FunctionType],
+    functions: Sequence[FunctionType],
     kind: Any,
 ) -> str:
-    """LLVM IR that needs nothing of numba or Python, with loops of one object as symbols.
+    """Return LLVM IR that calls neither numba nor Python, with loops of one object as symbols.
 
     Parameters
     ----------
     entries
-        Symbol -> (loop, its arguments).
-    parts
+        Symbol -> (loop, its arguments), see `loops.CompiledLoop`.
+    functions
         The loops and all functions they call.
     kind
-        Of the object they work on, see `loops`.
+        Layout of the object they work on, see `loops`.
 
     Raises
     ------
-    MachineError
-        If this numba cannot compile it.
+    MachineCodeError
+        If this version of numba cannot compile them.
     """
-    for part in parts:
-        if part not in _registered_functions:
-            _registered_functions.add(part)
-            numba.extending.register_jitable(error_model="numpy", **_WRAPPER_OPTIONS)(part)
-    wanted = {symbol: _define_entry_point(*entry, kind) for symbol, entry in entries.items()}
+    for function in functions:
+        if function not in _registered_functions:
+            _registered_functions.add(function)
+            numba.extending.register_jitable(error_model="numpy", **_WRAPPER_OPTIONS)(function)
+    entry_points = {symbol: _define_entry_point(*entry, kind) for symbol, entry in entries.items()}
     try:
         try:
             with _emit_ir_only():
-                text = _compile_entries(wanted)
+                text = _compile_entries(entry_points)
         except (AttributeError, TypeError, MachineCodeError):
-            # A numba whose inner parts are others than those known here: then it takes its time.
-            text = _compile_entries(wanted)
+            # This numba differs in the replaced parts; without them it takes longer.
+            text = _compile_entries(entry_points)
     except numba.errors.NumbaError as problem:
         raise MachineCodeError(
             f"numba cannot compile loops ({format_exception(problem)})"
@@ -161,22 +164,22 @@ def compile_loops(
 
 
 def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
-    """A C function that calls a loop, and its signature."""
-    names = [f"a{k}" if one != "@" else "table" for k, one in enumerate(arguments)]
-    given = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
-    space = {"function": function, "object_at": structs.object_at_table(_numba_type(kind))}
-    exec(f"def entry({', '.join(names)}):\n    return function({given})\n", space)
-    return space["entry"], numba.int32(*(_ARGUMENTS[argument] for argument in arguments))
+    """Return a C function that calls a loop, and its signature."""
+    names = ["table" if argument == "@" else f"a{k}" for k, argument in enumerate(arguments)]
+    passed = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
+    namespace = {"function": function, "object_at": structs.object_at_table(_numba_type(kind))}
+    exec(f"def entry({', '.join(names)}):\n    return function({passed})\n", namespace)
+    return namespace["entry"], numba.int32(*(_ARGUMENT_TYPES[argument] for argument in arguments))
 
 
-def _compile_entries(wanted: Mapping[str, tuple[Any, Any]]) -> str:
-    """One module of C functions, with the symbols they are wanted as."""
+def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
+    """Return one module of C functions, named by their symbols."""
     texts: dict[str, None] = {}
     symbols = {}
-    for symbol, (entry, signature) in wanted.items():
-        made = numba.cfunc(signature, error_model="numpy")(entry)
-        symbols[made.native_name] = symbol
-        texts.update(dict.fromkeys(made.inspect_llvm().split(_MODULE_SEPARATOR)))
+    for symbol, (entry, signature) in entry_points.items():
+        compiled = numba.cfunc(signature, error_model="numpy")(entry)
+        symbols[compiled.native_name] = symbol
+        texts.update(dict.fromkeys(compiled.inspect_llvm().split(_MODULE_SEPARATOR)))
     text = link_modules(texts, symbols)
     for name, symbol in symbols.items():
         text = re.sub(rf'@"?{re.escape(name)}"?(?=\W)', f"@{symbol}", text)
@@ -184,11 +187,15 @@ def _compile_entries(wanted: Mapping[str, tuple[Any, Any]]) -> str:
 
 
 def _numba_type(kind: Any) -> Any:
-    name, what = kind
-    if isinstance(what, int):
-        return numba.types.Array(getattr(numba.types, name), what, "C")
-    found = {
-        field: (word, _NUMBERS[own] if isinstance(own, str) else _numba_type(own))
-        for field, word, own in what
+    """Return the type of a field: an array of (dtype, dimensions), or an object of (name, fields)."""
+    name, content = kind
+    if isinstance(content, int):
+        return numba.types.Array(getattr(numba.types, name), content, "C")
+    fields = {
+        field: (
+            word,
+            _NUMBER_TYPES[field_kind] if isinstance(field_kind, str) else _numba_type(field_kind),
+        )
+        for field, word, field_kind in content
     }
-    return structs.Struct(name, found)
+    return structs.Struct(name, fields)

@@ -1,9 +1,9 @@
-"""Where machine code is kept: a folder of the user's alone, files that prove what they are.
+"""Cache of objects: a private folder of the user, with files whose integrity is checked.
 
-Objects are executed once they are loaded, so nothing is loaded that anybody else could have put
-there, nor anything that is not what was built. A file is named after what it was built from, and
-begins with the checksum of that and of the object: the two appear by one renaming. What is checked
-is what is loaded: the bytes that were read.
+Objects are executed once they are loaded. Therefore a file is loaded only if no other user could
+have written it and its checksum is right. A file is named after the recipe it was built from, and
+begins with the checksum of recipe and object; it appears under its name by a single rename. The
+bytes that are checked are the bytes that are loaded.
 """
 
 from __future__ import annotations
@@ -18,13 +18,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _UNFINISHED_PREFIX = "build-"
-# Bytes of it, before those of the object.
+# SHA-256, in front of the object.
 _CHECKSUM_BYTES = 32
-# Writing takes milliseconds; a file unfinished for longer than this [s] is of one that was killed.
+# Leading hexadecimal digits of the checksum of a recipe in the name of its file.
+_NAME_DIGITS = 32
+_PRIVATE_MODE = 0o700
+# Writing takes milliseconds: a file that is unfinished for longer [s] was left by a killed process.
 _MAX_WRITE_SECONDS = 3600.0
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
-# Neither links nor pipes, which would wait for somebody to write.
+# Refuses links, and does not wait for writers of pipes.
 _OPEN_FLAGS = (
     os.O_RDONLY
     | getattr(os, "O_NOFOLLOW", 0)
@@ -34,28 +37,28 @@ _OPEN_FLAGS = (
 
 
 class CacheError(Exception):
-    """A cache that cannot be used; the message names it and says why."""
+    """The cache cannot be used; the message names the folder and the reason."""
 
 
 def cache_folder() -> Path:
-    """Where machine code is kept, without links: beamdae/ in the user's cache folder.
+    """Return the resolved path of beamdae/ in the user's cache folder, created if necessary.
 
-    That is XDG_CACHE_HOME, or ~/.cache if that is no absolute path; both are made if need be.
+    The cache folder is XDG_CACHE_HOME, or ~/.cache if that is not an absolute path.
 
     Raises
     ------
     CacheError
-        If there is none, or others could change what is in it.
+        If it cannot be created, or if other users could change its contents.
     """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    configured = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
-        root = given if given.is_absolute() else Path.home() / ".cache"
+        root = configured if configured.is_absolute() else Path.home() / ".cache"
     except RuntimeError:
-        raise CacheError("the kernel cache: the user has no home folder, set HOME") from None
+        raise CacheError("kernel cache: the user has no home folder; set HOME") from None
     with _translate_errors(root / "beamdae"):
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        (root / "beamdae").mkdir(mode=0o700, exist_ok=True)
-        # What is checked is what is used: links on the way may lead elsewhere the next time.
+        root.mkdir(mode=_PRIVATE_MODE, parents=True, exist_ok=True)
+        (root / "beamdae").mkdir(mode=_PRIVATE_MODE, exist_ok=True)
+        # Use the path that is checked: links in it may point elsewhere the next time.
         folder = (root / "beamdae").resolve()
         if hasattr(os, "geteuid"):
             _require_private(folder)
@@ -63,25 +66,25 @@ def cache_folder() -> Path:
 
 
 def read_object(folder: Path, recipe: str, name: str) -> bytes | None:
-    """The object built from this recipe, if there is one that is what was built."""
+    """Return the object built from this recipe; None if it is missing or damaged."""
     with _translate_errors(folder):
         try:
-            found = _read_private_file(folder / _object_file_name(recipe, name)) or b""
+            data = _read_private_file(folder / _object_file_name(recipe, name)) or b""
         except OSError:
             return None
-    content = found[_CHECKSUM_BYTES:]
-    return content if found[:_CHECKSUM_BYTES] == _checksum(recipe, content) else None
+    content = data[_CHECKSUM_BYTES:]
+    return content if data[:_CHECKSUM_BYTES] == _checksum(recipe, content) else None
 
 
 def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
-    """Put an object in its place; what is there of its recipe is replaced, never changed."""
+    """Store an object; an existing file is replaced, never written to."""
     with _translate_errors(folder):
         descriptor, unfinished = tempfile.mkstemp(prefix=_UNFINISHED_PREFIX, dir=folder)
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(_checksum(recipe, content) + content)
                 file.flush()
-                # A name may reach the disk before what it names.
+                # Otherwise the name may reach the disk before the content.
                 os.fsync(descriptor)
             _remove_abandoned_files(folder, Path(unfinished).stat().st_mtime)
             place = folder / _object_file_name(recipe, name)
@@ -94,7 +97,7 @@ def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
 
 
 def _remove_abandoned_files(folder: Path, now: float) -> None:
-    """Of builds that were killed, by the clock of the disk, which may not be this machine's."""
+    """Remove files of killed processes; `now` is by the clock of the disk."""
     for other in folder.glob(f"{_UNFINISHED_PREFIX}*"):
         with suppress(OSError):
             if now - other.stat().st_mtime > _MAX_WRITE_SECONDS:
@@ -110,7 +113,7 @@ def _remove(place: Path) -> None:
 
 
 def _object_file_name(recipe: str, name: str) -> str:
-    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:32]}.o"
+    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:_NAME_DIGITS]}.o"
 
 
 def _checksum(recipe: str, content: bytes) -> bytes:
@@ -124,53 +127,53 @@ def _translate_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        raise CacheError(f"{folder}: kernels cannot be kept there, {problem.strerror}") from problem
+        raise CacheError(f"{folder}: kernels cannot be cached, {problem.strerror}") from problem
 
 
 def _read_private_file(file: Path) -> bytes | None:
-    """What a file holds that nobody else can write to."""
+    """Return the content of a regular file that only this user can write to, else None."""
     with os.fdopen(os.open(file, _OPEN_FLAGS), "rb") as opened:
-        known = os.fstat(opened.fileno())
-        if not stat.S_ISREG(known.st_mode):
+        status = os.fstat(opened.fileno())
+        if not stat.S_ISREG(status.st_mode):
             return None
         if hasattr(os, "geteuid") and (
-            known.st_uid != os.geteuid() or known.st_mode & _OTHERS_WRITE
+            status.st_uid != os.geteuid() or status.st_mode & _OTHERS_WRITE
         ):
             return None
         return opened.read()
 
 
 def _require_private(folder: Path) -> None:
-    """Refuse a folder that others own or write to, and a way to it that they could change.
+    """Require that only this user owns and writes a folder, and that others cannot move it.
 
     Raises
     ------
     CacheError
-        If that is so.
+        If another user owns it, or can write to it or to a folder above it.
     """
-    us = os.geteuid()
-    if folder.stat().st_uid != us:
+    user = os.geteuid()
+    if folder.stat().st_uid != user:
         raise _untrusted_folder_error(folder, "it belongs to another user")
-    if stat.S_IMODE(folder.stat().st_mode) != 0o700:
-        # A cache from before, or of a generous umask; its files are checked one by one.
+    if stat.S_IMODE(folder.stat().st_mode) != _PRIVATE_MODE:
+        # Created by an earlier version or under a permissive umask; each file is checked anyway.
         with suppress(OSError):
-            folder.chmod(0o700)
+            folder.chmod(_PRIVATE_MODE)
     if folder.stat().st_mode & _OTHERS_WRITE:
         raise _untrusted_folder_error(folder, "others can write to it")
     for place in reversed(folder.parents):
-        known = place.stat()
-        # In containers root may have another number than 0.
-        if known.st_uid not in (us, os.stat("/").st_uid):
+        status = place.stat()
+        # In containers the user id of root may differ from 0.
+        if status.st_uid not in (user, os.stat("/").st_uid):
             raise _untrusted_folder_error(folder, f"{place} belongs to another user")
-        # In a sticky folder, such as /tmp, others can move nothing but what is theirs.
-        if known.st_mode & _OTHERS_WRITE and not known.st_mode & stat.S_ISVTX:
+        # In a sticky folder, such as /tmp, users can move only what they own.
+        if status.st_mode & _OTHERS_WRITE and not status.st_mode & stat.S_ISVTX:
             raise _untrusted_folder_error(folder, f"others can write to {place}")
-        if known.st_uid == us and not known.st_mode & _OTHERS_ENTER:
-            return  # Nobody else gets further than here.
+        if status.st_uid == user and not status.st_mode & _OTHERS_ENTER:
+            return  # Other users cannot enter: the folders below are protected.
 
 
-def _untrusted_folder_error(folder: Path, why: str) -> CacheError:
+def _untrusted_folder_error(folder: Path, reason: str) -> CacheError:
     return CacheError(
-        f"{folder}: kernels are neither kept nor loaded there, {why}; set XDG_CACHE_HOME to a "
-        "folder that is yours alone"
+        f"{folder}: kernels are neither stored nor loaded, as {reason}; set XDG_CACHE_HOME to a "
+        "private folder"
     )

@@ -1,4 +1,4 @@
-"""Machine code of LLVM IR: built once, kept for later runs, done without where that cannot be."""
+"""Machine code of LLVM IR: compiled once and cached; if that fails, beamdae runs interpreted code."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from beamdae.errors import KernelWarning
-from beamdae.native import llvm as machine
+from beamdae.native import llvm
 from beamdae.native.llvm import LoadedObject, MachineCodeError
 from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
 
-# What was said in this process.
+# Warnings issued in this process.
 _issued_messages: set[str] = set()
 
 
 def is_native_enabled() -> bool:
-    """Whether machine code is wanted: BEAMDAE_NATIVE=off does without."""
+    """Return False if machine code is switched off by BEAMDAE_NATIVE=off."""
     return os.environ.get("BEAMDAE_NATIVE", "on") != "off"
 
 
 @dataclass(frozen=True)
 class ObjectSource:
-    """What machine code is made of.
+    """Source of an object.
 
     Attributes
     ----------
     name
-        With which its files in the cache begin: letters, digits and underscores.
+        Prefix of its file in the cache: letters, digits and underscores.
     text
-        A module of LLVM IR, or whatever `ir` makes it of.
+        A module of LLVM IR, or everything that determines the output of `ir`.
     symbols
-        Of the module, whose addresses are wanted.
+        Exported symbols of the module.
     imports
-        Addresses of symbols the module takes from outside, besides those of the process itself.
+        Addresses of symbols that the module imports, besides those of the process.
     level
-        Of optimization, as in O1: 0 for IR that needs none.
+        Optimization level, as in O1; 0 for IR that needs no passes.
     ir
-        Makes the module of LLVM IR; None: it is the text.
+        Returns the module of LLVM IR; None: the module is `text`.
     """
 
     name: str
@@ -51,25 +51,25 @@ class ObjectSource:
 
     @property
     def recipe(self) -> str:
-        """Whatever the object depends on."""
-        return "\n".join([self.text, f"O{self.level}", *machine.describe_target()])
+        """Everything that the object depends on."""
+        return "\n".join([self.text, f"O{self.level}", *llvm.describe_target()])
 
     def load(self, content: bytes) -> LoadedObject:
-        """Its object, in memory."""
+        """Load its object into memory."""
         return LoadedObject(content, self.symbols, self.imports)
 
 
 def load_object(
     source: ObjectSource, is_right: Callable[[LoadedObject], bool]
 ) -> LoadedObject | None:
-    """Machine code of LLVM IR, or None where it cannot be had or is not wanted.
+    """Return machine code from the cache or the compiler; None if unavailable or switched off.
 
-    What was built is kept for later runs if `is_right` says so.
+    A new object is used and cached only if `is_right` returns True for it.
 
     Warns
     -----
     KernelWarning
-        Once a process, of a cache or a machine that cannot be used.
+        Once per process, if the cache or the compiler cannot be used.
     """
     if not is_native_enabled():
         return None
@@ -77,12 +77,14 @@ def load_object(
         folder, content = _read_cache(source)
         if content is not None:
             return source.load(content)
-        content = machine.compile_module(source.ir() if source.ir else source.text, source.level)
+        content = llvm.compile_module(source.ir() if source.ir else source.text, source.level)
         code = source.load(content)
         if not is_right(code):
-            raise MachineCodeError(f"LLVM: {source.name} does not give the right numbers")
+            raise MachineCodeError(f"LLVM: {source.name} returns wrong numbers")
     except MachineCodeError as problem:
-        _warn_once(f"{problem}; runs take several times as long, with the same numbers to rounding")
+        _warn_once(
+            f"{problem}; runs take several times as long, with the same results up to rounding"
+        )
         return None
     if folder is not None:
         _write_cache(folder, source, content)
@@ -90,7 +92,7 @@ def load_object(
 
 
 def _read_cache(source: ObjectSource) -> tuple[Path | None, bytes | None]:
-    """The cache, if it can be used, and what it has."""
+    """Return the cache folder and the object in it, each None if unavailable."""
     try:
         folder = cache_folder()
         return folder, read_object(folder, source.recipe, source.name)
@@ -107,14 +109,14 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 
 def _warn_of_cache(problem: CacheError) -> None:
-    _warn_once(f"{problem}; each run compiles its loops, which takes some seconds")
+    _warn_once(f"{problem}; each run compiles its loops again, which takes some seconds")
 
 
 def _warn_once(problem: str) -> None:
     if problem not in _issued_messages:
         _issued_messages.add(problem)
         warnings.warn(
-            f"{problem} (BEAMDAE_NATIVE=off does without machine code).",
+            f"{problem} (BEAMDAE_NATIVE=off switches machine code off).",
             KernelWarning,
             stacklevel=3,
         )

@@ -1,6 +1,6 @@
-"""The functions of `native.vectors` as numba compiles them: loops, without temporary arrays.
+"""Compiled versions of `loop_functions`: loops without temporary arrays.
 
-Importing this module imports numba, which only compiling needs.
+Importing this module imports numba and registers the versions with it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba.extending import overload as _overload
 
 from beamdae.native import linear_solver, loop_functions, structs
 
-# Nobody calls them but loops.
+# Called by compiled loops only.
 overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})
 
 
@@ -56,9 +56,9 @@ def _fill(out, value):
 def _minimum(out, vector, factor, other):
     def loop(out, vector, factor, other):
         for i in range(out.size):
-            own, bound = vector[i], factor * other[i]
-            # What is no number stays.
-            out[i] = own if own < bound or own != own else bound
+            value, bound = vector[i], factor * other[i]
+            # NaN is kept.
+            out[i] = value if value < bound or value != value else bound
 
     return loop
 
@@ -76,13 +76,13 @@ def _parts(real, imaginary, vector):
 @overload(loop_functions.max_norm)
 def _largest(vector, weights):
     def loop(vector, weights):
-        most = 0.0
+        largest = 0.0
         for i in range(vector.size):
             size = abs(vector[i] * weights[i])
-            # What is no number stays.
-            if size > most or size != size:
-                most = size
-        return most
+            # NaN is kept.
+            if size > largest or size != size:
+                largest = size
+        return largest
 
     return loop
 
@@ -102,11 +102,11 @@ def _norm(vector, weights):
 @overload(loop_functions.locate_largest)
 def _where_largest(vector, weights):
     def loop(vector, weights):
-        at, most = 0, -1.0
+        at, largest = 0, -1.0
         for i in range(vector.size):
             size = abs(vector[i] * weights[i])
-            if size > most:
-                at, most = i, size
+            if size > largest:
+                at, largest = i, size
             elif size != size:
                 return i
         return at
@@ -165,7 +165,7 @@ def _scatter(out, rows, weights, vector, of):
 
 @intrinsic
 def _call_kernel(typing, address, shared, local, out, padded):
-    """Call machine code void f(double *shared, double *local, double *out, int64 padded)."""
+    """Call the machine code of a kernel, see `lane_kernels.LaneKernel` for its prototype."""
 
     def code(context, builder, signature, arguments):
         number, integer = ir.DoubleType().as_pointer(), ir.IntType(64)
@@ -179,7 +179,7 @@ def _call_kernel(typing, address, shared, local, out, padded):
 
 @intrinsic
 def _start_of(typing, array):
-    """Address of the first number of an array."""
+    """Return the address of the first entry of an array."""
 
     def code(context, builder, signature, arguments):
         return context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -190,8 +190,8 @@ def _start_of(typing, array):
 @overload(loop_functions.call_kernel)
 def _kernel(kernels, k, shared, local, start, out, lanes):
     def loop(kernels, k, shared, local, start, out, lanes):
-        own = _start_of(local[start:])
-        _call_kernel(kernels[k], _start_of(shared), own, _start_of(out), lanes)
+        inputs = _start_of(local[start:])
+        _call_kernel(kernels[k], _start_of(shared), inputs, _start_of(out), lanes)
 
     return loop
 
@@ -214,7 +214,7 @@ def _solve(linear, right):
 
 @intrinsic
 def _numbers_at(typing, address, size):
-    """The array of so many numbers at an address."""
+    """Return the array of `size` floats at an address."""
     kind = types.Array(types.float64, 1, "C")
 
     def code(context, builder, signature, arguments):
@@ -233,15 +233,16 @@ def _array_at(address, size):
 
 
 def _c_function(result):
-    """Calls C functions that give a result of this type."""
+    """Return a function that calls C functions with a result of this type."""
 
     @intrinsic
     def call(typing, address, arguments):
-        def code(context, builder, signature, given):
-            values = cgutils.unpack_tuple(builder, given[1])
+        def code(context, builder, signature, operands):
+            c_address, packed = operands
+            values = cgutils.unpack_tuple(builder, packed)
             kinds = [value.type for value in values]
             kind = ir.FunctionType(context.get_value_type(result), kinds)
-            return builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
+            return builder.call(builder.inttoptr(c_address, kind.as_pointer()), values)
 
         return result(types.int64, arguments), code
 

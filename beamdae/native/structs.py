@@ -1,7 +1,8 @@
-"""Numba's view of the objects loops work on: a pointer to a table of words.
+"""Numba types of the objects that loops work on: pointers to tables of 64-bit words.
 
-A word holds an integer, a floating point number, or an address; arrays are an address and their
-shape, objects inside objects follow in place. Importing this module imports numba.
+A word holds an integer, a floating point number or an address. An array takes one word for its
+address and one for each dimension; an object inside an object is stored in place. Importing this
+module imports numba.
 """
 
 from __future__ import annotations
@@ -24,18 +25,20 @@ from numba.extending import (
 )
 from numba.np.arrayobj import make_array, populate_array
 
-_WORD = 8
 _integer = ir.IntType(64)
+# Hexadecimal digits that tell layouts of one class apart.
+_NAME_DIGITS = 8
 
 
 class Struct(types.Type):
-    """Objects of a class with these fields: name -> (first word, type)."""
+    """Type of the objects of a class with these fields: name -> (first word, type)."""
 
     def __init__(self, name: str, fields: dict[str, tuple[int, types.Type]]) -> None:
         self.fields = fields
-        told = ", ".join(f"{field} {first} {kind}" for field, (first, kind) in fields.items())
-        # Names of types become names of functions, over and over.
-        super().__init__(f"{name}{hashlib.sha256(told.encode()).hexdigest()[:8]}")
+        layout = ", ".join(f"{field} {first} {kind}" for field, (first, kind) in fields.items())
+        # A short name: it is repeated in the names of all compiled functions.
+        digest = hashlib.sha256(layout.encode()).hexdigest()
+        super().__init__(f"{name}{digest[:_NAME_DIGITS]}")
 
 
 @register_model(Struct)
@@ -73,21 +76,21 @@ def _load_field(context: Any, builder: Any, struct: Struct, pointer: Any, name: 
 
 
 def build_array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[Any]) -> Any:
-    """The array that starts at a pointer."""
+    """Return the C-contiguous array of this type and shape at a pointer."""
     size = np.dtype(str(kind.dtype)).itemsize
     strides = [ir.Constant(_integer, size)]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
-    made = make_array(kind)(context, builder)
+    result = make_array(kind)(context, builder)
     populate_array(
-        made,
+        result,
         data=data,
         shape=shape,
         strides=strides,
         itemsize=ir.Constant(_integer, size),
         meminfo=None,
     )
-    return made._getvalue()
+    return result._getvalue()
 
 
 @lower_setattr_generic(Struct)
@@ -100,7 +103,7 @@ def _store_field(context: Any, builder: Any, signature: Any, arguments: Any, nam
 
 
 def object_at_table(struct: Struct) -> Any:
-    """Function of a table that gives the object in it."""
+    """Return the compiled function of a table that returns the object in it."""
 
     @intrinsic
     def object_at(typing, table):

@@ -1,4 +1,4 @@
-"""The very SUNDIALS that scikit-sundae loads: a second copy would cost memory for nothing."""
+"""Access to the SUNDIALS libraries that scikit-sundae loads; a second copy would waste memory."""
 
 from __future__ import annotations
 
@@ -17,15 +17,27 @@ from beamdae.sundials.prototypes import PROTOTYPES, FunctionAddresses
 
 _SUPPORTED_MAJOR_VERSION = 7
 _TEST_VECTOR_LENGTH = 3
+# Marks half a buffer to which nothing has been written.
+_UNCHANGED = -1
 
 
 class UnavailableError(Exception):
-    """Why SUNDIALS cannot be used by its C interface; scikit-sundae's own class is left."""
+    """The C interface of SUNDIALS cannot be used; the class of scikit-sundae remains."""
 
 
 @dataclass(frozen=True)
 class SundialsLibrary:
-    """The functions of SUNDIALS, as addresses and to be called."""
+    """Functions of SUNDIALS.
+
+    Attributes
+    ----------
+    version
+        (major, minor, patch).
+    addresses
+        Addresses of the functions, for compiled code.
+    call
+        The functions as callables.
+    """
 
     version: tuple[int, int, int]
     addresses: FunctionAddresses
@@ -34,12 +46,12 @@ class SundialsLibrary:
 
 @cache
 def load_library() -> SundialsLibrary:
-    """Find the functions in what scikit-sundae is linked to, and make sure of their types.
+    """Find the functions in the libraries scikit-sundae is linked to, and check their types.
 
     Raises
     ------
     UnavailableError
-        Where they are not there, or of another version, precision or index width.
+        If they are missing, or of another version, precision or index width.
     """
     images = _find_images()
     addresses = FunctionAddresses(
@@ -60,7 +72,7 @@ def load_library() -> SundialsLibrary:
 
 
 def _find_images() -> list[ctypes.CDLL]:
-    """What is searched for functions."""
+    """Return the libraries to be searched for functions."""
     if sys.platform == "win32":
         try:
             from sksundae import _cy_ida  # noqa: F401
@@ -68,25 +80,25 @@ def _find_images() -> list[ctypes.CDLL]:
             raise UnavailableError(f"scikit-sundae has no compiled IDA: {problem}") from problem
         return _open_loaded_dlls(_windows_dll_names())
     try:
-        # A symbol is looked up in the libraries that the extension module is linked to as well. It
-        # is not imported for that: scikit-sundae takes SciPy's optimizers along, a third of a run.
+        # Symbols are also looked up in the libraries that the extension module is linked to. The
+        # module is not imported for that: it would import SciPy's optimizers, a third of a run.
         return [ctypes.CDLL(_find_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
 
 
 def _find_extension_module() -> str:
-    """The file of scikit-sundae's compiled IDA."""
+    """Return the file of scikit-sundae's compiled IDA."""
     package = PathFinder.find_spec("sksundae")
-    places = package.submodule_search_locations if package else None
-    module = PathFinder.find_spec("sksundae._cy_ida", places) if places else None
+    folders = package.submodule_search_locations if package else None
+    module = PathFinder.find_spec("sksundae._cy_ida", folders) if folders else None
     if module is None or module.origin is None:
         raise UnavailableError("scikit-sundae has no compiled IDA")
     return module.origin
 
 
 def _windows_dll_names() -> set[str]:
-    """Names that SUNDIALS has on Windows, in scikit-sundae's wheel or in conda's environments."""
+    """Return names of SUNDIALS libraries on Windows: in scikit-sundae's wheel, and in conda."""
     parts = ("core", "ida", "nvecserial", "sunmatrixband", "sunlinsolband")
     try:
         wheel = {PurePath(file).name for file in files("scikit-sundae") or ()}
@@ -98,7 +110,7 @@ def _windows_dll_names() -> set[str]:
 
 
 def _open_loaded_dlls(names: Iterable[str]) -> list[ctypes.CDLL]:
-    """Libraries of these names that are loaded already."""
+    """Open the libraries of these names that are already loaded."""
     kernel = ctypes.CDLL("kernel32")
     kernel.GetModuleHandleW.restype = ctypes.c_void_p
     kernel.GetModuleHandleW.argtypes = (ctypes.c_wchar_p,)
@@ -109,9 +121,9 @@ def _open_loaded_dlls(names: Iterable[str]) -> list[ctypes.CDLL]:
 def _find_address(images: Iterable[ctypes.CDLL], name: str) -> int:
     for image in images:
         if hasattr(image, name):
-            at = ctypes.cast(getattr(image, name), ctypes.c_void_p).value
-            assert at is not None
-            return at
+            address = ctypes.cast(getattr(image, name), ctypes.c_void_p).value
+            assert address is not None
+            return address
     raise UnavailableError(f"scikit-sundae's SUNDIALS has no function {name}")
 
 
@@ -119,32 +131,32 @@ def _read_version(call: Any) -> tuple[int, int, int]:
     numbers = [ctypes.c_int() for _ in range(3)]
     label = ctypes.create_string_buffer(64)
     if call.SUNDIALSGetVersionNumber(*map(ctypes.byref, numbers), label, len(label)) < 0:
-        raise UnavailableError("SUNDIALS does not tell its version")
+        raise UnavailableError("SUNDIALS returns no version number")
     major, minor, patch = (number.value for number in numbers)
     return major, minor, patch
 
 
 def _check_widths(call: Any) -> None:
-    """Make sure of double precision and 32-bit indices.
+    """Require double precision and 32-bit indices.
 
-    The size of a vector in bytes is told as an index: it is right in any precision, and the second
-    half of its place is left alone where indices have 32 bits.
+    `N_VBufSize_Serial` writes the size of a vector in bytes as an index. The size shows the
+    precision; an index of 32 bits leaves the second half of a buffer of 64 bits unchanged.
     """
     context = ctypes.c_void_p()
     if call.SUNContext_Create(0, ctypes.byref(context)) < 0:
-        raise UnavailableError("SUNDIALS makes no context")
+        raise UnavailableError("SUNDIALS cannot create a context")
     vector = None
     try:
         vector = call.N_VNew_Serial(_TEST_VECTOR_LENGTH, context)
-        place = (ctypes.c_int32 * 2)(-1, -1)
-        if vector is None or call.N_VBufSize_Serial(vector, place) < 0:
-            raise UnavailableError("SUNDIALS makes no vector")
-        size, untouched = place
-        if untouched != -1:
+        buffer = (ctypes.c_int32 * 2)(_UNCHANGED, _UNCHANGED)
+        if vector is None or call.N_VBufSize_Serial(vector, buffer) < 0:
+            raise UnavailableError("SUNDIALS cannot create a vector")
+        size, second_half = buffer
+        if second_half != _UNCHANGED:
             raise UnavailableError("SUNDIALS was built with indices of 64 bits, not 32")
         if size != _TEST_VECTOR_LENGTH * ctypes.sizeof(ctypes.c_double):
             raise UnavailableError(
-                f"its numbers have {size // _TEST_VECTOR_LENGTH} bytes, not those of doubles"
+                f"SUNDIALS has numbers of {size // _TEST_VECTOR_LENGTH} bytes, not of 8"
             )
     finally:
         if vector is not None:

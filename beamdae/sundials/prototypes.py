@@ -1,4 +1,4 @@
-"""C prototypes of SUNDIALS 7, of a build with double precision and 32-bit indices, without MPI."""
+"""C prototypes of SUNDIALS 7, for builds with double precision and 32-bit indices, without MPI."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
 _code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
 
 # Residual(t, y, y', r, user_data) and Jacobian(t, c, y, y', r, J, user_data, three vectors) with
-# J = dr/dy + c dr/dy'. A positive result asks for a shorter step, a negative one ends the run.
+# J = dr/dy + c dr/dy'. A positive result makes IDA shorten the step, a negative one ends the run.
 RESIDUAL = ctypes.CFUNCTYPE(_code, _real, _address, _address, _address, _address)
 JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
 
 
 class FunctionAddresses(NamedTuple):
-    """Where the functions are, each by its name in C; compiled code takes it as it is."""
+    """Addresses of the functions by their names in C; a field of objects of compiled loops."""
 
     SUNDIALSGetVersionNumber: int
     SUNContext_Create: int
@@ -66,12 +66,12 @@ class FunctionAddresses(NamedTuple):
     IDAGetErrWeights: int
 
 
-# Result, then arguments.
+# (result, *arguments) -> functions.
 _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
     (_code, *[_address] * 4, _int): ("SUNDIALSGetVersionNumber",),
     (_code, _int, _address): ("SUNContext_Create",),
     (_code, _address): ("SUNContext_ClearErrHandlers", "SUNContext_Free", "SUNLinSolFree"),
-    # Called before the width of indices is known: half a register is right as well.
+    # Called before the index width is known: a 64-bit integer also passes a 32-bit index.
     (_address, ctypes.c_int64, _address): ("N_VNew_Serial",),
     (_address, _index, _address, _address): ("N_VMake_Serial",),
     (_address, _address): ("N_VGetArrayPointer", "SUNBandMatrix_Data", "IDACreate"),
@@ -98,7 +98,7 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
         *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors", "IDAGetErrWeights"),
     ),
 }
-# Calls through them leave the interpreter to other threads.
+# Calls through them release the interpreter lock.
 PROTOTYPES = {
     name: ctypes.CFUNCTYPE(*signature) for signature, names in _SIGNATURES.items() for name in names
 }

@@ -1,4 +1,4 @@
-"""IDA of SUNDIALS, a step at a time, with the identity as its linear system."""
+"""IDA of SUNDIALS, one step at a time, with a diagonal Jacobian."""
 
 from __future__ import annotations
 
@@ -13,25 +13,29 @@ from beamdae.sundials.library import load_library
 
 Array = np.ndarray
 
+# IDA_ONE_STEP: IDASolve returns after each step.
 ONE_STEP = 2
 
-# What scikit-sundae sets; the last is IDA's own as well.
-_NEWTON_ITERATIONS, _CONVERGENCE_FAILURES, _SHORTEST, _STEPS = 4, 10, 0.0, 500
+# Limits that scikit-sundae sets. The number of steps per call is also the default of IDA.
+_MAX_NEWTON_ITERATIONS = 4
+_MAX_CONVERGENCE_FAILURES = 10
+_MIN_STEP = 0.0
+_MAX_STEPS_PER_CALL = 500
 
-# Codes above this one stand for something else in linear solvers than in IDASolve.
+# Codes above this one have other meanings in linear solvers than in IDASolve.
 _FIRST_COMMON_STATUS = -20
 _STATUS_DESCRIPTIONS = {
     -1: "too many steps in one call",
-    -2: "rtol and atol ask for more than the precision of numbers allows",
+    -2: "rtol and atol are too small for double precision",
     -3: "the error test failed too often, or at the smallest step",
     -4: "Newton's iteration failed too often, or at the smallest step",
     -5: "the linear solver could not be initialized",
     -6: "the setup of the linear solver failed",
     -7: "the linear solver failed",
     -8: "the residual cannot be evaluated",
-    -9: "the residual failed again and again",
+    -9: "the residual failed repeatedly",
     -12: "the residual failed at the start",
-    -14: "there was no way on after the residual had failed",
+    -14: "IDA could not recover after the residual had failed",
     -15: "Newton's iteration could not be initialized",
     -16: "the setup of Newton's iteration failed",
     -17: "Newton's iteration failed",
@@ -46,15 +50,15 @@ _STATUS_DESCRIPTIONS = {
 
 
 class IdaError(Exception):
-    """A function of SUNDIALS that failed, and why."""
+    """A function of SUNDIALS failed; the message names the function and the reason."""
 
 
 class IdaStatistics(NamedTuple):
-    """What IDA counts, since the last start.
+    """Counters of IDA since the last start, and its last and next order and step.
 
-    A Newton iteration that fails with an old Jacobian counts as a failure, and is repeated with a
-    new one (another setup); where that fails as well, it counts as a failed solve and the step is
-    shortened.
+    A Newton iteration that fails with an old Jacobian counts as a failure and is repeated with a
+    new one (another setup). If that fails as well, it counts as a failed solve and IDA shortens the
+    step.
     """
 
     steps: int
@@ -71,7 +75,7 @@ class IdaStatistics(NamedTuple):
     next_step: float
 
 
-# In the order of the fields. Counters are read into 64 bits whatever C's long is.
+# In the order of the fields of `IdaStatistics`. C's long may have 32 bits; 64 bits hold both.
 _GETTERS: tuple[tuple[str, Any], ...] = (
     ("IDAGetNumSteps", ctypes.c_int64),
     ("IDAGetNumErrTestFails", ctypes.c_int64),
@@ -89,7 +93,7 @@ _GETTERS: tuple[tuple[str, Any], ...] = (
 
 
 class SolverPointers(NamedTuple):
-    """What compiled code hands to the functions: IDA's memory, and vectors for y, y' and errors."""
+    """Arguments of compiled code that calls IDA: its memory, and vectors for y, y' and errors."""
 
     memory: int
     y: int
@@ -98,17 +102,17 @@ class SolverPointers(NamedTuple):
 
 
 def describe_status(status: int) -> str:
-    """What a negative status says."""
+    """Return the meaning of a negative status."""
     return _STATUS_DESCRIPTIONS.get(status, f"error {status} of SUNDIALS")
 
 
-# What solvers hold of C. That of a dead one is freed when the next one is made: an interrupt in
-# what Python calls when an object dies would be lost, with a traceback.
+# C memory of solvers. That of a deleted solver is freed when the next one is created: an interrupt
+# during a finalizer would be lost, with a traceback.
 _live_solvers: list[tuple[weakref.ref[IdaSolver], contextlib.ExitStack]] = []
 
 
 def _free_dead_solvers() -> None:
-    """Free what no solver holds any more; every entry once, whatever thread is here."""
+    """Free the C memory of deleted solvers, each once, from any thread."""
     for entry in [entry for entry in list(_live_solvers) if entry[0]() is None]:
         with contextlib.suppress(ValueError):
             _live_solvers.remove(entry)
@@ -116,34 +120,33 @@ def _free_dead_solvers() -> None:
 
 
 class IdaSolver:
-    """IDA for r(t, y, y') = 0 whose Jacobian is the identity, of which the diagonal is kept.
+    """IDA for r(t, y, y') = 0 with a diagonal Jacobian.
 
-    Set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2 is, so that steps are
-    the same to the last bit. A solver has a context of its own: several may run at once, each in
-    one thread at a time.
+    It is set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2, so that its
+    steps agree to the last bit. Each solver has its own context: several may run at the same time,
+    each in one thread at a time.
 
     Parameters
     ----------
     residual, jacobian
-        Addresses of C functions (`prototypes.RESIDUAL` and `JACOBIAN`), which have to outlive the
-        solver. The Jacobian is all zeros when it is asked for; `SUNBandMatrix_Data` of it is the
-        diagonal.
+        Addresses of C functions (`prototypes.RESIDUAL` and `JACOBIAN`), which must outlive the
+        solver. IDA passes a Jacobian of zeros; its `SUNBandMatrix_Data` is the diagonal.
     user_data
-        The address these functions are handed.
+        Address that IDA passes to these functions.
     atol
-        Absolute tolerances, one for each unknown.
+        Absolute tolerances, one per unknown.
     max_order, max_step, rtol
         As in `Ida`.
     untested
-        Which unknowns the error test leaves out, while Newton's iteration is tested in all of them;
-        None: it leaves out none.
+        Unknowns that are excluded from the error test; Newton's iteration is tested in all of them.
+        None excludes none.
 
     Attributes
     ----------
     t, y, yp
-        Time and state after the last step; the arrays are those IDA returns its results in.
+        Time and state after the last step; IDA writes its results into these arrays.
     errors
-        What `local_errors` and `error_weights` are returned in.
+        IDA writes local errors and error weights into this array.
     pointers
         For compiled code that calls IDA itself.
     """
@@ -165,51 +168,54 @@ class IdaSolver:
         self.errors[:] = atol
         self._t = ctypes.c_double()
         with contextlib.ExitStack() as stack:
-            self.pointers, matrix, linear = self._made(stack)
-            self._do("IDASetUserData", user_data)
-            self._do("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
+            self.pointers, matrix, linear = self._create(stack)
+            self._call_ida("IDASetUserData", user_data)
+            self._call_ida("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
             # IDA copies them.
-            self._do("IDASVtolerances", rtol, self.pointers.errors)
+            self._call_ida("IDASVtolerances", rtol, self.pointers.errors)
             if untested is not None:
                 self.errors[:] = ~untested
-                self._do("IDASetId", self.pointers.errors)
-                self._do("IDASetSuppressAlg", 1)
-            self._do("IDASetLinearSolver", linear, matrix)
-            self._do("IDASetJacFn", jacobian)
-            self._do("IDASetMaxNonlinIters", _NEWTON_ITERATIONS)
-            self._do("IDASetMaxConvFails", _CONVERGENCE_FAILURES)
-            self._do("IDASetMinStep", _SHORTEST)
-            self._do("IDASetMaxStep", max_step)
-            self._do("IDASetMaxOrd", max_order)
-            self._do("IDASetMaxNumSteps", _STEPS)
+                self._call_ida("IDASetId", self.pointers.errors)
+                self._call_ida("IDASetSuppressAlg", 1)
+            self._call_ida("IDASetLinearSolver", linear, matrix)
+            self._call_ida("IDASetJacFn", jacobian)
+            self._call_ida("IDASetMaxNonlinIters", _MAX_NEWTON_ITERATIONS)
+            self._call_ida("IDASetMaxConvFails", _MAX_CONVERGENCE_FAILURES)
+            self._call_ida("IDASetMinStep", _MIN_STEP)
+            self._call_ida("IDASetMaxStep", max_step)
+            self._call_ida("IDASetMaxOrd", max_order)
+            self._call_ida("IDASetMaxNumSteps", _MAX_STEPS_PER_CALL)
             _free_dead_solvers()
             _live_solvers.append((weakref.ref(self), stack.pop_all()))
 
-    def _made(self, stack: contextlib.ExitStack) -> tuple[SolverPointers, int, int]:
-        """What IDA needs and IDA, which the stack frees in the reverse order; matrix and solver."""
+    def _create(self, stack: contextlib.ExitStack) -> tuple[SolverPointers, int, int]:
+        """Create IDA and its vectors; return them, the matrix and the linear solver.
+
+        The stack frees them in reverse order.
+        """
         call, context, memory = self._call, ctypes.c_void_p(), ctypes.c_void_p()
         _check_status("SUNContext_Create", call.SUNContext_Create(0, ctypes.byref(context)))
         stack.callback(call.SUNContext_Free, ctypes.byref(context))
-        # They print; what happened is in the codes that are returned.
+        # The default handler prints errors; the returned codes are sufficient.
         _check_status("SUNContext_ClearErrHandlers", call.SUNContext_ClearErrHandlers(context))
 
-        def freed(name: str, made: int | None, free: Any) -> int:
-            if made is None:
-                raise MemoryError(f"{name} of SUNDIALS found no memory")
-            stack.callback(free, made)
-            return made
+        def register(name: str, address: int | None, free: Any) -> int:
+            if address is None:
+                raise MemoryError(f"{name} of SUNDIALS: out of memory")
+            stack.callback(free, address)
+            return address
 
         size = len(self.y)
         vectors = [
-            freed("N_VMake_Serial", call.N_VMake_Serial(size, at, context), call.N_VDestroy)
-            for at in (a.ctypes.data for a in (self.y, self.yp, self.errors))
+            register("N_VMake_Serial", call.N_VMake_Serial(size, at, context), call.N_VDestroy)
+            for at in (array.ctypes.data for array in (self.y, self.yp, self.errors))
         ]
         matrix = call.SUNBandMatrix(size, 0, 0, context)
-        freed("SUNBandMatrix", matrix, call.SUNMatDestroy)
+        register("SUNBandMatrix", matrix, call.SUNMatDestroy)
         linear = call.SUNLinSol_Band(vectors[0], matrix, context)
-        freed("SUNLinSol_Band", linear, call.SUNLinSolFree)
+        register("SUNLinSol_Band", linear, call.SUNLinSolFree)
         memory.value = call.IDACreate(context)
-        freed("IDACreate", memory.value, lambda _: call.IDAFree(ctypes.byref(memory)))
+        register("IDACreate", memory.value, lambda _: call.IDAFree(ctypes.byref(memory)))
         return SolverPointers(memory.value or 0, *vectors), matrix, linear
 
     @property
@@ -218,23 +224,23 @@ class IdaSolver:
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
-        """Begin anew at a state, with a first step of this length or less."""
+        """Start at a state, with a first step of at most this length."""
         self._t.value = t
         self.y[:], self.yp[:] = y, yp
-        self._do("IDASetInitStep", first_step)
-        self._do("IDAReInit", t, self.pointers.y, self.pointers.yp)
+        self._call_ida("IDASetInitStep", first_step)
+        self._call_ida("IDAReInit", t, self.pointers.y, self.pointers.yp)
 
     def stop_at(self, end: float) -> None:
-        """Let steps end at `end`, until one of them does."""
-        self._do("IDASetStopTime", end)
+        """Limit steps to `end` until it is reached."""
+        self._call_ida("IDASetStopTime", end)
 
     def step(self, end: float) -> int:
-        """One step, which does not go beyond `end`.
+        """Take one step, at most to `end`.
 
         Returns
         -------
         int
-            IDA's status: 0, or 1 at `end`; negative where it failed, see `describe_status`.
+            Status of IDA: 0, or 1 at `end`; negative if the step failed, see `describe_status`.
         """
         self.stop_at(end)
         at = self.pointers
@@ -245,32 +251,31 @@ class IdaSolver:
 
     @property
     def statistics(self) -> IdaStatistics:
-        """What IDA counted since the last start."""
+        """Counters since the last start."""
         values = []
         for name, kind in _GETTERS:
             value = kind()
-            self._do(name, ctypes.byref(value))
+            self._call_ida(name, ctypes.byref(value))
             values.append(value.value)
         return IdaStatistics(*values)
 
     def local_errors(self) -> Array:
-        """Estimated local errors of the last step, one for each unknown."""
-        self._do("IDAGetEstLocalErrors", self.pointers.errors)
+        """Return the estimated local errors of the last step, one per unknown."""
+        self._call_ida("IDAGetEstLocalErrors", self.pointers.errors)
         return self.errors.copy()
 
     def error_weights(self) -> Array:
-        """What errors are multiplied by: 1 / (rtol |y| + atol)."""
-        self._do("IDAGetErrWeights", self.pointers.errors)
+        """Return the weights of errors, 1 / (rtol |y| + atol)."""
+        self._call_ida("IDAGetErrWeights", self.pointers.errors)
         return self.errors.copy()
 
-    def _do(self, name: str, *arguments: Any) -> None:
-        """Call a function that takes IDA's memory first, and tells whether it succeeded."""
+    def _call_ida(self, name: str, *arguments: Any) -> None:
+        """Call a function whose first argument is IDA's memory, and check its status."""
         _check_status(name, getattr(self._call, name)(self.pointers.memory, *arguments))
 
 
 def _check_status(name: str, code: int) -> None:
     if code < 0:
-        said = (
-            describe_status(code) if code <= _FIRST_COMMON_STATUS else f"error {code} of SUNDIALS"
-        )
-        raise IdaError(f"{name}: {said}")
+        is_common = code <= _FIRST_COMMON_STATUS
+        reason = describe_status(code) if is_common else f"error {code} of SUNDIALS"
+        raise IdaError(f"{name}: {reason}")

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.native.lane_kernels import LaneKernel, lane_kernel
+from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel
 from beamdae.native.loop_functions import (
     add,
     add_weighted,
@@ -91,7 +91,7 @@ class Kernel:
 
     @cached_property
     def _lane_kernel(self) -> LaneKernel | None:
-        return lane_kernel(self.function)
+        return build_lane_kernel(self.function)
 
     @classmethod
     def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:

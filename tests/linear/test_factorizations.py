@@ -11,7 +11,7 @@ from benchmarks.cases import CAR_AXIS, PENDULUM, SLIDER_CRANK
 from conformance import integrators
 from numpy.testing import assert_allclose
 from sksundae.ida import IDA
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import (
@@ -164,7 +164,7 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
     )
     t_end = 0.5
     solutions = [bd.simulate(case.equations, settings, t_end)]
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     solutions.append(bd.simulate(case.equations, settings, t_end))
     own = Sundials(formulate_first_order(case.equations, formulation), given)
     t, y = own.run(t_end)

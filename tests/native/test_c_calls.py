@@ -106,7 +106,7 @@ def test_other_arrays_are_bound_to_the_same_table():
 @compiled
 def test_regression_two_threads_load_one_object(monkeypatch):
     """The second took the place of the first, whose code was freed while it ran."""
-    loaded, real = [], loops.machine_code
+    loaded, real = [], loops.load_object
 
     def slowly(*arguments):
         loaded.append(None)

@@ -17,7 +17,7 @@ from beamdae.errors import KernelWarning
 from beamdae.native import llvm as machine
 from beamdae.native import object_cache as module
 from beamdae.native import object_code as objects
-from beamdae.native.lane_kernels import LANE_WIDTH, lane_kernel
+from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
 FUNCTION = ca.Function("kernel_of_test", [S, X], [ca.sin(X) * X[0] + ca.sqrt(X) * S])
@@ -71,14 +71,14 @@ def assert_right(function=FUNCTION):
     """It is machine code, in silence."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        kernel = lane_kernel(function)
+        kernel = build_lane_kernel(function)
     assert_array_equal(values(kernel), expected(function))
 
 
 def assert_one_sentence(told):
     assert len(told) == 1
     sentence = str(told[0].message)
-    assert sentence.endswith(" (BEAMDAE_NATIVE=off does without machine code).")
+    assert sentence.endswith(" (BEAMDAE_NATIVE=off switches machine code off).")
     assert "\n" not in sentence
 
 
@@ -86,7 +86,7 @@ def assert_not_kept(words, builds):
     """Kernels are compiled each time, with one sentence the first time and none the second."""
     before = len(builds)
     with pytest.warns(KernelWarning, match=words) as told:
-        kernel = lane_kernel(FUNCTION)
+        kernel = build_lane_kernel(FUNCTION)
     assert_one_sentence(told)
     assert "each run compiles its loops" in str(told[0].message)
     assert_array_equal(values(kernel), expected(FUNCTION))
@@ -97,11 +97,11 @@ def assert_not_kept(words, builds):
 def assert_done_without(words):
     """There is none, with one sentence the first time and none the second."""
     with pytest.warns(KernelWarning, match=words) as told:
-        assert lane_kernel(FUNCTION) is None
+        assert build_lane_kernel(FUNCTION) is None
     assert_one_sentence(told)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert lane_kernel(FUNCTION) is None
+        assert build_lane_kernel(FUNCTION) is None
 
 
 def replace_by(damage, file):
@@ -158,7 +158,7 @@ def test_a_kernel_is_built_once(cache, builds):
     ],
 )
 def test_a_damaged_kernel_is_built_again(cache, builds, damage):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     (file,) = kept(cache)
     content = file.read_bytes()
     replace_by(damage, file)
@@ -171,8 +171,8 @@ def test_a_damaged_kernel_is_built_again(cache, builds, damage):
 
 
 def test_the_object_of_another_kernel_by_that_name_is_not_loaded(cache):
-    lane_kernel(FUNCTION)
-    lane_kernel(OTHER)
+    build_lane_kernel(FUNCTION)
+    build_lane_kernel(OTHER)
     one, other = (file.read_bytes() for file in kept(cache))
     for file, content in zip(kept(cache), (other, one), strict=True):
         file.write_bytes(content)
@@ -181,9 +181,9 @@ def test_the_object_of_another_kernel_by_that_name_is_not_loaded(cache):
 
 
 def test_an_object_with_the_checksum_of_another_kernel_is_not_loaded(cache, builds):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     (mine,) = kept(cache)
-    lane_kernel(OTHER)
+    build_lane_kernel(OTHER)
     (other,) = set(kept(cache)) - {mine}
     mine.write_bytes(other.read_bytes()[:32] + mine.read_bytes()[32:])
     assert_right()
@@ -192,7 +192,7 @@ def test_an_object_with_the_checksum_of_another_kernel_is_not_loaded(cache, buil
 
 def test_what_changes_between_check_and_use_is_not_loaded(cache, monkeypatch):
     """What is checked is what is loaded."""
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     (file,) = kept(cache)
     read = module._read_private_file
 
@@ -207,25 +207,25 @@ def test_what_changes_between_check_and_use_is_not_loaded(cache, monkeypatch):
 
 
 def test_a_damaged_kernel_is_replaced_and_never_written_over(cache):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     (file,) = kept(cache)
     keeper = file.with_name("keeper")
     file.write_bytes(b"damaged")
     os.link(file, keeper)
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     assert keeper.read_bytes() == b"damaged"
     assert file.read_bytes() != b"damaged"
 
 
 def test_what_a_killed_build_left_is_removed_by_a_later_one(cache):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     for name in ("build-dead", "build-alive"):
         (cache / name).write_text("")
     (cache / "build-folder").mkdir()
     hours_ago = time.time() - 7200.0
     for name in ("build-dead", "build-folder"):
         os.utime(cache / name, (hours_ago, hours_ago))
-    lane_kernel(OTHER)
+    build_lane_kernel(OTHER)
     assert [path.name for path in cache.glob("build-*")] == ["build-alive"]
 
 
@@ -235,13 +235,13 @@ def test_an_interrupt_leaves_nothing(cache, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        lane_kernel(FUNCTION)
+        build_lane_kernel(FUNCTION)
     assert list(cache.iterdir()) == []
 
 
 @pytest.mark.parametrize("part", range(4))
 def test_objects_of_other_machines_and_compilers_are_not_loaded(cache, builds, monkeypatch, part):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     recipe = list(machine.describe_target())
     recipe[part] += "x"
     monkeypatch.setattr(machine, "describe_target", lambda: tuple(recipe))
@@ -265,7 +265,7 @@ def test_the_cache_is_for_its_user_alone_whatever_the_umask(cache, tmp_path, mas
 
 
 def test_a_cache_of_ours_that_others_could_write_to_is_closed_to_them(cache, builds):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     cache.chmod(0o777)
     kept(cache)[0].chmod(0o722)
     assert_right()
@@ -280,11 +280,11 @@ def in_the_open(monkeypatch):
 
 
 def test_a_way_to_the_cache_that_others_can_change_is_refused(cache, builds, monkeypatch):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     planted = kept(cache)[0]
     cache.parent.chmod(0o777)
     in_the_open(monkeypatch)
-    assert_not_kept(r"others can write to .*cache; set XDG_CACHE_HOME to a folder", builds)
+    assert_not_kept(r"others can write to .*cache; set XDG_CACHE_HOME to a private folder", builds)
     assert planted.exists()
     objects._issued_messages.clear()
     cache.parent.chmod(0o1777)
@@ -293,7 +293,7 @@ def test_a_way_to_the_cache_that_others_can_change_is_refused(cache, builds, mon
 
 
 def test_a_folder_of_the_user_alone_protects_what_is_below(cache, tmp_path, builds):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     cache.parent.chmod(0o777)
     tmp_path.chmod(0o700)
     assert_right()
@@ -303,7 +303,7 @@ def test_a_folder_of_the_user_alone_protects_what_is_below(cache, tmp_path, buil
 @root
 @pytest.mark.parametrize("whose", ["folder", "way", "link"])
 def test_what_belongs_to_another_user_is_not_loaded(cache, tmp_path, builds, monkeypatch, whose):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     if whose == "link":
         cache.rename(tmp_path / "theirs")
         cache.symlink_to(tmp_path / "theirs")
@@ -315,7 +315,7 @@ def test_what_belongs_to_another_user_is_not_loaded(cache, tmp_path, builds, mon
 
 @root
 def test_an_object_of_another_user_is_built_again(cache, builds):
-    lane_kernel(FUNCTION)
+    build_lane_kernel(FUNCTION)
     (file,) = kept(cache)
     os.chown(file, NOBODY, NOBODY)
     assert_right()
@@ -341,13 +341,13 @@ def test_a_user_without_a_home_does_without(monkeypatch, builds):
 
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", homeless)
-    assert_not_kept("no home folder, set HOME", builds)
+    assert_not_kept("no home folder; set HOME", builds)
 
 
 def test_a_home_that_cannot_be_written_is_done_without(monkeypatch, builds):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", "/proc/self")
-    assert_not_kept("kernels cannot be kept there", builds)
+    assert_not_kept("kernels cannot be cached", builds)
 
 
 @pytest.mark.parametrize("what", ["root", "folder", "link"])
@@ -355,7 +355,7 @@ def test_a_cache_that_is_no_folder_is_done_without(cache, builds, what):
     place = cache.parent if what == "root" else cache
     place.parent.mkdir(exist_ok=True)
     place.symlink_to("nowhere") if what == "link" else place.write_text("")
-    assert_not_kept("kernels cannot be kept there", builds)
+    assert_not_kept("kernels cannot be cached", builds)
 
 
 @pytest.mark.parametrize("call", ["replace", "fsync"])
@@ -383,7 +383,7 @@ def test_a_kernel_that_gives_other_numbers_is_done_without(cache, monkeypatch):
     monkeypatch.setattr(
         machine, "compile_module", lambda ir, level: compiled(ir.replace("fadd", "fsub"), level)
     )
-    assert_done_without("LLVM: kernel_of_test does not give the right numbers; runs take several")
+    assert_done_without("LLVM: kernel_of_test returns wrong numbers; runs take several")
     assert not kept(cache)
 
 
@@ -400,16 +400,16 @@ def test_what_is_not_wanted_is_neither_built_nor_told(cache, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/self/nothing")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert lane_kernel(FUNCTION) is None
+        assert build_lane_kernel(FUNCTION) is None
 
 
 PROCESS = """
 import warnings
 warnings.simplefilter("error")
 import casadi as ca, numpy as np
-from beamdae.native.lane_kernels import lane_kernel
+from beamdae.native.lane_kernels import build_lane_kernel
 s, x = ca.SX.sym("s"), ca.SX.sym("x", 3)
-kernel = lane_kernel(ca.Function("kernel_of_test", [s, x], [ca.sin(x) * x[0] + ca.sqrt(x) * s]))
+kernel = build_lane_kernel(ca.Function("kernel_of_test", [s, x], [ca.sin(x) * x[0] + ca.sqrt(x) * s]))
 print(kernel([1.5], np.tile([[0.3], [1.7], [2.9]], 8))[:, 0].tolist())
 """
 

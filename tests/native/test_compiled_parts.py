@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose, assert_array_equal
 
 from beamdae.linear.pivots import propose_plans
-from beamdae.native.lane_kernels import LANE_WIDTH, lane_kernel
+from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 from beamdae.native.linear_solver import LinearSolver, factorize_linear, solve_linear
 from beamdae.native.loop_functions import call_kernel, combine, factorize, solve
 from beamdae.native.loops import CompiledLoop
@@ -57,7 +57,7 @@ def test_kernels_are_called_with_their_own_numbers(count):
         ca.Function("first_of_test", [s, x], [ca.vertcat(s[0] * ca.sin(x), x[0] / s[1])]),
         ca.Function("second_of_test", [s, x], [ca.exp(-x[1:]) + s[1]]),
     ]
-    lanes = [lane_kernel(function) for function in functions[:count]]
+    lanes = [build_lane_kernel(function) for function in functions[:count]]
     random = np.random.default_rng(0)
     shared, local = random.normal(size=2), random.normal(size=9 * LANE_WIDTH)
     starts = np.array([(0, 2 * LANE_WIDTH), (6 * LANE_WIDTH, LANE_WIDTH)], np.int64)[:count]

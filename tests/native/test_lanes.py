@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
 from beamdae.native import lane_code as operations
 from beamdae.native.lane_code import write_lane_module
-from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, lane_kernel, pad_copies
+from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, build_lane_kernel, pad_copies
 
 SX = ca.SX
 
@@ -103,7 +103,7 @@ def all_operations():
 @pytest.fixture(scope="module")
 def every():
     function = all_operations()
-    return function, lane_kernel(function)
+    return function, build_lane_kernel(function)
 
 
 def test_all_operations_that_can_be_compiled_are_tried(every):
@@ -159,7 +159,7 @@ def expressions(draw):
 @settings(max_examples=40)
 @given(expressions(), st.integers(0, 2**32 - 1))
 def test_operations_on_each_other_have_the_same_bits(function, seed):
-    kernel = lane_kernel(function)
+    kernel = build_lane_kernel(function)
     random = np.random.default_rng(seed)
     local = random.normal(0.0, 2.0, (3, 2 * LANE_WIDTH))
     local[:, LANE_WIDTH:] = random.choice(VALUES, (3, LANE_WIDTH))
@@ -174,7 +174,7 @@ def test_the_force_of_an_element_has_the_same_bits(copies):
     own = ca.vertcat(x.q, x.v, x.a, x.data)
     function = ca.Function("force_of_test", [x.time, own], [ca.densify(kernel.force)])
     local = np.random.default_rng(0).normal(size=(own.shape[0], copies))
-    assert_same(function, lane_kernel(function), [0.1, 0.2], local)
+    assert_same(function, build_lane_kernel(function), [0.1, 0.2], local)
 
 
 # What is handed in and out.
@@ -186,7 +186,7 @@ def small(name="small"):
 
 
 def test_a_kernel_tells_its_sizes_and_stays_alive():
-    kernel = lane_kernel(small())
+    kernel = build_lane_kernel(small())
     assert isinstance(kernel, LaneKernel)
     assert kernel.name == "small"
     assert (kernel.n_shared, kernel.n_local, kernel.n_out) == (2, 3, 2)
@@ -199,7 +199,7 @@ def test_either_input_may_be_empty(shared, own):
     s, x = SX.sym("s", shared), SX.sym("x", own)
     own_sum = ca.densify(ca.sum1(ca.exp(x)))
     function = ca.Function("empty", [s, x], [ca.vertcat(ca.sum1(s) + 2.0, own_sum)])
-    kernel = lane_kernel(function)
+    kernel = build_lane_kernel(function)
     local = np.linspace(0.0, 1.0, own * LANE_WIDTH).reshape(own, LANE_WIDTH)
     found = kernel(np.ones(shared), local)
     assert_array_equal(found[0], np.full(LANE_WIDTH, shared + 2.0))
@@ -208,12 +208,12 @@ def test_either_input_may_be_empty(shared, own):
 
 
 def test_no_copies_are_none():
-    assert lane_kernel(small())(np.ones(2), np.ones((3, 0))).shape == (2, 0)
+    assert build_lane_kernel(small())(np.ones(2), np.ones((3, 0))).shape == (2, 0)
 
 
 @pytest.mark.parametrize("offset", [0, 1, 3])
 def test_memory_need_not_be_aligned_and_nothing_else_is_written(offset):
-    kernel = lane_kernel(small())
+    kernel = build_lane_kernel(small())
     memory = np.full(2 * 16 + 8, np.nan)
     out = memory[offset : offset + 32].reshape(2, 16)
     source = np.linspace(0.0, 1.0, 3 * 16 + 8)[offset : offset + 48].reshape(3, 16)
@@ -237,17 +237,17 @@ def test_memory_need_not_be_aligned_and_nothing_else_is_written(offset):
 )
 def test_arrays_that_do_not_fit_are_refused(shared, local, out, words):
     with pytest.raises(ValueError, match=words):
-        lane_kernel(small())(shared, local, out)
+        build_lane_kernel(small())(shared, local, out)
 
 
 def test_arrays_of_other_kinds_and_orders_are_read():
     local = np.arange(48)[::2].reshape(8, 3).T
-    found = lane_kernel(small())([1, 2], local)
+    found = build_lane_kernel(small())([1, 2], local)
     assert_same_bits(found, by_virtual_machine(small(), np.array([1.0, 2.0]), local.astype(float)))
 
 
 def test_kernels_run_in_several_threads_at_once():
-    kernel = lane_kernel(small())
+    kernel = build_lane_kernel(small())
     local = np.random.default_rng(0).normal(size=(3, 4096))
     right = kernel(np.ones(2), local)
     found = []
@@ -268,7 +268,7 @@ def test_kernels_are_built_in_several_threads_at_once():
     found = {}
 
     def build(function):
-        found[function.name()] = lane_kernel(function)(np.ones(2), np.ones((3, LANE_WIDTH)))
+        found[function.name()] = build_lane_kernel(function)(np.ones(2), np.ones((3, LANE_WIDTH)))
 
     threads = [threading.Thread(target=build, args=(function,)) for function in functions]
     for thread in threads:
@@ -289,7 +289,7 @@ def test_rows_have_whole_vectors_and_do_not_evict_each_other(copies, length):
 
 def test_a_kernel_does_not_leave_its_process():
     with pytest.raises((TypeError, ValueError, pickle.PicklingError)):
-        pickle.dumps(lane_kernel(small()))
+        pickle.dumps(build_lane_kernel(small()))
 
 
 # What cannot be compiled.
@@ -304,8 +304,8 @@ def test_functions_of_another_form_are_refused(shape):
         "sparse": ([s, x], [ca.vertcat(x, SX(1, 1))]),
         "MX": ([ca.MX.sym("s")], [ca.MX(1)]),
     }[shape]
-    with pytest.raises(ValueError, match="form: a kernel is an SX function of two columns"):
-        lane_kernel(ca.Function("form", inputs, outputs))
+    with pytest.raises(ValueError, match="form: a kernel must be an SX function of two columns"):
+        build_lane_kernel(ca.Function("form", inputs, outputs))
 
 
 @pytest.mark.parametrize("operation", [ca.OP_ERFINV, ca.OP_PRINTME])
@@ -313,7 +313,7 @@ def test_what_cannot_be_compiled_is_told(operation):
     s, x = SX.sym("s"), SX.sym("x")
     function = ca.Function("without", [s, x], [SX.binary(operation, x, s)])
     assert operation in ids(function)
-    assert lane_kernel(function) is None
+    assert build_lane_kernel(function) is None
     with pytest.raises(ValueError, match=r"without: it has operations that cannot be compiled\."):
         write_lane_module(function)
 
@@ -323,12 +323,12 @@ def test_calls_are_not_compiled():
     inner = ca.Function("inner", [x], [ca.sin(x)], {"never_inline": True})
     function = ca.Function("calls", [s, x], [inner(x) + s])
     assert ca.OP_CALL in ids(function)
-    assert lane_kernel(function) is None
+    assert build_lane_kernel(function) is None
 
 
 def test_machine_code_that_is_not_wanted_is_done_without(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    assert lane_kernel(small()) is None
+    assert build_lane_kernel(small()) is None
 
 
 def test_the_same_function_has_the_same_source():

@@ -29,7 +29,7 @@ def cache(tmp_path, monkeypatch):
 MODULE = """
 from dataclasses import dataclass
 import numpy as np
-from beamdae.native.loops import Loop
+from beamdae.native.loops import CompiledLoop
 from beamdae.native.loop_functions import fill
 
 FACTOR, SHARES, TABLE = 2, (1.0, 2.0), np.array([4.0, 8.0])
@@ -53,7 +53,7 @@ def loop_of_test(work):
 
 def run():
     work = Work(np.zeros(4))
-    Loop(loop_of_test, work)()
+    CompiledLoop(loop_of_test, work)()
     return work.total
 """
 TOTAL = 4 * (2 * 2.0 + 2.0 * 8.0)
@@ -118,10 +118,10 @@ def test_what_a_loop_consists_of_makes_another_object(tmp_path, builds):
 def test_a_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
     assert run(tmp_path) == TOTAL
     monkeypatch.setattr(loops, "version", lambda name: "0.0")
-    loops._versions.cache_clear()
+    loops._describe_compiler.cache_clear()
     assert run(tmp_path) == TOTAL
     assert len(builds) == 2
-    loops._versions.cache_clear()
+    loops._describe_compiler.cache_clear()
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -154,7 +154,7 @@ import numpy as np
 for _ in range(2):
     try:
         print(run())
-    except loops.MachineError:
+    except loops.MachineCodeError:
         print("no machine code")
 print("numba" in sys.modules)
 """

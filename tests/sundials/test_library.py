@@ -40,7 +40,7 @@ def refused():
 def other(monkeypatch, **functions):
     """Another SUNDIALS: some functions of the one there is are replaced."""
     made = {name: PROTOTYPES[name](function) for name, function in functions.items()}
-    original = library_module._address
+    original = library_module._find_address
 
     def address(images, name):
         if name in made:
@@ -65,8 +65,8 @@ def sized(*written):
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        ((12,), "its numbers have 4 bytes, not those of doubles"),
-        ((48,), "its numbers have 16 bytes, not those of doubles"),
+        ((12,), "SUNDIALS has numbers of 4 bytes, not of 8"),
+        ((48,), "SUNDIALS has numbers of 16 bytes, not of 8"),
         ((24, 0), "SUNDIALS was built with indices of 64 bits, not 32"),
     ],
 )
@@ -88,7 +88,7 @@ def test_another_version_is_refused(monkeypatch):
 
 
 def test_a_build_with_mpi_is_refused(monkeypatch):
-    (image,) = library_module._images()
+    (image,) = library_module._find_images()
     monkeypatch.setattr(image, "MPI_Comm_rank", None, raising=False)
     monkeypatch.setattr(library_module, "_find_images", lambda: [image])
     assert refused() == "SUNDIALS was built with MPI"
@@ -100,7 +100,9 @@ def test_a_library_without_the_functions_is_refused(monkeypatch):
 
 
 def test_a_compiled_module_that_cannot_be_opened_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(library_module, "_find_extension_module", lambda: str(tmp_path / "absent.so"))
+    monkeypatch.setattr(
+        library_module, "_find_extension_module", lambda: str(tmp_path / "absent.so")
+    )
     assert refused().startswith("scikit-sundae's IDA cannot be opened")
 
 
@@ -116,9 +118,9 @@ def test_without_its_compiled_module_there_is_nothing(monkeypatch, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
 def test_what_is_opened_is_what_would_be_imported():
-    assert library_module._extension_module() == sksundae._cy_ida.__file__
+    assert library_module._find_extension_module() == sksundae._cy_ida.__file__
 
 
 def test_names_on_windows():
-    names = library_module._dll_names()
+    names = library_module._windows_dll_names()
     assert "sundials_ida.dll" in names

@@ -10,7 +10,7 @@ import numpy as np
 import pendulum
 import pytest
 from sundials.both_ways import Direct, Robertson, same, wrapped
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.integrators.ida import python_solver as preconditioned
@@ -64,7 +64,7 @@ def test_a_beam_takes_the_same_steps(monkeypatch, equations, settings):
 
         return made
 
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     made = bd.equations_of_motion(equations)
     for kind in (wrapped, Direct):
         monkeypatch.setattr(preconditioned, "_solver", recording(kind))

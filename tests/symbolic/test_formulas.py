@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from chains import STRIP, state
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 from beamdae.parts.attachments import Attachment
@@ -78,10 +78,10 @@ def values(numeric):
 
 
 def test_formulas_mean_what_functions_mean(monkeypatch):
-    by_kind = Numeric(machine(), TIME)
-    monkeypatch.setattr(Attachment, "moved", property(Attachment._moved.__get__))
+    by_kind = NumericEquations(machine(), TIME)
+    monkeypatch.setattr(Attachment, "checked_kinematics", property(Attachment._evaluate.__get__))
     monkeypatch.setattr(Law, "formula", property(lambda law: law))
-    by_recipe = Numeric(machine(), TIME)
+    by_recipe = NumericEquations(machine(), TIME)
     terms = [(*x.equations.forces, *x.equations.joints) for x in (by_kind, by_recipe)]
     kernels = [{id(term.kernel) for term in found} for found in terms]
     # The element and the rigid body are shared either way.
@@ -149,6 +149,6 @@ def test_a_law_of_the_users_own_class_is_asked_itself():
         mech = bd.Mechanism()
         body = mech.add(bd.RigidBody("body", 2.0, 0.1))
         mech.add(bd.Moment("moment", on=body.at(0.0, 0.0), law=law))
-        forces.append(Numeric(mech, TIME).force())
+        forces.append(NumericEquations(mech, TIME).force())
     assert_allclose(forces[0], [0.0, 0.0, -3.0 * np.sin(4.0 * np.pi * 0.7 + 0.4)], rtol=1e-14)
     assert_allclose(forces[1], 0.5 * forces[0], rtol=1e-15)

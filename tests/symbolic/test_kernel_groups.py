@@ -54,7 +54,7 @@ def numbers(equations, name):
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1"])
 def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
-    monkeypatch.setattr(building, "by_kernel", each_on_its_own)
+    monkeypatch.setattr(building, "group_by_kernel", each_on_its_own)
     alone = bd.equations_of_motion(workshop())
     # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
     assert (len(alone.joints), len(shared.joints)) == (12, 4)
