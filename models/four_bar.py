@@ -15,16 +15,17 @@ def four_bar(
     damping=1e-4,
     formulation="floating frame",
 ):
-    """Crank of 0.25 m run up to `speed` [rad/s] in 0.5 s, coupler bowed by `rise` [m]; from rest.
+    """Run the crank up from rest to `speed` [rad/s] in 0.5 s.
 
-    Coupler of 0.8 m from pin to pin, a steel strip of 20 mm x `height`; rocker of 0.6 m, ground
-    0.9 m. The spring of `stiffness` [N/m] draws the middle of the rocker back.
+    The crank is 0.25 m long, the rocker 0.6 m, and their bearings are 0.9 m apart. The coupler is a
+    steel strip of 20 mm x `height` [m], 0.8 m from pin to pin and curved with a `rise` [m]. A
+    spring of `stiffness` [N/m] pulls the middle of the rocker back.
     """
     steel = bd.Material.of("steel")
     strip = bd.Section.rectangle(steel, width=0.02, height=height, damping=damping)
     bar = bd.Section.rectangle(steel, width=0.02, height=0.01)
     shaft, crank_end, foot = (0.0, 0.0), (0.0, 0.25), (0.9, 0.0)
-    # Where circles of 0.8 m about the crank's end and of 0.6 m about the foot meet.
+    # Intersection of circles of 0.8 m about the crank's end and of 0.6 m about the foot.
     span, turn = np.hypot(0.9, 0.25), np.arctan2(-0.25, 0.9)
     turn += np.arccos((0.8**2 + span**2 - 0.6**2) / (2.0 * 0.8 * span))
     rocker_end = (0.8 * np.cos(turn), 0.25 + 0.8 * np.sin(turn))

@@ -1,15 +1,16 @@
-"""Centrifugal governor: a geared rotor whose flyweights rub on a drum and hold its speed."""
+"""Centrifugal governor: flyweights rub on a drum and limit the speed of a geared rotor."""
 
 import beamdae as bd
 
 
 @bd.model(t_end=1.0)
 def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.05):
-    """A mainspring barrel drives the rotor by a gear of `ratio`, with `torque` [N m] at the start.
+    """Drive the rotor by a mainspring barrel and a gear of `ratio`.
 
-    Two flyweights of 40 g are pivoted on the rotor and held by torsion springs of `preload` [N m]
-    and `stiffness` [N m/rad]; at speed they swing out, and their shoes rub with `coefficient` in a
-    fixed drum of 45 mm.
+    The mainspring has a torque of `torque` [N m] at the start. Two flyweights of 40 g are pivoted
+    on the rotor and restrained by torsion springs of `preload` [N m] and `stiffness` [N m/rad]. At
+    speed they swing out, and their shoes rub with the friction `coefficient` in a fixed drum of
+    45 mm radius.
     """
     mech = bd.Mechanism()
     ground, axis, away = mech.ground, (0.0, 0.0), (-0.3, 0.0)

@@ -24,13 +24,13 @@ def hub_beam(
     frequency=1.0,
     formulation="floating frame",
 ):
-    """Hub and beam: `torque` [N m] times sin(2 pi `frequency` t) on the hub, no gravity.
+    """Apply `torque` [N m] times sin(2 pi `frequency` t) to the hub, without gravity.
 
-    `subtended` is the angle of the arc in degrees; the "parabolic" beam has the same chord and
-    rise. The beam is cut into `bodies` beams of `elements` elements each, welded together, every
-    one in a floating frame of its own, on its start section ("tangent", the paper's) or from end to
-    end ("chord"). `strain` and `continuity` are the floating frame's alone, `formulation="exact"`
-    has none of them.
+    `subtended` is the angle of the arc in degrees; a "parabolic" `shape` has the same chord and
+    rise. The beam consists of `bodies` beams of `elements` elements each, welded together. Each has
+    a floating frame on its start section (`frame` "tangent", the paper's) or from end to end
+    ("chord"). `strain` and `continuity` apply to the floating frame only, not to
+    `formulation="exact"`.
     """
     angle = np.radians(subtended)
     radius = length / angle
@@ -38,7 +38,7 @@ def hub_beam(
     if shape == "circular":
         axis = bd.Arc(radius=radius, length=length, start=root)
     elif shape == "parabolic":
-        # y = 4 d x (x - l) / l^2 with its root tangent turned into the hub's radius.
+        # y = 4 d x (x - l) / l^2, rotated so that the root tangent is along the hub's radius.
         chord, rise = 2.0 * radius * np.sin(angle / 2.0), radius * (1.0 - np.cos(angle / 2.0))
         axis = bd.Parabola(span=chord, rise=-rise, start=root, angle=np.arctan(4.0 * rise / chord))
     else:

@@ -1,4 +1,4 @@
-"""Quarter of a vehicle on a leaf spring, with damper, bump stop and tire, over a bump."""
+"""Quarter vehicle on a leaf spring with damper, bump stop and tire, driving over a bump."""
 
 import numpy as np
 
@@ -15,11 +15,12 @@ def leaf_spring_vehicle(
     damping=2000.0,
     formulation="floating frame",
 ):
-    """Drives over a `bump` [m] that lasts `duration` [s], from rest under its own weight.
+    """Drive over a `bump` [m] that lasts `duration` [s], starting at rest under the weight.
 
-    The leaf spring, drawn free, has `leaves` of 60 mm x 7 mm that slide on each other, 1.2 m from
-    eye to eye with a camber of 0.16 m; its axle of 35 kg hits the bump stop where it is 0.13 m
-    nearer to the chassis than in the drawing. `damping` [N s/m] is that of the damper.
+    The leaf spring is drawn unloaded: `leaves` leaves of 60 mm x 7 mm that slide on each other,
+    1.2 m from eye to eye with a camber of 0.16 m. The axle of 35 kg hits the bump stop when it is
+    0.13 m closer to the chassis than in the drawing. `sprung_mass` [kg] is the mass of the chassis,
+    `damping` [N s/m] the coefficient of the damper.
     """
     steel = bd.Material.of("steel")
     area, second_moment = leaves * 0.06 * 0.007, leaves * 0.06 * 0.007**3 / 12.0

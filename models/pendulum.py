@@ -17,13 +17,14 @@ def pendulum(
     quadrature="reduced",
     formulation="floating frame",
 ):
-    """Pendulum released at rest, its root tangent 0.60 rad below the horizontal.
+    """Release the pendulum at rest with its root tangent 0.60 rad below the horizontal.
 
-    `damping` is the Kelvin-Voigt time [s] of the strip, `mass_damping` [1/s] and
-    `stiffness_damping` [s] are Rayleigh's, `air_drag` [kg/m^2] is the force per length and squared
-    normal velocity. `angle` is that of the root tangent, a negative `radius` bends the strip down.
-    The gauges sit on its lower surface: that gives the strains the sign they have in Fig. 5a.
-    `strain` is the floating frame's alone, `formulation="exact"` has an exact one.
+    `damping` [s] is the Kelvin-Voigt retardation time of the strip, `mass_damping` [1/s] and
+    `stiffness_damping` [s] are Rayleigh's coefficients, `air_drag` [kg/m^2] is the drag force per
+    length and squared normal velocity. `angle` [rad] is the angle of the root tangent; a negative
+    `radius` [m] curves the strip downward. The gauges are on the lower surface, which gives the
+    strains the sign of Fig. 5a. `strain` applies to the floating frame only, not to
+    `formulation="exact"`.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)

@@ -1,4 +1,4 @@
-"""Elastic ring on two rubber bushings, with a motor on top that shakes it."""
+"""Elastic ring on two rubber bushings, excited by an unbalanced motor on top."""
 
 import numpy as np
 
@@ -14,10 +14,11 @@ def ring_mount(
     unbalance=2e-3,
     formulation="floating frame",
 ):
-    """Steel ring, 40 mm x 8 mm, of four beams welded end to start, from rest under its weight.
+    """Run the motor up in 0.2 s to `frequency` [Hz], starting at rest under the weight.
 
-    The motor of `motor_mass` [kg] is run up in 0.2 s to `frequency` [Hz]; its rotor has an
-    `unbalance` [kg m]. The bushings hold the ring 45 degrees left and right of its lowest point.
+    The steel ring of `radius` [m], 40 mm x 8 mm, consists of four beams welded end to start. The
+    motor has `motor_mass` [kg], its rotor an `unbalance` [kg m]. The bushings support the ring
+    45 degrees left and right of its lowest point.
     """
     steel = bd.Material.of("steel")
     flat = bd.Section.rectangle(steel, width=0.04, height=0.008, damping=2e-5)

@@ -1,4 +1,4 @@
-"""Shallow arch that snaps through: a limit load, equilibria beyond it that no run shows, a jump."""
+"""Shallow arch that snaps through: limit point, unstable equilibria beyond it, dynamic jump."""
 
 import numpy as np
 
@@ -9,10 +9,11 @@ import beamdae as bd
 def shallow_arch(
     elements=8, span=0.5, rise=0.008, height=0.002, load=35.0, damping=2e-4, formulation="exact"
 ):
-    """Clamped circular arch of steel, 20 mm x `height`, under a `load` [N] at its crown.
+    """Load the crown of a clamped circular arch of steel, 20 mm x `height` [m], by `load` [N].
 
-    It holds loads up to 38.1 N that are brought up slowly; put on at once, as in a run, 35 N snap
-    it through. At a `rise` of 12 mm a path that leans to one side branches off beyond the limit.
+    The arch carries loads up to 38.1 N if they increase slowly. Applied suddenly, as in a
+    simulation, 35 N snap it through. With a `rise` of 12 mm, an asymmetric path branches off beyond
+    the limit point.
     """
     steel = bd.Material.of("steel")
     strip = bd.Section.rectangle(steel, width=0.02, height=height, damping=damping)

@@ -18,12 +18,12 @@ def slider_crank(
     quadrature="reduced",
     formulation="floating frame",
 ):
-    """Crank run up to `speed` [rad/s] in 0.5 s, parabolic rod, slider of 0.5 kg.
+    """Run the crank up to `speed` [rad/s] in 0.5 s; parabolic rod, slider of 0.5 kg.
 
-    `frame` is where the floating frame of the rod rides: "tangent" (start section) or "chord". The
-    crank is "rigid" or "flexible", with the rod's section and half its elements. The rod is cut
-    into `bodies` beams of `elements` elements each; "mid-point" is seen from the frame of the one
-    it sits on. `strain` is the floating frame's alone, `formulation="exact"` has an exact one.
+    `frame` is the floating frame of the rod: "tangent" (start section) or "chord". The `crank` is
+    "rigid", or "flexible" with the rod's section and half its elements. The rod consists of
+    `bodies` beams of `elements` elements each; "mid-point" is the deformation in the frame of the
+    beam at mid-length. `strain` applies to the floating frame only, not to `formulation="exact"`.
     """
     alloy = bd.Material(E=68.952e9, nu=0.3, rho=density)
     square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)

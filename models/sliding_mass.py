@@ -1,4 +1,4 @@
-"""A mass that slides down a flexible arc until it comes to the end of it."""
+"""Mass that slides down a flexible arc until it reaches the end."""
 
 import beamdae as bd
 
@@ -7,10 +7,10 @@ import beamdae as bd
 def sliding_mass(
     elements=8, mass=0.15, height=0.003, radius=1.0, damping=1e-4, formulation="floating frame"
 ):
-    """Particle of `mass` [kg] on a clamped strip of aluminum, 25 mm x `height`, from rest.
+    """Release a particle of `mass` [kg] at rest on a clamped strip of aluminum.
 
-    The strip leaves its clamp downward at 1.1 rad and ends level after an arc of `radius` [m]; the
-    run stops where the mass reaches its free end.
+    The strip of 25 mm x `height` [m] leaves its clamp 1.1 rad below the horizontal and ends level
+    after an arc of `radius` [m]. The run stops when the mass reaches the free end.
     """
     alloy = bd.Material.of("aluminum")
     strip = bd.Section.rectangle(alloy, width=0.025, height=height, damping=damping)

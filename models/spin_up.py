@@ -12,13 +12,13 @@ def spin_up(
     quadrature="reduced",
     formulation="floating frame",
 ):
-    """Straight beam of 10 m, its root brought to `speed` [rad/s] in 15 s.
+    """Rotate the root of a straight beam of 10 m, run up to `speed` [rad/s] in 15 s.
 
     J. C. Simo, L. Vu-Quoc, J. Appl. Mech. 53 (1986) 849 and 855, after Kane, Ryan & Banerjee,
     J. Guidance 10 (1987) 139: EA = 2.8e7 N, GA = 1e7 N, EI = 1.4e4 N m^2, rho A = 1.2 kg/m,
-    rho I = 6e-4 kg m. Without the quadratic strains the centrifugal force does not stiffen the
-    beam in bending, and the deflection grows without bound. `strain` is the floating frame's alone,
-    `formulation="exact"` has an exact one.
+    rho I = 6e-4 kg m. Without quadratic strains the centrifugal force does not stiffen the beam in
+    bending, and the deflection grows without bound. `strain` applies to the floating frame only,
+    not to `formulation="exact"`.
     """
     rubber = bd.Material(E=2.8e7, nu=0.4, rho=1.2)
     section = bd.Section(rubber, 1.0, second_moment=5e-4, shear_coefficient=1.0, damping=damping)
