@@ -181,7 +181,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the mechanism can be run."""
+        """True if the mechanism can be run."""
         return not self.problem
 
 

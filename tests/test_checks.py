@@ -1,4 +1,4 @@
-"""What `check` says of mechanisms that are right and of five that are wrong."""
+"""Findings of `check` for sound mechanisms and for mechanisms with common mistakes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import beamdae as bd
 
 
 def linkage(bars, lean=0.3, height=1.0, **settings):
-    """A coupler on parallel bars, of which two are enough."""
+    """Return a coupler on parallel bars; two bars determine its motion."""
     mech = bd.Mechanism(gravity=(0.0, -9.81), **settings)
     middle = (0.5 * (bars - 1) + lean, height)
     coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=middle))
@@ -29,7 +29,7 @@ def linkage(bars, lean=0.3, height=1.0, **settings):
     return mech
 
 
-def welded_twice():
+def doubly_welded_bar():
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0)))
     mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
@@ -37,8 +37,8 @@ def welded_twice():
     return mech
 
 
-def on_guides(**settings):
-    """A slider on two parallel guides, each of two points."""
+def slider_on_two_guides(**settings):
+    """Return a slider on two parallel guides with two points each."""
     mech = bd.Mechanism(gravity=(1.0, -9.81), **settings)
     slider = mech.add(bd.RigidBody("slider", 1.0, 0.1, center=(0.5, 0.0)))
     for name, y in (("guide A", 0.2), ("guide B", -0.2)):
@@ -47,7 +47,7 @@ def on_guides(**settings):
     return mech
 
 
-def driven_twice(first=3.0, second=3.0, **settings):
+def doubly_driven_crank(first=3.0, second=3.0, **settings):
     mech = bd.Mechanism(**settings)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
@@ -58,8 +58,8 @@ def driven_twice(first=3.0, second=3.0, **settings):
     return mech
 
 
-def without_a_guide():
-    """The rod hangs on the crank, and a body on nothing."""
+def linkage_without_a_guide():
+    """Return a crank with an unguided rod, and a body without joints."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
@@ -71,7 +71,7 @@ def without_a_guide():
     return mech
 
 
-# Mistakes by name --------------------------------------------------------------------------------
+# Modeling mistakes --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -81,11 +81,12 @@ def without_a_guide():
             linkage(3),
             1,
             [
-                "foot 0, head 0, foot 1, head 1, foot 2 and head 2 all block the rotation of the coupler"
+                "foot 0, head 0, foot 1, head 1, foot 2 and head 2 all block "
+                "the rotation of the coupler"
             ],
         ),
         (
-            welded_twice(),
+            doubly_welded_bar(),
             0,
             [
                 "left and right both block the translation of the bar along (1, 0)",
@@ -94,65 +95,65 @@ def without_a_guide():
             ],
         ),
         (
-            on_guides(),
+            slider_on_two_guides(),
             1,
             [
                 "guide A left and guide B left both block the rotation of the slider",
                 "guide A right and guide B right both block the rotation of the slider",
             ],
         ),
-        (driven_twice(), 0, ["motor and second motor both block the rotation of the crank"]),
+        (doubly_driven_crank(), 0, ["motor and second motor both block the rotation of the crank"]),
     ],
-    ids=["parallel bar", "welded twice", "two guides", "driven twice"],
+    ids=["parallel bar", "doubly welded", "two guides", "doubly driven"],
 )
-def test_redundant_constraints_are_sets_with_the_motion_they_block(mechanism, mobility, sentences):
-    found = mechanism.check()
-    assert [str(one) for one in found.dependent] == sentences
-    assert found.mobility == mobility
-    assert not found.ok
-    assert "depend on each other" in found.problem
-    assert all(part in str(found) for one in found.dependent for part in one.parts)
+def test_redundant_constraints_name_the_motion_they_block(mechanism, mobility, sentences):
+    findings = mechanism.check()
+    assert [str(one) for one in findings.dependent] == sentences
+    assert findings.mobility == mobility
+    assert not findings.ok
+    assert "depend on each other" in findings.problem
+    assert all(part in str(findings) for one in findings.dependent for part in one.parts)
 
 
-def test_a_missing_joint_is_seen_by_what_can_move():
-    found = without_a_guide().check()
-    assert found.ok
-    assert found.mobility == found.rigid_mobility == 4
-    assert found.free_motions == (
+def test_missing_joint_shows_in_the_free_motions():
+    findings = linkage_without_a_guide().check()
+    assert findings.ok
+    assert findings.mobility == findings.rigid_mobility == 4
+    assert findings.free_motions == (
         "rod can rotate about (1, 0)",
         "lost can translate along (1, 0)",
         "lost can translate along (0, 1)",
         "lost can rotate about (5, 5)",
     )
-    assert found.loose == (("lost",),)
+    assert findings.loose == (("lost",),)
 
 
-def test_drivers_that_contradict_each_other_are_told():
-    (found,) = driven_twice(3.0, 2.0).check().dependent
-    assert found.parts == ("motor", "second motor")
-    assert_allclose(found.contradiction, (0.0, 1.0), atol=1e-12)
-    assert "contradict each other" in str(found)
+def test_contradicting_drivers_are_named():
+    (dependent_set,) = doubly_driven_crank(3.0, 2.0).check().dependent
+    assert dependent_set.parts == ("motor", "second motor")
+    assert_allclose(dependent_set.contradiction, (0.0, 1.0), atol=1e-12)
+    assert "contradict each other" in str(dependent_set)
 
 
-def test_a_singular_position_is_no_redundancy():
-    """A parallelogram that lies flat has rank again beside it."""
-    (found,) = linkage(2, lean=1.0, height=0.0).check().dependent
-    assert not found.everywhere
-    assert "a singular one" in str(found)
+def test_singular_position_is_not_redundancy():
+    """A flat parallelogram has full rank in all neighboring positions."""
+    (dependent_set,) = linkage(2, lean=1.0, height=0.0).check().dependent
+    assert not dependent_set.everywhere
+    assert "in this singular position" in str(dependent_set)
     flat = linkage(2, lean=1.0, height=0.0, redundant="minimum norm")
     with pytest.raises(bd.BeamdaeError, match=r"none of these constraints is redundant.*singular"):
         bd.simulate(flat, t_end=0.1)
 
 
 def test_free_motions_turn_about_instantaneous_centers():
-    (told,) = linkage(2).check().free_motions
-    assert "bar 0 can rotate about (0, 0)" in told
-    assert "bar 1 can rotate about (1, 0)" in told
-    assert "coupler can translate along (0.958, -0.287)" in told
+    (motion,) = linkage(2).check().free_motions
+    assert "bar 0 can rotate about (0, 0)" in motion
+    assert "bar 1 can rotate about (1, 0)" in motion
+    assert "coupler can translate along (0.958, -0.287)" in motion
 
 
 def free_chain(joint):
-    """Twelve bars in a line, joined to each other alone."""
+    """Return twelve bars in a line that are joined only to each other."""
     mech = bd.Mechanism()
     bars = [
         mech.add(bd.RigidBody.rod(f"bar {k}", a=(k, 0.0), b=(k + 1.0, 0.0), mass=1.0))
@@ -163,10 +164,10 @@ def free_chain(joint):
     return mech
 
 
-def test_parts_that_move_alike_are_told_together():
+def test_parts_with_the_same_motion_are_grouped():
     welded = free_chain(bd.Weld).check().free_motions
     assert len(welded) == 3
-    assert all(told.startswith("the whole mechanism can ") for told in welded)
+    assert all(motion.startswith("the whole mechanism can ") for motion in welded)
     linked = free_chain(bd.Revolute).check()
     assert len(linked.free_motions) == linked.mobility == 14
     assert "bar 0 and bar 1 can translate along (0, 1), bar 2 can rotate about (3, 0)" in str(
@@ -175,30 +176,30 @@ def test_parts_that_move_alike_are_told_together():
     assert "; and 6 more" in str(linked)
 
 
-def test_a_mechanism_that_is_right():
-    found = slider_crank.check()
-    assert found.ok
-    assert not found.dependent
-    assert not found.free_motions
-    assert not found.loose
-    assert found.rigid_mobility == 0
-    assert found.spectrum.highest > 1e3 * found.spectrum.lowest > 0.0
-    assert [mesh.beam for mesh in found.meshes] == ["rod"]
-    # A whole run takes some thousands of steps.
-    assert 1e2 < found.prediction.steps < 1e6
+def test_sound_mechanism_has_no_findings():
+    findings = slider_crank.check()
+    assert findings.ok
+    assert not findings.dependent
+    assert not findings.free_motions
+    assert not findings.loose
+    assert findings.rigid_mobility == 0
+    assert findings.spectrum.highest > 1e3 * findings.spectrum.lowest > 0.0
+    assert [mesh.beam for mesh in findings.meshes] == ["rod"]
+    # A complete run takes some thousands of steps.
+    assert 1e2 < findings.prediction.steps < 1e6
     for topic in ("mobility", "frequencies", "mesh of rod", "predicted cost", "verdict"):
-        assert f"\n{topic}" in str(found)
+        assert f"\n{topic}" in str(findings)
 
 
-def test_frequencies_of_a_beam_on_a_pin_are_those_of_its_pendulum():
-    """The lowest is that of a rigid rod: stiffness comes from the reactions as the joint turns."""
+def test_lowest_frequency_of_a_hinged_beam_is_that_of_a_pendulum():
+    """A rigid rod has the same frequency: the stiffness is the geometric one of the reactions."""
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
     thick = bd.Section.rectangle(steel, width=0.05, height=0.05)
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, -1.0)), thick, elements=2))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     lowest = mech.check().spectrum.lowest
-    # The rotary inertia of the section, h^2 / (4 L^2) = 6e-4 of it, and its bending less.
+    # Rotary inertia of the section contributes h^2 / (4 L^2) = 6e-4, bending less.
     assert_allclose(lowest, np.sqrt(1.5 * 9.81) / (2.0 * np.pi), rtol=1e-3)
 
 
@@ -214,9 +215,9 @@ def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
     assert solution.status.success
     assert "head 1.y follows from the others" in solution.integrator["redundant"]
     assert not solution.warnings
-    # Three bars that move alike: outer ones carry the same by symmetry.
+    # Three bars with the same motion: by symmetry, the outer ones carry the same load.
     assert_allclose(solution.columns["foot 0.Fy [N]"], solution.columns["foot 2.Fy [N]"], rtol=1e-6)
-    # A parallelogram with a third bar turns as one bar with the masses of all, by Lagrange.
+    # By Lagrange, it rotates like one bar with the inertia of all bars and the coupler.
     length = np.hypot(0.3, 1.0)
     inertia = 3.0 * (0.1 + 0.25 * length**2) + length**2
     alpha = -9.81 * 0.3 * (3.0 * 0.5 + 1.0) / inertia
@@ -226,19 +227,19 @@ def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
 
 
 def test_two_drivers_share_their_torque():
-    mech = driven_twice(redundant="minimum norm")
+    mech = doubly_driven_crank(redundant="minimum norm")
     mech.add(bd.Moment("brake", mech.part("crank").at(0.0, 0.0), -2.0))
     solution = bd.simulate(mech, bd.Radau(), 0.1)
     assert_allclose(solution.columns["second motor.M [N m]"], 1.0, rtol=1e-6)
 
 
-def test_what_contradicts_is_refused_all_the_same():
-    mech = driven_twice(3.0, 2.0, redundant="minimum norm")
+def test_contradicting_drivers_are_rejected_with_minimum_norm():
+    mech = doubly_driven_crank(3.0, 2.0, redundant="minimum norm")
     with pytest.raises(bd.BeamdaeError, match="contradict each other"):
         bd.simulate(mech, t_end=0.1)
 
 
-def test_starts_by_name_know_of_spared_constraints():
+def test_start_by_name_satisfies_removed_constraints():
     mech = linkage(3, redundant="minimum norm")
     solution = bd.simulate(mech, bd.Radau(), 0.01, start={"bar 0.angle": 0.2})
     q = dict(zip(solution.equations.q_names, solution.q[0], strict=True))
@@ -246,22 +247,22 @@ def test_starts_by_name_know_of_spared_constraints():
 
 
 def test_regression_upright_bars_are_redundant_not_singular():
-    """Beside the upright position further constraints belong to the set; it was called singular."""
+    """Near the upright position the set has more constraints; it was reported as singular."""
     mech = linkage(3, lean=0.0, redundant="minimum norm")
-    (found,) = mech.check().dependent
-    assert found.everywhere
+    (dependent_set,) = mech.check().dependent
+    assert dependent_set.everywhere
     assert bd.simulate(mech, bd.Radau(), 0.05, start={"bar 0.angle": 0.2}).status.success
 
 
-def test_spared_constraints_do_not_go_with_switched_parts():
+def test_minimum_norm_rejects_switched_parts():
     mech = linkage(3, redundant="minimum norm")
     mech.when("coupler.x", crosses=5.0, do=bd.deactivate(mech.part("head 2")))
-    with pytest.raises(bd.BeamdaeError, match="needs parts that are always active"):
+    with pytest.raises(bd.BeamdaeError, match="does not work with events that switch parts"):
         mech.check()
 
 
-def test_a_redundant_joint_in_a_singular_position_is_told_apart():
-    """Two welds in one place are redundant wherever the straight chain they hold goes to."""
+def test_redundant_joint_in_a_singular_position_is_distinguished():
+    """Two welds at one point are redundant in every position of the straight chain."""
     mech, last = bd.Mechanism(), None
     for k in range(3):
         link = mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k + 0.5, 0.0)))
@@ -275,53 +276,53 @@ def test_a_redundant_joint_in_a_singular_position_is_told_apart():
     assert list(verdicts.values()) == [False]
 
 
-def test_a_mechanism_without_joints_and_a_system_without_parts_are_checked():
+def test_check_of_a_mechanism_without_joints_and_a_constrained_system():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
-    found = bd.check(mech, t_end=1.0)
-    assert (found.ok, found.mobility, found.loose) == (True, 2, (("stone",),))
+    findings = bd.check(mech, t_end=1.0)
+    assert (findings.ok, findings.mobility, findings.loose) == (True, 2, (("stone",),))
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     bob = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1, 1], force=[0, -9.81], q0=[1, 0], v0=[0, 0],
         constraints=ca.dot(q, q) - 1.0,
     )  # fmt: skip
-    found = bd.check(bob, predict=False)
-    assert (found.mobility, found.free_motions, found.loose) == (1, ("q1 can move",), ())
-    hanging = bd.simulate(bob, bd.Radau(), 0.1, start="equilibrium")
-    assert_allclose(hanging.q[-1], (0.0, -1.0), atol=1e-9)
+    findings = bd.check(bob, predict=False)
+    assert (findings.mobility, findings.free_motions, findings.loose) == (1, ("q1 can move",), ())
+    pendulum = bd.simulate(bob, bd.Radau(), 0.1, start="equilibrium")
+    assert_allclose(pendulum.q[-1], (0.0, -1.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_check_does_not_depend_on_the_place_of_the_drawing_or_the_order_of_parts(turn, backwards):
-    """Three parallel bars, turned and moved; joints stated in either order."""
+def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):
+    """Three parallel bars, rotated and translated, with joints in either order."""
 
-    def placed(x, y):
+    def place(x, y):
         c, s = np.cos(turn), np.sin(turn)
         return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
 
     mech = bd.Mechanism()
-    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=placed(1.3, 1.0)))
+    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=place(1.3, 1.0)))
     joints = []
     for k in range(3):
-        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=placed(k + 0.15, 0.5)))
-        foot, head = placed(k, 0.0), placed(k + 0.3, 1.0)
+        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=place(k + 0.15, 0.5)))
+        foot, head = place(k, 0.0), place(k + 0.3, 1.0)
         joints.append(bd.Revolute(f"foot {k}", mech.ground.at(*foot), bar.at(*foot)))
         joints.append(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
     for joint in reversed(joints) if backwards else joints:
         mech.add(joint)
-    found = mech.check()
-    (told,) = found.dependent
-    assert set(told.parts) == {joint.name for joint in joints}
+    findings = mech.check()
+    (redundancy,) = findings.dependent
+    assert set(redundancy.parts) == {joint.name for joint in joints}
     if not backwards:
-        # The motion is what the joint stated last holds once more.
-        assert told.blocks == "the rotation of the coupler"
-    assert told.everywhere
-    assert (found.mobility, len(found.free_motions)) == (1, 1)
+        # The motion is the one that the last joint blocks again.
+        assert redundancy.blocks == "the rotation of the coupler"
+    assert redundancy.everywhere
+    assert (findings.mobility, len(findings.free_motions)) == (1, 1)
 
 
 def exact_arch(*joints):
-    """A geometrically exact arch of two elements, held by joints of (kind, at its end)."""
+    """Return a geometrically exact arch of two elements with joints (kind, at its end)."""
     mech = bd.Mechanism()
     curve = bd.Arc(radius=1.0, length=1.0, start=(0.2, -0.3), angle=0.4)
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
@@ -333,13 +334,13 @@ def exact_arch(*joints):
     return mech
 
 
-def test_a_beam_of_nodes_moves_as_one_body_if_it_is_rigid():
+def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
     assert bd.check(exact_arch()).rigid_mobility == 3
     hinged = bd.check(exact_arch((bd.Revolute, False)))
     assert hinged.rigid_mobility == 1
     assert hinged.free_motions == ("arch can rotate about (0.2, -0.3)",)
     for kind in (bd.Revolute, bd.Weld):
-        held = bd.check(exact_arch((kind, False), (kind, True)))
-        assert not held.problem
-        assert held.free_motions == ()
-        assert held.rigid_mobility == 0
+        clamped = bd.check(exact_arch((kind, False), (kind, True)))
+        assert not clamped.problem
+        assert clamped.free_motions == ()
+        assert clamped.rigid_mobility == 0

@@ -88,11 +88,13 @@ def test_small_step_response_matches_the_nonlinear_run():
     with_step = replace(bd.equations_of_motion(strip(force)), q0=at_rest.q0, v0=0.0 * at_rest.v0)
     run = bd.simulate(with_step, bd.Radau(1e-10), 0.3, output_step=2e-3)
     assert run.status.success
-    _, known, _ = lsim(model.state_space(), np.tile([0.0, force], (len(run.t), 1)), run.t)
-    for k, named in enumerate(model.outputs):
-        deviation = run.columns[named.header] - model.output_values[k]
-        size = np.max(np.abs(known[:, k]))
-        assert_allclose(deviation, known[:, k], rtol=0.0, atol=1e-3 * size, err_msg=named.header)
+    _, expected, _ = lsim(model.state_space(), np.tile([0.0, force], (len(run.t), 1)), run.t)
+    for k, output in enumerate(model.outputs):
+        deviation = run.columns[output.header] - model.output_values[k]
+        size = np.max(np.abs(expected[:, k]))
+        assert_allclose(
+            deviation, expected[:, k], rtol=0.0, atol=1e-3 * size, err_msg=output.header
+        )
 
 
 def test_linear_model_converts_to_scipy_with_named_states():

@@ -84,13 +84,13 @@ def timoshenko_cantilever(section, length, count):
 def test_damped_oscillator_has_the_roots_of_its_equation(damping):
     modes = bd.modes(oscillator(damping=damping))
     roots = np.roots([2.0, damping, 8.0])
-    known = sorted(roots[roots.imag >= 0.0], key=abs)
-    assert_allclose(modes.eigenvalues, known, rtol=1e-12)
+    expected = sorted(roots[roots.imag >= 0.0], key=abs)
+    assert_allclose(modes.eigenvalues, expected, rtol=1e-12)
     kind = "vibration" if damping < 8.0 else "decay"
-    assert modes.kinds == (kind,) * len(known)
+    assert modes.kinds == (kind,) * len(expected)
     if damping < 8.0:
         assert_allclose(modes.damping_ratios, damping / (2.0 * np.sqrt(16.0)), atol=1e-13)
-        assert_allclose(modes.frequencies, known[0].imag / (2.0 * np.pi))
+        assert_allclose(modes.frequencies, expected[0].imag / (2.0 * np.pi))
     undamped = bd.modes(oscillator(damping=damping), damping=False)
     assert_allclose(undamped.eigenvalues, [2.0j], rtol=1e-13)
 
@@ -121,12 +121,12 @@ def test_cantilever_matches_timoshenko_theory(height):
     mech = bd.Mechanism()
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=16))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
-    known = timoshenko_cantilever(section, 0.5, 4)
+    expected = timoshenko_cantilever(section, 0.5, 4)
     modes = bd.modes(mech, n=6).eigenvalues.imag
-    nearest = modes[np.argmin(np.abs(modes[:, None] - known), axis=0)]
+    nearest = modes[np.argmin(np.abs(modes[:, None] - expected), axis=0)]
     # The elements have order 6; the fourth mode has five of them per wave.
-    assert_allclose(nearest, known, rtol=2e-6)
-    assert_allclose(nearest[:2], known[:2], rtol=2e-8)
+    assert_allclose(nearest, expected, rtol=2e-6)
+    assert_allclose(nearest[:2], expected[:2], rtol=2e-8)
     if height < 0.01:
         # Euler-Bernoulli, cosh(x) cos(x) = -1; the height lowers it by 4 (h / L)^2 x^2 / 12.
         thin = np.array([1.875104068711961, 4.694091132974175]) ** 2
@@ -176,10 +176,10 @@ def test_free_beam_has_three_rigid_body_modes(elements, damping):
     assert modes.kinds == ("free motion",) * 3 + ("vibration",) * 2
     assert_allclose(modes.eigenvalues[:3], 0.0, atol=0.0)
     # cosh(x) cos(x) = 1
-    known = np.array([4.730040744862704, 7.853204624095838]) ** 2
-    known *= np.sqrt(strip.EI / strip.rhoA) / np.hypot(0.5, 0.2) ** 2
+    expected = np.array([4.730040744862704, 7.853204624095838]) ** 2
+    expected *= np.sqrt(strip.EI / strip.rhoA) / np.hypot(0.5, 0.2) ** 2
     # Shear and rotary inertia of the height 0.002 m; the mesh error for four elements.
-    assert_allclose(np.abs(modes.eigenvalues[3:]), known, rtol=1e-3)
+    assert_allclose(np.abs(modes.eigenvalues[3:]), expected, rtol=1e-3)
 
 
 def test_mass_on_a_damper_decays_without_oscillation():
@@ -358,9 +358,9 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
 
 @pytest.mark.slow(reason="kernels of three formulations")
 def test_formulations_of_a_beam_have_the_same_modes():
-    known = bd.modes(cantilever(12), n=4).eigenvalues
+    expected = bd.modes(cantilever(12), n=4).eigenvalues
     for settings in ({"strain": "linear"}, {"strain": "nonlinear", "frame": "tangent"}):
-        assert_allclose(bd.modes(cantilever(12, **settings), n=4).eigenvalues, known, rtol=1e-7)
+        assert_allclose(bd.modes(cantilever(12, **settings), n=4).eigenvalues, expected, rtol=1e-7)
 
 
 def test_invalid_arguments_are_rejected():

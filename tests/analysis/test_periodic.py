@@ -109,7 +109,7 @@ def test_failed_search_is_a_result_with_a_reason():
         motion = bd.periodic(resonant, 2.0 * np.pi / 3.0, bd.Radau(1e-4), settle=0)
     assert motion.status.kind == "failed"
     assert not motion.stable
-    assert motion.stability.startswith("not known: after")
+    assert motion.stability.startswith("not expected: after")
     with pytest.warns(bd.BeamdaeWarning, match="run to settle was not finished"):
         motion = bd.periodic(oscillator(bd.sine(1.0, 0.5)), 2.0, bd.Radau(1e-8, max_steps=5))
     assert not motion.multipliers.size
@@ -189,19 +189,19 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
     assert np.array_equal(~table["stable"][off_fold], between[off_fold])
     for point in response.points[::5]:
         x = sample_motion(point) - 1.0
-        omega, known = nearest_periodic_solution(point.parameter, x)
+        omega, expected = nearest_periodic_solution(point.parameter, x)
         # The default tolerance of a period is 1e-6 of its amplitude.
-        np.testing.assert_allclose(x, known, rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
     lines = response.plot("mass.x [m]").figure.axes[0].lines
     # Up to the first fold, between the folds, beyond the second one; and the peak.
     assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
-    known = [
+    expected = [
         find_fold(response.points[k].parameter, sample_motion(response.points[k]) - 1.0)
         for k in folds
     ]
     # Folds are those of parabolas through three points, up to a fifth of the range apart.
-    np.testing.assert_allclose(response.folds, known, rtol=1e-3)
+    np.testing.assert_allclose(response.folds, expected, rtol=1e-3)
 
 
 # A stiffness of this size makes it vibrate a thousand times as fast: ten seconds.

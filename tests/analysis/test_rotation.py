@@ -50,9 +50,9 @@ def test_particle_in_a_rotor_has_the_roots_of_its_equation(speed):
 
 def test_particle_in_a_rotor_is_unstable_between_its_frequencies():
     modes = bd.modes(with_driver(*particle_in_rotor()), about=bd.rotation(5.6), n=2)
-    known = roots(5.6)
+    expected = roots(5.6)
     assert "unstable" in modes.kinds
-    assert_allclose(np.max(modes.growth_rates), np.max(known.real), rtol=1e-9)
+    assert_allclose(np.max(modes.growth_rates), np.max(expected.real), rtol=1e-9)
     assert "unstable" in modes.warnings[0]
 
 
@@ -152,9 +152,9 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     by_x, by_rate = np.split(model.C[2], 2)
     moments = modes.shapes[:, states] @ by_x
     moments = moments + modes.eigenvalues * (modes.shapes[:, states] @ by_rate)
-    known = ((sizes * moments) @ np.exp(np.outer(modes.eigenvalues, solution.t))).real
+    expected = ((sizes * moments) @ np.exp(np.outer(modes.eigenvalues, solution.t))).real
     # The error is of second order in amplitudes of 1e-4 of the length.
-    assert_allclose(moment, known, rtol=0.0, atol=1e-3 * np.max(np.abs(known)))
+    assert_allclose(moment, expected, rtol=0.0, atol=1e-3 * np.max(np.abs(expected)))
 
 
 def test_campbell_diagram_follows_modes_through_crossings():

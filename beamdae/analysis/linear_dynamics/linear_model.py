@@ -193,7 +193,7 @@ class ModelInput(NamedTuple):
 
     Attributes
     ----------
-    named
+    quantity
         Name and unit: "push.Fy" [N]; for drivers the acceleration they prescribe.
     force
         Change of F by one unit of it, (n,).
@@ -201,7 +201,7 @@ class ModelInput(NamedTuple):
         Change of the constraints by one unit of it, by name; empty for loads.
     """
 
-    named: Named
+    quantity: Named
     force: Array
     constraints: dict[str, float]
 
@@ -229,7 +229,7 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
     t = float(lin.time[0])
     values = [law.at(t) for law in part.laws]
     inputs = []
-    for k, named in enumerate(part.inputs):
+    for k, law_quantity in enumerate(part.inputs):
         # Loads and drivers are linear in their laws, so the difference is exact for any step.
         step = max(1.0, abs(values[k]))
         ends = []
@@ -243,9 +243,9 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
             for name, x in zip(equations.lam_names, by_constraint, strict=True)
             if x != 0.0
         }
-        quantity = Named(f"{part.name}.{named.name}", named.unit)
+        quantity = Named(f"{part.name}.{law_quantity.name}", law_quantity.unit)
         if constraints:
-            quantity = Named(f"{part.name}.{named.name}_ddot", f"{named.unit}/s^2")
+            quantity = Named(f"{part.name}.{law_quantity.name}_ddot", f"{law_quantity.unit}/s^2")
         inputs.append(ModelInput(quantity, force, constraints))
     return inputs
 
@@ -299,15 +299,15 @@ class _StateReduction:
     def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:
         self.lin, self.e, self.inputs = lin, lin.equations, inputs
         e, tangent = self.e, lin.tangent
-        driven = {name for one in inputs for name in one.constraints}
+        constraint_names = {name for one in inputs for name in one.constraints}
         rows = {name: k for k, name in enumerate(e.lam_names)}
-        missing = [name for name in driven if name not in rows]
+        missing = [name for name in constraint_names if name not in rows]
         if missing:
             raise BeamdaeError(
                 f"linearize: {missing[0]} is inactive or redundant and cannot be an input."
             )
         is_input = np.zeros(e.m, bool)
-        is_input[[rows[name] for name in driven]] = True
+        is_input[[rows[name] for name in constraint_names]] = True
         nonholonomic = lin.nonholonomic
         by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
         scales = e.position_scales
@@ -358,7 +358,7 @@ class _StateReduction:
             by_column[:, : nx + nw],
             by_column[:, nx + nw :],
             tuple(states),
-            tuple(one.named for one in self.inputs),
+            tuple(one.quantity for one in self.inputs),
             outputs,
             np.concatenate([lin.state.q[self.x_indices], lin.state.v[self.w_indices]]),
             values,

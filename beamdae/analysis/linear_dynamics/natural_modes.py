@@ -172,8 +172,8 @@ class Modes:
 
     def _describe_shares(self, k: int) -> str:
         shares = {name: float(share[k]) for name, share in self.shares.items()}
-        named = (x for x in shares.items() if x[1] >= _MIN_NAMED_SHARE)
-        ordered = sorted(named, key=lambda x: -x[1])
+        significant = (x for x in shares.items() if x[1] >= _MIN_NAMED_SHARE)
+        ordered = sorted(significant, key=lambda x: -x[1])
         return ", ".join(f"{name} {share:.0%}" for name, share in ordered)
 
 

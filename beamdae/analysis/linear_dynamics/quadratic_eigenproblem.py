@@ -160,8 +160,8 @@ class QuadraticProblem:
         scales = self.e.position_scales[:, None]
         parts = np.hstack([shapes.real, shapes.imag]) / scales
         parts = parts / np.maximum(np.linalg.norm(parts, axis=0), _TINY)
-        left, singular, _ = la.svd(parts, full_matrices=False)
-        basis = scales * left[:, singular > _RANK_TOLERANCE * singular[0]]
+        left_vectors, singular, _ = la.svd(parts, full_matrices=False)
+        basis = scales * left_vectors[:, singular > _RANK_TOLERANCE * singular[0]]
         # A double zero, as where the speed of a rotation may change, has one free motion; its
         # generalized eigenvector, which stretches the mechanism, is removed here.
         stiffness, mass = (

@@ -135,7 +135,7 @@ class RotatingCoordinates:
 
     @property
     def can_rotate(self) -> bool:
-        """Whether a rotation changes any coordinate."""
+        """True if a rotation changes any coordinate."""
         return bool(len(self.x) or len(self.angles))
 
     def rotation_matrix(self, angle: float) -> sp.csr_array:
@@ -284,14 +284,14 @@ def _require_rotating_forces(
     rotation: Rotation,
     state: State,
 ) -> None:
-    """Reject forces that differ in the rotating frame once the mechanism has turned."""
+    """Reject forces that differ in the rotating frame once the mechanism has rotated."""
     d, c = frame.rotation_matrix(_TEST_ANGLE), frame.center_vector(rotation.center)
     q = c + d @ (state.q - c) + _TEST_ANGLE * frame.angle_vector
-    turned = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
+    rotated = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
     tangent = compute_tangent(e, time, state._replace(lam=np.zeros(e.m)))
     forces = tangent.residual[: e.n]
-    turned_forces = compute_tangent(e, time, turned).residual[: e.n]
-    difference = np.abs(turned_forces - d @ forces)
+    rotated_forces = compute_tangent(e, time, rotated).residual[: e.n]
+    difference = np.abs(rotated_forces - d @ forces)
     inertia = np.abs(tangent.mass @ state.a)
     rounding = _STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
     size = max(float(np.max(np.abs(forces))), float(np.max(inertia)))

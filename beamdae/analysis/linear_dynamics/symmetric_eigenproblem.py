@@ -57,7 +57,7 @@ class MasslessError(BeamdaeError):
 
 
 class UndampedModes(NamedTuple):
-    """Undamped modes, ascending.
+    """Undamped modes in ascending order of their frequencies.
 
     Attributes
     ----------

@@ -137,8 +137,8 @@ class VariationalEquations:
             row_sizes = np.max(np.abs(matrix), axis=2, keepdims=True)
             matrix = matrix / row_sizes
             column_sizes = np.max(np.abs(matrix), axis=1)[..., None]
-            scaled = matrix / np.swapaxes(column_sizes, 1, 2)
-            stages = np.linalg.solve(scaled, right / row_sizes) / column_sizes
+            equilibrated = matrix / np.swapaxes(column_sizes, 1, 2)
+            stages = np.linalg.solve(equilibrated, right / row_sizes) / column_sizes
             for step_matrix in stages[:, -size : -size + n_state or None]:
                 y = step_matrix @ y
         return y
@@ -146,7 +146,7 @@ class VariationalEquations:
     def _propagate_sparse(
         self, interval: Interval, h: float, stage_times: Array, y: Array
     ) -> Array:
-        """Propagate through one step."""
+        """Propagate disturbances through one step by a sparse factorization."""
         size, pattern = self.form.size, self.form.pattern
         full = np.zeros((size, y.shape[1]))
         full[: len(y)] = y
@@ -164,8 +164,8 @@ class VariationalEquations:
         row_sizes = _row_maxima(matrix)
         matrix = sp.csr_array(sp.diags_array(1.0 / row_sizes) @ matrix)
         column_sizes = _row_maxima(sp.csr_array(matrix.T))
-        scaled = sp.csc_array(matrix @ sp.diags_array(1.0 / column_sizes))
-        stages = splu(scaled).solve(np.concatenate(right) / row_sizes[:, None])
+        equilibrated = sp.csc_array(matrix @ sp.diags_array(1.0 / column_sizes))
+        stages = splu(equilibrated).solve(np.concatenate(right) / row_sizes[:, None])
         return (stages / column_sizes[:, None])[-size:][: len(y)]
 
 

@@ -90,7 +90,7 @@ class Path:
 
     @property
     def end(self) -> EquilibriumPoint:
-        """The last point."""
+        """The last point of the path."""
         return self.points[-1]
 
     @property

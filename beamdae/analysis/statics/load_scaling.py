@@ -78,10 +78,10 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
             "equilibrium: loads contain 'gravity', but the mechanism has no gravity."
         )
     if name not in mechanism.parts:
-        known = (*mechanism.parts, GRAVITY)
+        candidates = (*mechanism.parts, GRAVITY)
         raise BeamdaeError(
             f"equilibrium: loads contain {short_repr(name)}, but no part has this name"
-            f"{suggest(name, known)}."
+            f"{suggest(name, candidates)}."
         )
     part = mechanism.parts[name]
     if len(part.coordinates) or part.constraints():
@@ -114,7 +114,7 @@ class LoadedEquations:
 
     @property
     def has_scaled_loads(self) -> bool:
-        """Whether the load factor scales anything."""
+        """True if the load factor scales any load."""
         return self.unloaded is not self.loaded
 
     @cached_property
@@ -195,7 +195,7 @@ class FixedFactorEquations:
 
     @property
     def time(self) -> Array:
-        """(t, branch)."""
+        """Time and branch at which laws are evaluated, (t, branch)."""
         return self.system.loaded.time
 
     def residual(self, q: Array, lam: Array) -> Array:

@@ -30,11 +30,11 @@ class LoadControl:
     """Load control: the load factor itself."""
 
     def value(self, x: Array, mu: float) -> float:
-        """Return mu."""
+        """Return the load factor mu."""
         return mu
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return (0, 1)."""
+        """Return the derivatives by x and mu: (0, 1)."""
         return np.zeros_like(x), 1.0
 
 
@@ -126,7 +126,7 @@ class ArcLengthControl:
         return float(self.along @ (x - self.x) + self.along_mu * (mu - self.mu))
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return the weights."""
+        """Return the weights of x and mu."""
         return self.along, self.along_mu
 
 

@@ -63,7 +63,7 @@ _EQUAL_MOTION_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class PathSettings:
-    """Validated arguments of `equilibrium`.
+    """Settings of an equilibrium path: validated arguments of `equilibrium`.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class PathSettings:
     def from_arguments(
         cls, to: Any, control: Any, step: Any, switch: Any, max_points: Any
     ) -> PathSettings:
-        """Validate the arguments.
+        """Validate the arguments of `equilibrium`.
 
         Raises
         ------

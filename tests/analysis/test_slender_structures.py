@@ -30,8 +30,8 @@ def test_thin_strip_is_not_free(options, elements, height):
     assert path.stable
     # rho A g L^4 / (8 EI) under 1e-4 of the weight.
     steel = bd.Material.of("steel")
-    known = -1e-4 * 9.81 * steel.rho / (8.0 * steel.E * height**2 / 12.0)
-    assert path.columns["tip.y [m]"][-1] == pytest.approx(known, rel=1e-3)
+    expected = -1e-4 * 9.81 * steel.rho / (8.0 * steel.E * height**2 / 12.0)
+    assert path.columns["tip.y [m]"][-1] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -29,7 +29,7 @@ def arch(formulation):
     return mech
 
 
-def arm(formulation, driven=True, offset=0.1):
+def arm(formulation, has_driver=True, offset=0.1):
     """Return a curved, damped beam on a hub."""
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", 1.0, 0.01))
@@ -37,7 +37,7 @@ def arm(formulation, driven=True, offset=0.1):
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2, formulation=formulation))
     mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
     mech.add(bd.Weld("root", hub.at(offset, 0.0), beam.start))
-    if driven:
+    if has_driver:
         mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
     return mech
 
@@ -64,7 +64,7 @@ def sled(formulation):
 
 def falling_arm(formulation):
     """Return the arm without a driver, which falls under its weight."""
-    mech = arm(formulation, driven=False)
+    mech = arm(formulation, has_driver=False)
     mech.gravity = np.array([0.0, -9.81])
     return mech
 
@@ -72,7 +72,7 @@ def falling_arm(formulation):
 CASES = {
     "at rest": (arch, "equilibrium"),
     "rotating": (arm, bd.rotation(15.0)),
-    "rotating freely": (lambda x: arm(x, driven=False), bd.rotation(15.0)),
+    "rotating freely": (lambda x: arm(x, has_driver=False), bd.rotation(15.0)),
     "redundant": (redundant_arm, "reference"),
     "nonholonomic": (sled, "reference"),
     "in motion": (falling_arm, None),
@@ -101,10 +101,10 @@ def dense_eigenvalues(lin):
     rows = [np.hstack([by_q, by_v]), np.hstack([zeros, by_q])[~lin.nonholonomic]]
     scales = np.concatenate([e.position_scales, 30.0 * e.position_scales])
     states = scales[:, None] * null_space(np.vstack(rows) * scales)
-    left = null_space(tangent.reactions.toarray().T).T
+    left_basis = null_space(tangent.reactions.toarray().T).T
     one, zero = np.eye(e.n) / e.position_scales[:, None], np.zeros((e.n, e.n))
-    by_rates = np.block([[one, zero], [left @ np.hstack([zero, mass])]])
-    by_states = np.block([[zero, one], [-left @ np.hstack([stiffness, damping])]])
+    by_rates = np.block([[one, zero], [left_basis @ np.hstack([zero, mass])]])
+    by_states = np.block([[zero, one], [-left_basis @ np.hstack([stiffness, damping])]])
     # Inverted about a shift, so that rounding of fast modes does not enter slow ones.
     shift = 30.0
     shifted = lstsq((by_states - shift * by_rates) @ states, by_rates @ states)[0]
@@ -117,15 +117,15 @@ def test_modes_match_dense_eigenvalues(case, formulation):
     mech, about = model_and_state(case, formulation)
     lin = linearize_about("modes", mech, about)
     modes = bd.modes(mech, about, n=6)
-    known = dense_eigenvalues(lin)
+    expected = dense_eigenvalues(lin)
     for value, kind in zip(modes.eigenvalues, modes.kinds, strict=True):
         if kind == "free motion":
             # A double zero is off by the square root of rounding.
-            assert np.min(np.abs(known)) < 1e-3
+            assert np.min(np.abs(expected)) < 1e-3
             continue
-        assert_allclose(known[np.argmin(np.abs(known - value))], value, rtol=1e-8)
+        assert_allclose(expected[np.argmin(np.abs(expected - value))], value, rtol=1e-8)
     # No eigenvalue is missing.
-    lowest = np.sort(np.abs(known[(known.imag >= 0.0) & (np.abs(known) > 1e-3)]))
+    lowest = np.sort(np.abs(expected[(expected.imag >= 0.0) & (np.abs(expected) > 1e-3)]))
     nonzero = np.abs(modes.eigenvalues[[kind != "free motion" for kind in modes.kinds]])
     assert_allclose(lowest[: len(nonzero)], nonzero, rtol=1e-8)
 

@@ -44,7 +44,7 @@ def ritz(speed, terms=14):
     return np.sqrt(eigh(stiffness, (y * weight) @ y.T, eigvals_only=True)[:3])
 
 
-def known(case, formulation):
+def case_parameter(case, formulation):
     quick = formulation == "elements" and case.name in ("free ring, thin", "supported beam")
     marks = [] if quick else [pytest.mark.slow(reason="one of each is enough")]
     return pytest.param(case, formulation, id=f"{case.name}, {formulation}", marks=marks)
@@ -52,13 +52,18 @@ def known(case, formulation):
 
 @pytest.mark.parametrize(
     ("case", "formulation"),
-    [known(case, x) for case in KNOWN_MODES for x in FORMULATIONS if "arm" not in case.name],
+    [
+        case_parameter(case, x)
+        for case in KNOWN_MODES
+        for x in FORMULATIONS
+        if "arm" not in case.name
+    ],
 )
 def test_published_frequencies_are_reproduced(case, formulation):
     rows = list(case.rows_by(formulation))
-    stored = STORED[(STORED["case"] == case.name) & (STORED["setting"] == rows[0]["setting"])]
-    assert [float(row["published"]) for row in rows] == list(stored["published"].astype(float))
-    for row, line in zip(rows, stored.to_dict("records"), strict=True):
+    stored_rows = STORED[(STORED["case"] == case.name) & (STORED["setting"] == rows[0]["setting"])]
+    assert [float(row["published"]) for row in rows] == list(stored_rows["published"].astype(float))
+    for row, line in zip(rows, stored_rows.to_dict("records"), strict=True):
         assert float(row["relative"]) <= case.within
         # Tolerance for rounding of slender structures.
         assert_allclose(float(row["ours"]), float(line["ours"]), rtol=1e-7)
@@ -117,8 +122,8 @@ def test_ring_converges_to_the_thin_ring():
 @pytest.mark.slow(reason="two runs of a rotating beam")
 def test_small_step_response_of_a_rotating_arm_matches_the_nonlinear_run():
     (step,) = STEP_RESPONSES
-    stored = STORED[STORED["case"] == step.name].to_dict("records")
-    for row, line in zip(step.rows(), stored, strict=True):
+    stored_rows = STORED[STORED["case"] == step.name].to_dict("records")
+    for row, line in zip(step.rows(), stored_rows, strict=True):
         assert row["setting"] == line["setting"]
         assert float(row["relative"]) <= 1e-3
         for column in ("published", "ours"):
@@ -130,5 +135,5 @@ def test_small_step_response_of_a_rotating_arm_matches_the_nonlinear_run():
 def test_twenty_modes_of_a_fine_mesh_match_the_closed_form(formulation):
     """512 elements with the sparse solver; rounding of their stiffness leaves ten digits."""
     many = bd.modes(supported_beam(512, formulation), n=20).eigenvalues.imag
-    known = closed_forms.supported_beam(square_rubber(), 2.0, 20)
-    assert_allclose(many, known, rtol=1e-8)
+    expected = closed_forms.supported_beam(square_rubber(), 2.0, 20)
+    assert_allclose(many, expected, rtol=1e-8)
