@@ -1,4 +1,4 @@
-"""What tells a model from others, in any process: its structure, its formulas and its numbers."""
+"""Hash of a model by structure, formulas and numbers, equal in every process."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ Array = np.ndarray
 
 
 def hash_model(equations: EquationsOfMotion) -> str:
-    """Hash of equations of motion but for their start, and what is observed and watched of them.
+    """Return the hash of equations of motion, without start, observables and events.
 
-    Numbers count with nine digits, so that rounding makes no other model.
+    Numbers enter with nine digits, so that rounding does not change the hash.
     """
     e = equations
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for named in (*e.coordinates, *e.multipliers):
-        found.update(f"{named.header}\n".encode())
-    found.update(_number_bytes(e.breakpoints))
+        digest.update(f"{named.header}\n".encode())
+    digest.update(_number_bytes(e.breakpoints))
     functions: dict[int, bytes] = {}
     terms: list[ForceTerm | ConstraintTerm] = [*e.forces, *e.joints]
     for term in terms:
         kernel = term.kernel
         if id(kernel) not in functions:
             functions[id(kernel)] = _hash_formulas(term)
-        found.update(functions[id(kernel)])
-        found.update(_number_bytes(e.p[term.data]))
-        found.update(_operator_bytes(term.operator))
+        digest.update(functions[id(kernel)])
+        digest.update(_number_bytes(e.p[term.data]))
+        digest.update(_operator_bytes(term.operator))
         if term.rows is not None:
-            found.update(_operator_bytes(term.rows))
-    return found.hexdigest()
+            digest.update(_operator_bytes(term.rows))
+    return digest.hexdigest()
 
 
 def _hash_formulas(term: ForceTerm | ConstraintTerm) -> bytes:
@@ -47,10 +47,10 @@ def _hash_formulas(term: ForceTerm | ConstraintTerm) -> bytes:
 
 
 def _operator_bytes(operator: sp.csr_array) -> bytes:
-    places = [np.asarray(x, np.int64).tobytes() for x in (operator.indptr, operator.indices)]
-    return b"".join([*places, _number_bytes(operator.data)])
+    indices = [np.asarray(x, np.int64).tobytes() for x in (operator.indptr, operator.indices)]
+    return b"".join([*indices, _number_bytes(operator.data)])
 
 
 def _number_bytes(values: Iterable[float]) -> bytes:
-    # Zero has no sign here.
+    # Adding zero removes the sign of -0.0.
     return ",".join(f"{x + 0.0:.9g}" for x in values).encode()

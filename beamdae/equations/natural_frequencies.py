@@ -1,4 +1,4 @@
-"""Natural modes of a mechanism, as far as integrators ask for them."""
+"""Fastest natural modes of a mechanism, estimated for integrators."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class Mode(NamedTuple):
 
 
 def estimate_fastest_modes(
-    starter: ConsistencySolver, time: Array, state: State
+    solver: ConsistencySolver, time: Array, state: State
 ) -> tuple[Mode, ...]:
-    """Estimates of the fastest natural mode of each elastic body of the jointed mechanism.
+    """Estimate the fastest natural mode of each elastic body of the constrained mechanism.
 
-    A few steps of power iteration with M^-1 K under the constraints. Coordinates that M or K
-    couples make up a body; each is normalized by itself, so that slower bodies are not lost
-    beside the fastest one.
+    A few steps of power iteration with M^-1 K under the constraints. Coordinates coupled by M or K
+    make up a body; each is normalized separately, so that slower bodies are not lost beside the
+    fastest one.
     """
-    stiffness, damping, mass = starter.linearize_forces(time, state)
-    solve = starter.mass_solver(time, state)
+    stiffness, damping, mass = solver.linearize_forces(time, state)
+    solve = solver.mass_solver(time, state)
     count, body = connected_components(abs(stiffness) + abs(mass) > 0.0, directed=False)
-    x = np.cos(np.arange(starter.equations.n) ** 2.0)
+    x = np.cos(np.arange(solver.equations.n) ** 2.0)
     for _ in range(_POWER_ITERATIONS):
         x = solve(stiffness @ x)
         size = np.zeros(count)
@@ -44,7 +44,7 @@ def estimate_fastest_modes(
     inertia, elastic, dissipated = (
         np.bincount(body, x * (matrix @ x), count) for matrix in (mass, stiffness, damping)
     )
-    moving = (inertia > 0.0) & (elastic != 0.0)
-    frequency = np.sqrt(np.abs(elastic[moving]) / inertia[moving])
-    ratio = dissipated[moving] / (2.0 * frequency * inertia[moving])
+    is_elastic = (inertia > 0.0) & (elastic != 0.0)
+    frequency = np.sqrt(np.abs(elastic[is_elastic]) / inertia[is_elastic])
+    ratio = dissipated[is_elastic] / (2.0 * frequency * inertia[is_elastic])
     return tuple(Mode(float(w), float(z)) for w, z in zip(frequency, ratio, strict=True))

@@ -1,4 +1,4 @@
-"""What models that differ in numbers alone have in common: kernels, and where they stand."""
+"""Parameter-independent structure of equations of motion: kernels and their operators."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beamdae.symbolic.rotations import LocalRotation
 
 
 class CacheOwner(Protocol):
-    """What keeps things that are built from it."""
+    """Object that caches what is derived from it."""
 
     @property
     def _derived(self) -> dict[Any, Any]: ...
@@ -26,9 +26,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-# Structures that are kept for models to come, and the coordinates from which on they are not:
-# what is built from them grows with these, and beside the run it soon takes no time.
-_MAX_STRUCTURES = 16
+_MAX_STRUCTURES = 16  # kept for later models
+# Larger structures are not kept: the sums built from them need memory in proportion, while the time
+# to build them becomes negligible against that of the run.
 _MAX_COORDINATES = 1000
 
 
@@ -39,11 +39,13 @@ class ForceTerm:
     Attributes
     ----------
     operator, rotation
-        The operator picks coordinates, which kernels turn to local ones, if at all.
+        The operator selects global coordinates; the rotation, if any, turns them to local ones.
     data
-        Where in p the copies have their numbers, and behind these those of the turn.
+        Slice of p with the numbers of the copies, followed by those of the rotation.
+    count
+        Number of copies.
     rows
-        Picks the multipliers it depends on, if any.
+        Selects the multipliers it depends on, if any.
     """
 
     kernel: ForceKernel
@@ -67,14 +69,14 @@ class ConstraintTerm:
 
 @dataclass(frozen=True)
 class Structure:
-    """Equations of motion but for their numbers, which are an array p.
+    """Equations of motion without their numbers, which are an array p.
 
-    Two of them are equal if they have the same kernels, at the same places, on the same operators.
+    Two structures are equal if they have the same kernels, slices and operators.
 
     Attributes
     ----------
     n, m
-        Number of coordinates and of constraints.
+        Numbers of coordinates and constraints.
     forces, joints
         Terms of F and of g.
     """
@@ -97,7 +99,7 @@ class Structure:
 
 
 def _comparison_key(value: Any) -> Any:
-    """What tells an entry of a term from others; kernels are told by identity."""
+    """Return a hashable key of an entry of a term; kernels compare by identity."""
     if isinstance(value, slice):
         return value.start, value.stop
     if isinstance(value, sp.csr_array):
@@ -110,10 +112,10 @@ _interning = threading.Lock()
 
 
 def intern_structure(structure: Structure) -> Structure:
-    """The structure that models before had if it is equal, else this one."""
+    """Return the equal structure of an earlier model, or else this one."""
     if structure.n > _MAX_COORDINATES:
         return structure
-    # Without the lock threads that come at once would each keep their own.
+    # Without the lock, simultaneous threads would each keep their own.
     with _interning:
         return _intern_equal(structure)
 
@@ -124,17 +126,17 @@ def _intern_equal(structure: Structure) -> Structure:
 
 
 def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
-    """Decorate what is built from a structure, or from equations of motion: built once for each.
+    """Decorate a function of a structure or of equations of motion: cache results on its owner.
 
-    What it gives has to be immutable: runs share it.
+    Results must be immutable, because runs share them.
     """
 
     @wraps(build)
-    def kept(owner: K, *args: P.args, **kwargs: P.kwargs) -> T:
+    def cached(owner: K, *args: P.args, **kwargs: P.kwargs) -> T:
         derived, key = owner._derived, (build, args, tuple(sorted(kwargs.items())))
         if key not in derived:
-            # Threads that come at once may build it each, but all go on with the same one.
+            # Simultaneous threads may build it twice, but all use the first result.
             derived.setdefault(key, build(owner, *args, **kwargs))
         return derived[key]
 
-    return kept
+    return cached

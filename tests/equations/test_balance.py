@@ -35,11 +35,11 @@ def test_rows_do_not_depend_on_those_beside_them(books):
 
 def test_machine_code_and_plain_python_keep_the_same_books(books):
     keep, run, times, state = books
-    run.filled = count = 7
+    run.n_rows = count = 7
     run.times[:count] = times[:count]
     run.states[:count] = np.hstack(state)[:count]
     measures.evaluate_balance(run)
     found = keep(times[:count], *(x[:count] for x in state))
     # Sums of tens of numbers, each row in the same order.
-    off = np.abs(found - run.found[:count]).max(axis=0)
+    off = np.abs(found - run.results[:count]).max(axis=0)
     assert (off <= 1e-14 * np.abs(found).max(axis=0)).all()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 from beamdae.parts.observables import motion_quantity
@@ -81,13 +81,13 @@ def test_regression_a_part_that_holds_something_is_not_dropped_for_being_no_join
     body = mech.add(disk())
     mech.add(Pin("pin", body.at(1.0, 0.0)))
     assert bd.equations_of_motion(mech).lam_names == ("pin.x",)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     assert_allclose(numeric.constraint_matrix(), [[1.0, 0.0, 0.0]], atol=1e-15)
 
 
 def test_regression_a_load_acts_on_the_body_its_attachment_is_of_whatever_the_field_is_called():
     # Assembled on the first body before.
-    assert_allclose(Numeric(pushed()).force(), [0.0, 0.0, 0.0, -3.0, 0.0, 0.0], atol=1e-15)
+    assert_allclose(NumericEquations(pushed()).force(), [0.0, 0.0, 0.0, -3.0, 0.0, 0.0], atol=1e-15)
 
 
 def test_an_attachment_of_a_body_that_was_not_added_is_refused_at_once():
