@@ -25,7 +25,7 @@ class GravityLaws:
 
     laws: tuple[Law, Law]
     name: str = "gravity"
-    # By identity of the original kernel, which is stored as well so that no other takes its identity.
+    # By identity of the original kernel, which is stored too so that no other takes its identity.
     _kernels: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
 
     def statements(

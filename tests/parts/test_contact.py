@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 
@@ -89,7 +89,7 @@ def test_rest_on_the_floor(exponent):
     ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, -depth)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", ball.point, floor, 5e5, exponent))
-    assert_allclose(Numeric(mech).force(), 0.0, atol=1e-9)
+    assert_allclose(NumericEquations(mech).force(), 0.0, atol=1e-9)
 
 
 @integrators(rtol=1e-6, step=1e-3)
@@ -131,7 +131,7 @@ def test_circles_from_outside_and_inside():
         touch = mech.add(bd.Contact(name, ball.point, surface, 10.0, 1.0, friction=0.5))
         mech.observe(f"{name} gap", touch.gap)
         mech.observe(f"{name} force", touch.force)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     v = np.array([-4.0, 3.0])
     for name in ("out", "in"):
         assert_allclose(numeric.observed(f"{name} gap"), [-0.5], rtol=1e-13)
@@ -151,7 +151,7 @@ def test_nothing_moves_a_pair_in_contact_as_a_whole():
     mech.add(
         bd.Contact("c", ball.point, surface, 50.0, restitution=0.5, impact_speed=2.0, friction=0.4)
     )
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     rng = np.random.default_rng(1)
     q = numeric.equations.q0 + 0.05 * rng.standard_normal(5)
     force = numeric.force(q, rng.standard_normal(5))
@@ -183,14 +183,14 @@ FLOOR = bd.LineSurface(GROUND)
         ),
         (
             lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=0.5),
-            "c: restitution=0.5 needs the impact_speed it is of",
+            "c: restitution=0.5 needs impact_speed=",
         ),
         (
             lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction_speed=0.0),
             "c: friction_speed must be positive",
         ),
         (lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction=-0.1), "c: friction must not be neg"),
-        (lambda: bd.LineSurface(BALL, (0.0, 0.0)), "LineSurface: direction must have a length"),
+        (lambda: bd.LineSurface(BALL, (0.0, 0.0)), "LineSurface: direction must not be zero"),
         (lambda: bd.LineSurface("floor"), "LineSurface: on must be an attachment"),
         (lambda: bd.CircleSurface(BALL, -1.0), "CircleSurface: radius must be positive"),
         (lambda: bd.CircleSurface(BALL, 1.0, "in"), "CircleSurface: side must be one of"),

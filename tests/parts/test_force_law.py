@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 
@@ -26,7 +26,7 @@ def test_the_law_sees_the_motion_that_is_observed():
     mech.observe("point", on)
     mech.observe("load", load.load)
     assert len(seen[0]) == 6
-    numeric = Numeric(mech, time=(0.4, 0.4))
+    numeric = NumericEquations(mech, time=(0.4, 0.4))
     q, v = np.array([0.3, -0.2, 0.7]), np.array([1.0, 0.5, -2.0])
     x, y, angle, _, vy, rate = numeric.observed("point", q=q, v=v)
     expected = np.array([x, vy + 0.4, 2.0 * rate + 3.0 * angle])
@@ -111,7 +111,7 @@ def test_all_of_numpy_that_has_symbols(native, monkeypatch):
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.5)))
     mech.add(bd.ForceLaw("load", bob.point, law))
-    numeric = Numeric(mech, time=(0.3, 0.3))
+    numeric = NumericEquations(mech, time=(0.3, 0.3))
     for seed in range(5):
         q, v = np.random.default_rng(seed).standard_normal((2, 2))
 
@@ -132,7 +132,7 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         (lambda: bd.ForceLaw("f", BODY, lambda a, t: (0, 0)), "f: on must be an attachment"),
         (lambda: bd.ForceLaw("f", (), lambda t: (0, 0)), "f: on must be an attachment"),
         (lambda: bd.ForceLaw("f", (ON, 3), lambda a, b, t: 0), "f: on must be an attachment .* 3"),
-        (lambda: bd.ForceLaw("f", GROUND, lambda a, t: (0, 0)), "f: nothing it acts on moves"),
+        (lambda: bd.ForceLaw("f", GROUND, lambda a, t: (0, 0)), "f: none of its attachments moves"),
         (lambda: bd.ForceLaw("f", ON, (1.0, 2.0)), r"f: law must be a function, got \(1.0, 2.0\)"),
         (lambda: bd.ForceLaw("f", ON, lambda t: (0, 0)), "f: law must be a formula .*it failed"),
         (
@@ -146,11 +146,11 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         ),
         (
             lambda: bd.ForceLaw("f", BOB, lambda a, t: (0.0, 0.0, 1.0)),
-            r"f: bob at \(1, 0\) is a particle and has no angle, law must return \(Fx, Fy\)",
+            r"f: bob at \(1, 0\) is a particle and has no angle; law must return \(Fx, Fy\)",
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (np.where(a.rate > 0, 1.0, 0.0), 0.0)),
-            "f: law must not jump, but it uses lt, if_else_zero; take bd.positive_part",
+            "f: law must not jump, but it uses lt, if_else_zero; use bd.positive_part",
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (max(a.rate, 0.0), 0.0)),

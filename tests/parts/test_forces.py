@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, differences, every, random_state
+from support import (
+    ARC,
+    VARIANTS,
+    NumericEquations,
+    finite_differences,
+    parametrize_variants,
+    random_state,
+)
 
 import beamdae as bd
 
 # A load sees how a section moves; strain, quadrature and damping have no part in that.
-every_variant = every(
+every_variant = parametrize_variants(
     v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
 )
 # Differences of five points and step 1e-3 of positions of order one: rounding, 1e-13.
@@ -27,7 +34,7 @@ def with_load(variant, s, make):
         if loaded:
             mech.add(make(beam.at(s)))
         mech.observe("place", beam.at(s))
-        numerics.append(Numeric(mech, time=(0.4, 0.4)))
+        numerics.append(NumericEquations(mech, time=(0.4, 0.4)))
     return numerics
 
 
@@ -42,7 +49,7 @@ def test_dead_force_works_on_the_displacement_of_its_point(variant, s):
     force = np.array([1.7, -0.6])
     loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force)))
     q, v, _ = random_state(loaded, seed=1)
-    work = differences(lambda x: loaded.observed("place", q=x)[:2] @ force, q)
+    work = finite_differences(lambda x: loaded.observed("place", q=x)[:2] @ force, q)
     assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
     assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
 
@@ -56,7 +63,7 @@ def test_body_force_turns_with_its_section(variant, s):
     angle = loaded.observed("place", q=q)[2]
     drawn = loaded.observed("place")[2]
     turned = rotation(angle - drawn) @ force
-    work = differences(lambda z: loaded.observed("place", q=z)[:2] @ turned, q)
+    work = finite_differences(lambda z: loaded.observed("place", q=z)[:2] @ turned, q)
     assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
     assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
 
@@ -66,7 +73,7 @@ def test_body_force_turns_with_its_section(variant, s):
 def test_moment_works_on_the_turn_of_its_section(variant, s):
     loaded, bare = with_load(variant, s, lambda on: bd.Moment("load", on, 2.3))
     q, v, _ = random_state(loaded, seed=3)
-    work = differences(lambda x: 2.3 * loaded.observed("place", q=x)[2], q)
+    work = finite_differences(lambda x: 2.3 * loaded.observed("place", q=x)[2], q)
     assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
     assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
 
@@ -81,7 +88,7 @@ def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
         if loaded:
             mech.add(bd.PointMass("tip mass", mass, on=beam.end))
         mech.observe("tip", beam.end)
-        numerics.append(Numeric(mech))
+        numerics.append(NumericEquations(mech))
     loaded, bare = numerics
     q, v, a = random_state(loaded, seed=4)
 
@@ -92,7 +99,7 @@ def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
     near = place(h) - 2.0 * place(0.0) + place(-h)
     far = place(2 * h) - 2.0 * place(0.0) + place(-2 * h)
     acceleration = (16.0 * near - far) / (12.0 * h**2)
-    lever = differences(lambda x: loaded.observed("tip", q=x)[:2], q)
+    lever = finite_differences(lambda x: loaded.observed("tip", q=x)[:2], q)
     expected = mass * (acceleration - gravity) @ lever
     # Second differences round at 1e-16 / step^2.
     assert_allclose(loaded.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-8)
@@ -107,7 +114,7 @@ def test_loads_follow_their_laws_and_their_phase():
     body = mech.add(bd.RigidBody("body", mass=1.0, inertia=1.0))
     mech.add(bd.Force("push", body.at(0.0, 0.0), (law, bd.sine(2.0, 0.25))))
     mech.add(bd.Moment("twist", body.at(0.0, 0.0), lambda t: t**2))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     for time, x in (([0.2, 0.2], 0.6), ([0.5, 0.2], 1.5), ([0.5, 0.7], -1.0), ([0.9, 0.9], -1.0)):
         t = time[0]
         expected = [-x, -2.0 * np.sin(0.5 * np.pi * t), -(t**2)]
@@ -119,7 +126,7 @@ def test_an_eccentric_force_turns_a_rigid_body():
     body = mech.add(bd.RigidBody("body", mass=2.0, inertia=0.3, center=(1.0, 1.0)))
     mech.add(bd.Force("push", body.at(1.5, 1.0), (0.0, 4.0)))
     mech.add(bd.Force("thrust", body.at(1.0, 3.0), (3.0, 0.0), axes="body"))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     quarter = np.array([1.0, 1.0, 0.5 * np.pi])
     # By hand: the push at the arm (0, 0.5) after a quarter turn has no moment, the thrust
     # points up at the arm (-2, 0).

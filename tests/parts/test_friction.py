@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conformance import IDA_FORMS, integrators, tuned
 from numpy.testing import assert_allclose
-from support import Numeric, assert_derivative
+from support import NumericEquations, assert_derivative
 
 import beamdae as bd
 from beamdae.parts.part import Part
@@ -90,7 +90,7 @@ def test_more_than_it_can_be_pushed_by_holds_it():
 @pytest.mark.parametrize("speed", [1e-4, 0.01, 0.05, 2.0])
 def test_stribeck(speed):
     law = {"static": 0.5, "stribeck": 0.02, "regularization": 1e-3}
-    numeric = Numeric(block(speed=speed, **law))
+    numeric = NumericEquations(block(speed=speed, **law))
     expected = -MASS * GRAVITY * np.tanh(speed / 1e-3)
     expected *= 0.3 + 0.2 * np.exp(-((speed / 0.02) ** 2))
     found = numeric.observed("friction", v=[speed, 0.0, 0.0], lam=[-MASS * GRAVITY])
@@ -167,8 +167,10 @@ def test_a_rod_that_no_acceleration_fits_is_told_of():
 
 
 def test_tangents_are_derivatives():
-    numeric = Numeric(pendulum(regularization=0.5, static=0.4, stribeck=0.3, smoothing=0.7))
-    start, q = numeric._start, np.array([0.3, 0.2, 0.4])
+    numeric = NumericEquations(
+        pendulum(regularization=0.5, static=0.4, stribeck=0.3, smoothing=0.7)
+    )
+    evaluator, q = numeric._evaluator, np.array([0.3, 0.2, 0.4])
     v, lam = np.array([0.2, -0.4, 1.1]), np.array([0.8, -0.5])
 
     def tangent(*c):

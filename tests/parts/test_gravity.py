@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric
+from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 
@@ -25,9 +25,9 @@ def mechanism(gravity):
     "law", [lambda t: -3.0 * np.cos(t), bd.piecewise((0.5, -3.0 * np.cos(0.3)), 7.0)]
 )
 def test_everything_weighs_what_it_does_under_the_gravity_of_that_time(law):
-    changing = Numeric(mechanism((0.4, law)), time=(0.3, 0.3))
-    constant = Numeric(mechanism((0.4, -3.0 * np.cos(0.3))))
-    bare = Numeric(mechanism((0.0, 0.0)))
+    changing = NumericEquations(mechanism((0.4, law)), time=(0.3, 0.3))
+    constant = NumericEquations(mechanism((0.4, -3.0 * np.cos(0.3))))
+    bare = NumericEquations(mechanism((0.0, 0.0)))
     rng = np.random.default_rng(0)
     q = changing.equations.q0 + 0.1 * rng.standard_normal(changing.n)
     v, a = rng.standard_normal((2, changing.n))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import LOADS
 from numpy.testing import assert_allclose
-from support import ARC, EXACT, VARIANTS, Numeric, assert_derivative
+from support import ARC, EXACT_VARIANT, VARIANTS, NumericEquations, assert_derivative
 
 import beamdae as bd
 
@@ -20,10 +20,10 @@ every_load = pytest.mark.parametrize(
             make,
             variant,
             id=f"{name}, {variant.formulation}",
-            marks=[pytest.mark.slow] if variant is EXACT and name not in OF_BEAMS else [],
+            marks=[pytest.mark.slow] if variant is EXACT_VARIANT and name not in OF_BEAMS else [],
         )
         for name, make in LOADS.items()
-        for variant in (CHORD, EXACT)
+        for variant in (CHORD, EXACT_VARIANT)
     ],
 )
 
@@ -39,7 +39,9 @@ def loaded(make, variant):
     """The mechanism with the load, and without."""
     mech, disk, beam = mechanism(variant)
     mech.add(make(mech, disk, beam))
-    return Numeric(mech, time=(0.7, 0.7)), Numeric(mechanism(variant)[0], time=(0.7, 0.7))
+    return NumericEquations(mech, time=(0.7, 0.7)), NumericEquations(
+        mechanism(variant)[0], time=(0.7, 0.7)
+    )
 
 
 def state(numeric, seed):

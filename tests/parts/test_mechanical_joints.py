@@ -7,7 +7,7 @@ import pytest
 from benchmarks.mechanisms import slider_on_rod
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -15,7 +15,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 def started(mech):
     """Its equations and a consistent start."""
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     e = numeric.equations
     return numeric, ConsistencySolver(e).state(np.zeros(2), e.q0, e.v0)
 
@@ -210,7 +210,7 @@ def test_a_travel_is_followed_by_force_and_power():
     mech.add(bd.Prismatic("rail", *places, direction=along))
     motor = mech.add(bd.TranslationalDriver("motor", *places, bd.sine(0.4, 0.5), along))
     mech.observe("motor", motor.drive)
-    numeric = Numeric(mech, time=(t, t))
+    numeric = NumericEquations(mech, time=(t, t))
     e = numeric.equations
     state = ConsistencySolver(e).state(numeric.time, e.q0, e.v0)
     rate = 0.4 * np.pi * np.cos(np.pi * t)

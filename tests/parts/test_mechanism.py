@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric
+from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 from beamdae.parts.attachments import largest_distance
@@ -140,7 +140,7 @@ def test_free_and_fixed_point_masses():
     body = mech.add(disk(mass=2.0, inertia=0.5))
     mech.add(bd.PointMass("fixed", 3.0, on=body.at(0.0, 2.0)))
     free = mech.add(bd.PointMass("free", 4.0, at=(5.0, 6.0), velocity=(7.0, 8.0)))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     assert numeric.equations.q_names[3:] == ("free.x", "free.y")
     assert_allclose(numeric.equations.q0[3:], (5.0, 6.0), rtol=0.0)
     assert_allclose(numeric.equations.v0[3:], (7.0, 8.0), rtol=0.0)

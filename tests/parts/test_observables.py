@@ -11,7 +11,7 @@ from hub_beam import hub_beam
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, random_state
+from support import ARC, VARIANTS, NumericEquations, random_state
 
 import beamdae as bd
 
@@ -49,7 +49,7 @@ def test_seen_from_its_root_a_beam_moves_by_its_deformation(variant):
         mech.observe(f"own {s}", beam.deformation(s))
         for name, root in roots.items():
             mech.observe(f"{name} {s}", bd.relative_displacement(of=beam.at(s), on=root))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     q, _, _ = random_state(numeric, seed=0)
     # The floating frame sits where the hub carries the root.
     q[3:5] = q[:2] + rotation(q[2]) @ np.subtract(ARC.start, CENTER)
@@ -64,7 +64,7 @@ def test_seen_from_its_root_a_beam_moves_by_its_deformation(variant):
 
 @cache
 def cut(variant):
-    return Numeric(on_a_hub(variant, bodies=3))
+    return NumericEquations(on_a_hub(variant, bodies=3))
 
 
 @given(
@@ -99,7 +99,7 @@ def test_relative_displacement_of_disks_by_hand():
     of = cup.at(3.0, 1.0)
     mech.observe("on table", bd.relative_displacement(of=of, on=table.at(1.0, 1.0)))
     mech.observe("on ground", bd.relative_displacement(of=of, on=mech.ground.at(7.0, 7.0)))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     headers = [header for o in numeric.equations.observables for header in o.headers]
     assert headers[:3] == ["on table.u [m]", "on table.v [m]", "on table.phi [rad]"]
     # The table turns by a quarter about (1, 0): it carries (1, 1) to (0, 0) and (3, 1) to (0, 2).
@@ -170,6 +170,6 @@ def test_a_particle_on_a_body_has_the_angle_of_its_body():
     mech.add(DISK)
     mech.add(rider)
     mech.observe("rider", bd.relative_displacement(of=rider.point, on=DISK.at(0.0, 0.0)))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     # The body is rigid: rounding.
     assert_allclose(numeric.observed("rider", q=np.array([3.0, -1.0, 2.0])), 0.0, atol=1e-14)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import IDA_FORMS, NONHOLONOMIC, integrators, tuned
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric, assert_derivative, slope
+from support import ARC, VARIANTS, NumericEquations, assert_derivative, directional_derivative
 
 import beamdae as bd
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -32,7 +32,7 @@ def jointed(make):
     beam = mech.add(VARIANTS[0].beam(ARC))
     joint = mech.add(make(mech, disk, beam))
     mech.observe("reaction", joint.reaction)
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 @every_constraint
@@ -45,7 +45,7 @@ def test_levels_are_linear_in_velocities_and_derivatives_of_each_other(make):
     # The drawing is closed and the constraints are at rest; rounding.
     assert_allclose(numeric.levels[0](), 0.0, atol=1e-13)
     assert_allclose(matrix @ v, numeric.levels[1](q, v), atol=1e-12)
-    rate = slope(
+    rate = directional_derivative(
         lambda t: numeric.levels[1](q + t * v + 0.5 * t**2 * a, v + t * a), 0.0, np.ones(1)
     )
     assert_allclose(numeric.levels[2](q, v, a), rate, atol=1e-9)  # as differences are off

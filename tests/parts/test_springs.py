@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric
+from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 
@@ -31,7 +31,7 @@ def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
 def test_observed_force_and_elongation(native, monkeypatch):
     if not native:
         monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    numeric = Numeric(oscillator(4.0))
+    numeric = NumericEquations(oscillator(4.0))
     v = np.array([0.7, 3.0])
     assert_allclose(numeric.observed("elongation", v=v), [0.3], rtol=1e-14)
     # Tension is positive; what moves across the spring does not stretch it.
@@ -45,7 +45,7 @@ def test_preload_is_the_tension_at_the_free_length():
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 1.0, at=(3.0, 4.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 7.0, preload=10.0))
-    assert_allclose(Numeric(mech).force(), [6.0, 8.0], rtol=1e-14)
+    assert_allclose(NumericEquations(mech).force(), [6.0, 8.0], rtol=1e-14)
 
 
 def test_a_spring_without_length_is_linear_through_its_own_point():
@@ -58,7 +58,7 @@ def test_a_spring_without_length_is_linear_through_its_own_point():
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=4.0, output_step=0.05)
     wave = 0.5 * np.sin(2.0 * solution.t)
     assert_allclose(solution.q, np.outer(wave, [1.0, -0.5]), atol=1e-7)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     assert_allclose(numeric.stiffness(), 8.0 * np.eye(2), rtol=1e-14)
     assert_allclose(numeric.observed("force"), [0.0], atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_points_of_a_spring_may_meet_on_the_way():
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0), velocity=(-3.0, 0.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 2.0))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     met = np.zeros(2)
     assert_allclose(numeric.force(met), [0.0, 0.0], atol=1e-14)
     assert np.all(np.isfinite(numeric.stiffness(met)))
@@ -105,7 +105,7 @@ def test_bushing_in_the_axes_of_its_first_body():
     mech.add(joint)
     mech.observe("force", joint.force)
     mech.observe("displacement", joint.displacement)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     # Both turned by 90 degrees, the second then 0.1 along the axis of the first and twisted.
     q = np.array([0.0, 0.0, np.pi / 2, 0.0, 2.1, np.pi / 2])
     assert_allclose(numeric.observed("displacement", q=q), [0.1, 0.0, 0.0], atol=1e-15)
@@ -132,7 +132,7 @@ def test_no_spring_feels_a_rigid_motion():
         mech.add(bd.TorsionSpring("shaft", a, b, 2.0, 0.2))
         angle_of_axes = angle if moved else 0.0
         mech.add(bd.Bushing("bushing", a, b, 3.0, 1.0, 2.0, 0.2, 0.3, 0.1, angle_of_axes))
-        return Numeric(mech)
+        return NumericEquations(mech)
 
     rng = np.random.default_rng(0)
     step, v = 0.2 * rng.standard_normal(6), rng.standard_normal(6)
@@ -223,7 +223,7 @@ BEAM = VARIANTS[0].beam(ARC)
         (lambda: bd.Spring("s", A, B, law=lambda x, r: (x, r)), "s: law must return one number"),
         (
             lambda: bd.Spring("s", A, B, law=lambda x, r: x if x > 0 else 0.0),
-            r"s: law must be a formula, but it decides by .* take bd.positive_part\(x\)",
+            r"s: law must be a formula, but it decides by .* use bd.positive_part\(x\)",
         ),
         (
             lambda: bd.Spring("s", A, B, law=lambda x, r: np.sign(x)),

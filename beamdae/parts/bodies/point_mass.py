@@ -124,7 +124,7 @@ class PointMass(Part):
         point = self.point
         constants = constant_formula(self.mass, *map(float, gravity))
         kernel, data = build_formula_kernel(
-            _particle, (point.checked_kinematics, constants), point.size
+            _particle_kernel, (point.checked_kinematics, constants), point.size
         )
         return [ForceStatement(self.name, kernel, (point.piece,), data)]
 

@@ -1,4 +1,4 @@
-"""Bushings: what holds two bodies together elastically in every direction."""
+"""Bushings: elastic connections of two bodies in all directions."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.forces.elastic import (
-    Deformation,
+from beamdae.parts.forces.force_element import (
+    DeformationValues,
     ElementResponse,
     ForceElement,
     LinearLaw,
@@ -20,22 +20,30 @@ from beamdae.parts.forces.elastic import (
 )
 from beamdae.symbolic.statements import SX, Named, Quantity
 
-_NUMBERS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
+# Size of deformations at which energy and law of a user are compared [m], [rad].
+_TYPICAL_DEFORMATION = 1e-2
+_COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
 
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
-    """Displacement since the drawing in axes that turn with the first body, and relative turn."""
-    way = rotate(-a[1] - numbers[0], b[0] - a[0])
-    return ca.vertcat(way - ca.vertcat(numbers[1], numbers[2]), b[1] - a[1])
+    """Return displacement since the drawing in axes of the first body, and relative rotation.
+
+    The numbers are the angle of the axes and the vector between the points in the drawing.
+    """
+    (position_a, rotation_a), (position_b, rotation_b) = a, b
+    vector = rotate(-rotation_a - numbers[0], position_b - position_a)
+    displacement = vector - ca.vertcat(numbers[1], numbers[2])
+    return ca.vertcat(displacement, rotation_b - rotation_a)
 
 
 @dataclass(frozen=True, eq=False)
 class Bushing(ForceElement):
-    """Stiffness and damping between two points along and across an axis, and about them.
+    """Stiffness and damping between two points along two axes, and against rotation.
 
-    Its measure is the displacement (x, y) of the point `b` since the drawing, seen from the body of
-    `a`, and the turn of `b` relative to `a`; forces act at `b` and its opposites on the body of
-    `a`, at the place of `b`. The potential is in the books as strain energy.
+    Its deformation is the displacement (x, y) of the point `b` since the drawing, in axes of the
+    body of `a`, and the rotation of `b` relative to `a`. The forces act on the body of `b` at its
+    point, and the opposite forces on the body of `a` at the same place. The potential counts as
+    strain energy.
 
     Parameters
     ----------
@@ -52,13 +60,13 @@ class Bushing(ForceElement):
     ctheta
         [N m s/rad].
     angle
-        Of its x axis in the drawing, from where it turns with the body of `a` [rad]; default: the
+        Angle of its x axis in the drawing [rad]; the axes turn with the body of `a`. Default: the
         direction of the section of a beam, the x axis of the drawing on a rigid body.
     law
         Formula `law(x, rate)` in place of the numbers: (Fx, Fy, M) that resist the growth of
-        x = (x, y, turn). Booked as that of `SpringDamper`.
+        x = (x, y, rotation). It counts in the energy balance as that of `SpringDamper`.
     energy
-        Potential [J] of the law at rest, a formula of x.
+        Potential [J] of the law at zero rate, a formula of x.
 
     Examples
     --------
@@ -80,41 +88,39 @@ class Bushing(ForceElement):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _forces = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))
+    _force_columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        for number in _NUMBERS:
-            set_fields(
-                self, **{number: require_non_negative(self.name, number, getattr(self, number))}
-            )
+        for name in _COEFFICIENTS:
+            set_fields(self, **{name: require_non_negative(self.name, name, getattr(self, name))})
         angle = self.a.inclination if self.angle is None else self.angle
         set_fields(self, angle=require_finite(self.name, "angle", angle))
         if self.law is None:
             if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy belongs to a law, give that as well.")
-        elif any(getattr(self, number) for number in _NUMBERS):
+                raise BeamdaeError(f"{self.name}: energy belongs to a law; give law= as well.")
+        elif any(getattr(self, name) for name in _COEFFICIENTS):
             raise BeamdaeError(
-                f"{self.name}: give either a law or {', '.join(_NUMBERS)}, not both."
+                f"{self.name}: give either a law or {', '.join(_COEFFICIENTS)}, not both."
             )
         else:
-            UserLaw(self.name, 3, self.law, self.energy).require_sound(1e-2)
+            UserLaw(self.name, 3, self.law, self.energy).require_valid(_TYPICAL_DEFORMATION)
 
     @property
-    def _measure(self) -> Callable[..., SX]:
+    def _deformation(self) -> Callable[..., SX]:
         return _bushing_displacement
 
     @property
-    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
+    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         if self.law is not None:
             return UserLaw(self.name, 3, self.law, self.energy), ()
-        numbers = tuple(float(getattr(self, number)) for number in _NUMBERS)
+        numbers = tuple(float(getattr(self, name)) for name in _COEFFICIENTS)
         return LinearLaw(3), (*numbers, 0.0, 0.0, 0.0)
 
     @property
-    def _drawn(self) -> tuple[float, ...]:
+    def _deformation_numbers(self) -> tuple[float, ...]:
         assert self.angle is not None
         c, s = float(np.cos(self.angle)), float(np.sin(self.angle))
         x, y = np.subtract(self.b.point, self.a.point).tolist()
@@ -122,6 +128,6 @@ class Bushing(ForceElement):
 
     @property
     def displacement(self) -> Quantity:
-        """Displacement (x, y) [m] in the axes of `a`, and turn [rad]."""
+        """Displacement (x, y) [m] in the axes of `a`, and relative rotation [rad]."""
         columns = (Named("x", "m"), Named("y", "m"), Named("turn", "rad"))
-        return self.observed(Deformation, columns)
+        return self.observe(DeformationValues, columns)

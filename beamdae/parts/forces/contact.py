@@ -1,4 +1,4 @@
-"""One-sided contact of a point with a line or a circle, with restitution and friction."""
+"""Unilateral contact of a point with a line or a circle, with restitution and friction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -34,77 +34,94 @@ from beamdae.symbolic.statements import (
     Quantity,
 )
 
+# Allowed range of the coefficient of restitution is [_MIN_RESTITUTION, 1].
 _MIN_RESTITUTION = 0.05
-# From here on the series of the hysteresis factor is as near as rounding lets the equation be.
-_ELASTIC_LIMIT = 1e-5
+_MIN_EXPONENT = 1.0
+_MAX_EXPONENT = 10.0
+# Difference of the restitution from 1 below which the hysteresis factor is taken from its series,
+# which then is as accurate as rounding lets the equation be.
+_MAX_SERIES_LOSS = 1e-5
+# Bisection steps; more than enough to reach rounding.
+_MAX_BISECTIONS = 200
 
 
 @dataclass(frozen=True)
 class _ContactLaw:
-    """A point, the first of so many local coordinates, and a surface of some kind.
+    """Gap, slip and contact forces in the local coordinates of a point and a surface.
 
-    Without friction nothing of it is left in the formulas.
+    Attributes
+    ----------
+    size
+        Number of local coordinates of the point; those of the surface follow.
+    surface
+        (rotation, arm from its attachment, numbers) -> (gap, tangent).
+    has_friction
+        If False, the kernel has no terms of friction.
     """
 
     size: int
     surface: Callable[..., tuple[SX, SX]]
-    rubs: bool
+    has_friction: bool
 
-    def gap_and_slip(self, local: Local, a: Any, b: Any, drawn: Any) -> tuple[SX, SX]:
-        """Gap, and velocity of the point along the surface."""
-        place, _ = a(local.q[: self.size])
-        root, turn = b(local.q[self.size :])
-        way = place - root
-        gap, tangent = self.surface(SX(turn), way, drawn())
-        carried = local.dot(root) + local.dot(SX(turn)) * perpendicular(way)
-        return gap, ca.dot(tangent, local.dot(place) - carried)
+    def gap_and_slip(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> tuple[SX, SX]:
+        """Return the gap [m], and the velocity of the point along the surface [m/s]."""
+        position, _ = a(local.q[: self.size])
+        root, rotation = b(local.q[self.size :])
+        arm = position - root
+        gap, tangent = self.surface(SX(rotation), arm, surface_numbers())
+        surface_velocity = local.dot(root) + local.dot(SX(rotation)) * perpendicular(arm)
+        return gap, ca.dot(tangent, local.dot(position) - surface_velocity)
 
-    def forces(self, local: Local, gap: SX, slip: SX, own: Any) -> tuple[SX, SX, SX]:
-        """Elastic part of the normal force, all of it, and friction against the slip."""
-        stiffness, exponent, hysteresis = (own()[k] for k in range(3))
-        elastic = stiffness * positive_part(-gap) ** exponent
-        normal = elastic * positive_part(1 - hysteresis * local.dot(gap))
-        if not self.rubs:
-            return elastic, normal, SX(0)
-        friction, speed = own()[3], own()[4]
-        return elastic, normal, friction * normal * smooth_sign(slip, speed)
+    def forces(self, local: Local, gap: SX, slip: SX, numbers: Any) -> tuple[SX, SX, SX]:
+        """Return elastic normal force, total normal force and friction against the slip [N]."""
+        stiffness, exponent, hysteresis = (numbers()[k] for k in range(3))
+        elastic_force = stiffness * positive_part(-gap) ** exponent
+        normal_force = elastic_force * positive_part(1 - hysteresis * local.dot(gap))
+        if not self.has_friction:
+            return elastic_force, normal_force, SX(0)
+        coefficient, regularization = numbers()[3], numbers()[4]
+        friction = coefficient * normal_force * smooth_sign(slip, regularization)
+        return elastic_force, normal_force, friction
 
 
 @dataclass(frozen=True)
 class _ContactKernel(_ContactLaw):
-    def __call__(self, local: Local, a: Any, b: Any, drawn: Any, own: Any) -> ForceKernel:
-        """The kernel."""
-        gap, slip = self.gap_and_slip(local, a, b, drawn)
-        elastic, normal, rubbing = self.forces(local, gap, slip, own)
-        force = ca.jtimes(slip, local.v, rubbing, True) - ca.jtimes(gap, local.q, normal, True)
-        energy = elastic * positive_part(-gap) / (own()[1] + 1)
-        dissipated = (elastic - normal) * local.dot(gap) + rubbing * slip
+    def __call__(
+        self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any
+    ) -> ForceKernel:
+        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
+        elastic_force, normal_force, friction = self.forces(local, gap, slip, numbers)
+        force = ca.jtimes(slip, local.v, friction, True) - ca.jtimes(
+            gap, local.q, normal_force, True
+        )
+        energy = elastic_force * positive_part(-gap) / (numbers()[1] + 1)
+        dissipated = (elastic_force - normal_force) * local.dot(gap) + friction * slip
         return ForceKernel(local, force, ca.vertcat(0, energy, 0), powers=ca.vertcat(0, dissipated))
 
 
 @dataclass(frozen=True)
 class _ContactForces(_ContactLaw):
-    def __call__(self, local: Local, a: Any, b: Any, drawn: Any, own: Any) -> SX:
-        gap, slip = self.gap_and_slip(local, a, b, drawn)
-        _, normal, rubbing = self.forces(local, gap, slip, own)
-        return ca.vertcat(normal, -rubbing)
+    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any) -> SX:
+        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
+        _, normal_force, friction = self.forces(local, gap, slip, numbers)
+        return ca.vertcat(normal_force, -friction)
 
 
 def hysteresis_factor(restitution: float, speed: float) -> float:
-    """The factor X [s/m] in N = k d^n (1 + X d') that leaves `restitution` of an impact at `speed`.
+    """Return the factor X [s/m] in N = k d^n (1 + X d') for a restitution of impacts at `speed`.
 
     With m d'' = -N the speeds v before and e v after an impact obey
     X v (1 + e) = ln((1 + X v) / (1 - e X v)) whatever m, k and n (Gonthier et al., Multibody System
     Dynamics 11, 2004); near e = 1 that is Hunt and Crossley's X = 3 (1 - e) / (2 v).
     """
     e = restitution
-    if 1.0 - e < _ELASTIC_LIMIT:
+    if 1.0 - e < _MAX_SERIES_LOSS:
         return 1.5 * (1.0 - e) / speed
     low, high = 0.5 * (1.0 - e), 1.0 / e
-    for _ in range(200):
+    for _ in range(_MAX_BISECTIONS):
         middle = 0.5 * (low + high)
-        lost = 1.0 - e * middle
-        if lost <= 0.0 or math.log1p(middle) - math.log(lost) > middle * (1.0 + e):
+        remainder = 1.0 - e * middle
+        if remainder <= 0.0 or math.log1p(middle) - math.log(remainder) > middle * (1.0 + e):
             high = middle
         else:
             low = middle
@@ -113,40 +130,39 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Contact(Part):
-    """A point that cannot pass a surface: the surface pushes it back and never pulls.
+    """Contact of a point with a surface by a penalty force that never pulls.
 
     At a penetration d the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
-    Crossley, J. Appl. Mech. 42, 1975), and friction is -friction N tanh(slip / friction_speed).
-    N has exponent - 1 continuous derivatives rounded down where contact begins; with X > 0 its
-    slope follows that of d^exponent. The elastic part is in the books as strain energy, the rest
-    as dissipated.
+    Crossley, J. Appl. Mech. 42, 1975), where X follows from the restitution (`hysteresis`). The
+    friction force is -friction N tanh(slip / friction_speed). Where contact begins, N has
+    exponent - 1 continuous derivatives, rounded down; with X > 0 its slope follows that of
+    d^exponent. The elastic part counts as strain energy, the rest as dissipated.
 
     Parameters
     ----------
     name
         Unique name.
     point
-        What touches.
+        Attachment in contact.
     surface
         `bd.LineSurface` or `bd.CircleSurface`.
     stiffness
-        [N/m^exponent].
+        Penalty stiffness [N/m^exponent].
     exponent
-        1.5 as of Hertz's spheres (default), at least 1; of 1 the force has a kink.
+        Exponent of the penetration, 1 to 10; 1.5 is that of Hertz's spheres, 1 gives a kink.
     restitution
-        Speed after over speed before an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller share.
+        Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
+        smaller share of their speed.
     impact_speed
-        [m/s]; needed where the restitution is less than 1.
+        Relative speed before the impact [m/s]; required if the restitution is less than 1.
     friction
-        Coefficient of Coulomb's friction.
+        Coefficient of friction [-].
     friction_speed
-        Slip [m/s] at which friction is 0.76 of Coulomb's; below, it is nearly viscous: what should
-        stick creeps.
+        Regularization velocity [m/s] of Coulomb friction, at which it reaches 76 % of its value.
+        Below it friction is nearly viscous, so that a sticking contact creeps.
     longest_step
-        Adaptive integrators take no longer steps [s]. A point cannot leave a half-plane unseen, but
-        one in free flight may jump over a small circle: give a tenth of the time it takes to
-        cross that.
+        Largest step of adaptive integrators [s]. A point in free flight may step over a small
+        circle; give a tenth of the time it takes to cross the circle. Lines need no limit.
 
     Examples
     --------
@@ -178,7 +194,9 @@ class Contact(Part):
                 f"got {short_repr(self.surface)}."
             )
         if not self.point.size + self.surface.on.size:
-            raise BeamdaeError(f"{self.name}: neither the point nor the surface moves.")
+            raise BeamdaeError(
+                f"{self.name}: neither the point nor the surface moves; one of them must."
+            )
         set_fields(
             self,
             stiffness=require_positive(self.name, "stiffness", self.stiffness),
@@ -189,8 +207,11 @@ class Contact(Part):
         )
         if self.friction:
             require_angle(self.name, self.surface.on)
-        if not 1.0 <= self.exponent <= 10.0:
-            raise BeamdaeError(f"{self.name}: exponent must lie in [1, 10], got {self.exponent:g}.")
+        if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
+            raise BeamdaeError(
+                f"{self.name}: exponent must lie in [{_MIN_EXPONENT:g}, {_MAX_EXPONENT:g}], "
+                f"got {self.exponent:g}."
+            )
         if not _MIN_RESTITUTION <= self.restitution <= 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution must lie in [{_MIN_RESTITUTION:g}, 1], got "
@@ -206,59 +227,61 @@ class Contact(Part):
             )
         elif self.restitution < 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution={self.restitution:g} needs the impact_speed it is of."
+                f"{self.name}: restitution={self.restitution:g} needs impact_speed=, the speed it "
+                "applies to."
             )
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """The point, and where the surface is fixed."""
+        """The point, and the attachment of the surface."""
         return (self.point, self.surface.on)
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """One that changes nothing: integrators keep to a quarter of its time scale."""
+        """A constant law whose time scale limits the steps of integrators."""
         if self.longest_step is None:
             return ()
-        return (
-            replace(
-                as_law(self.name, 0.0), time_scale=MIN_STEPS_PER_TIME_SCALE * self.longest_step
-            ),
-        )
+        time_scale = MIN_STEPS_PER_TIME_SCALE * self.longest_step
+        return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
     def hysteresis(self) -> float:
-        """X [s/m] in N, see `hysteresis_factor`."""
+        """Hysteresis factor X [s/m], zero without impact speed; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
         return hysteresis_factor(self.restitution, self.impact_speed)
 
     @property
-    def _kind(self) -> tuple[Any, ...]:
+    def _law_arguments(self) -> tuple[Any, ...]:
+        """Arguments of a `_ContactLaw`."""
         return (self.point.size, type(self.surface).kind, self.friction > 0.0)
 
     @property
     def _functions(self) -> tuple[Any, ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
-        rubbing = (self.friction, self.friction_speed) if self.friction else ()
-        own = constant_formula(*numbers, *rubbing)
-        drawn = constant_formula(*self.surface.numbers)
-        return (self.point.checked_kinematics, self.surface.on.checked_kinematics, drawn, own)
+        friction = (self.friction, self.friction_speed) if self.friction else ()
+        return (
+            self.point.checked_kinematics,
+            self.surface.on.checked_kinematics,
+            constant_formula(*self.surface.numbers),
+            constant_formula(*numbers, *friction),
+        )
 
     @property
     def _pieces(self) -> tuple[Any, Any]:
         return (self.point.piece, self.surface.on.piece)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Normal force and friction."""
-        kind = _ContactKernel(*self._kind)
+        """Return normal force and friction."""
+        kind = _ContactKernel(*self._law_arguments)
         size = self.point.size + self.surface.on.size
         kernel, data = build_formula_kernel(kind, self._functions, size)
         return [ForceStatement(self.name, kernel, self._pieces, data)]
 
     @property
     def force(self) -> Quantity:
-        """Normal force N and friction T [N] on the point; T to the right of the outward normal."""
-        kind = _ContactForces(*self._kind)
+        """Normal force N and friction T [N] on the point; T points right of the outward normal."""
+        kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
         return Quantity((Named("N", "N"), Named("T", "N")), self._pieces, values, data)
 

@@ -1,4 +1,4 @@
-"""Forces of the user's own: formulas of where attachments are and how they move."""
+"""Forces written by users as formulas of the motion of attachments."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ from beamdae.symbolic.statements import (
 
 
 class Motion(NamedTuple):
-    """How an attachment lies and moves, as a `ForceLaw` sees it.
+    """Motion of an attachment, as the law of a `ForceLaw` receives it.
 
     Attributes
     ----------
     position
         (x, y) in the inertial frame [m].
     angle
-        Of its section or body [rad]; 0 of a particle.
+        Angle of its section or body [rad]; 0 for a particle.
     velocity
-        Of the point [m/s].
+        Velocity of the point [m/s].
     rate
-        Of the angle [rad/s].
+        Rate of the angle [rad/s].
     """
 
     position: Any
@@ -56,7 +56,17 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class _AttachedLaw:
-    """Attachments in the local coordinates of a kernel, and the law between them."""
+    """Law and energy in the local coordinates of the attachments.
+
+    Attributes
+    ----------
+    part
+        Name of the part, for messages.
+    on
+        Attachments; their local coordinates follow each other.
+    law, energy, dissipative
+        As of `ForceLaw`.
+    """
 
     part: str
     on: tuple[Attachment, ...]
@@ -64,56 +74,59 @@ class _AttachedLaw:
     energy: Callable[..., Any] | None
     dissipative: bool
 
-    def loads(self, local: Local, *moved: Any) -> tuple[SX, SX, SX]:
-        """(what the loads act on, the loads, the energy), three entries an attachment."""
-        places, motions, first = [], [], 0
-        for on, kinematics in zip(self.on, moved, strict=True):
-            place, turn = kinematics(local.q[first : first + on.size])
+    def evaluate(self, local: Local, *kinematics: Any) -> tuple[SX, SX, SX]:
+        """Return (placements, loads, energy), the first two with three rows an attachment."""
+        placements, motions, first = [], [], 0
+        for on, place in zip(self.on, kinematics, strict=True):
+            position, rotation = place(local.q[first : first + on.size])
             first += on.size
-            motions.append(_point_motion(local, on, place, turn))
-            places += [place, turn]
-        said = evaluate_loads(self.part, self.law, motions, local.time[0])
-        stored = SX(0)
+            motions.append(_point_motion(local, on, position, rotation))
+            placements += [position, rotation]
+        loads = evaluate_loads(self.part, self.law, motions, local.time[0])
+        energy = SX(0)
         if self.energy is not None:
             value = evaluate_formula(self.part, "energy", self.energy, *motions)
-            stored = require_column(self.part, "energy", value, 1)
-        return ca.vertcat(*places), said, stored
+            energy = require_column(self.part, "energy", value, 1)
+        return ca.vertcat(*placements), loads, energy
 
 
 @dataclass(frozen=True)
 class _LoadKernel(_AttachedLaw):
-    def __call__(self, local: Local, *moved: Any) -> ForceKernel:
-        """The kernel: virtual work of the loads, and what the books say of it."""
-        places, said, stored = self.loads(local, *moved)
-        power = ca.dot(said, local.dot(places))
-        taken = power + local.dot(stored)
-        powers = ca.vertcat(0, -taken) if self.dissipative else ca.vertcat(taken, 0)
-        force = -ca.jtimes(places, local.q, said, True)
-        return ForceKernel(local, force, ca.vertcat(0, stored, 0), powers)
+    def __call__(self, local: Local, *kinematics: Any) -> ForceKernel:
+        placements, loads, energy = self.evaluate(local, *kinematics)
+        power = ca.dot(loads, local.dot(placements))
+        # Power beyond that which changes the energy.
+        net_power = power + local.dot(energy)
+        powers = ca.vertcat(0, -net_power) if self.dissipative else ca.vertcat(net_power, 0)
+        force = -ca.jtimes(placements, local.q, loads, True)
+        return ForceKernel(local, force, ca.vertcat(0, energy, 0), powers)
 
 
 @dataclass(frozen=True)
 class _LoadValues(_AttachedLaw):
-    def __call__(self, local: Local, *moved: Any) -> SX:
-        return self.loads(local, *moved)[1]
+    def __call__(self, local: Local, *kinematics: Any) -> SX:
+        return self.evaluate(local, *kinematics)[1]
 
 
-def _point_motion(local: Local, on: Attachment, place: SX, turn: SX) -> Motion:
-    velocity = local.dot(place)
-    angle = SX(turn) + on.inclination
-    return Motion(as_vector(place), angle, as_vector(velocity), local.dot(SX(turn)))
+def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> Motion:
+    velocity = local.dot(position)
+    angle = SX(rotation) + on.inclination
+    return Motion(as_vector(position), angle, as_vector(velocity), local.dot(SX(rotation)))
 
 
 def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[Motion], t: SX) -> SX:
-    """(Fx, Fy, M) on each attachment, from what the law says of their motion."""
-    said = evaluate_formula(part, "law", law, *motions, t)
-    each = [said] if len(motions) == 1 else list(said) if isinstance(said, (tuple, list)) else []
-    if len(each) != len(motions):
+    """Return the column of (Fx, Fy, M) on each attachment."""
+    value = evaluate_formula(part, "law", law, *motions, t)
+    if len(motions) == 1:
+        loads = [value]
+    else:
+        loads = list(value) if isinstance(value, (tuple, list)) else []
+    if len(loads) != len(motions):
         raise BeamdaeError(
             f"{part}: law must return a list of {len(motions)} loads, (Fx, Fy) or (Fx, Fy, M) for "
-            f"each attachment, got {short_repr(said)}."
+            f"each attachment, got {short_repr(value)}."
         )
-    return ca.vertcat(*(_load_column(part, load) for load in each))
+    return ca.vertcat(*(_load_column(part, load) for load in loads))
 
 
 def _load_column(part: str, load: Any) -> SX:
@@ -128,28 +141,28 @@ def _load_column(part: str, load: Any) -> SX:
 
 @dataclass(frozen=True, eq=False)
 class ForceLaw(Part):
-    """Forces and moments on attachments by a formula of their motion and of time.
+    """Forces and moments on attachments as a formula of their motion and of time.
 
-    Its power is booked as that of a load; see `energy` and `dissipative`.
+    Its power counts as that of a load, unless `energy` or `dissipative` say otherwise.
 
     Parameters
     ----------
     name
         Unique name.
     on
-        An attachment, or several.
+        One attachment, or several.
     law
-        `law(a, b, ..., t)`: of each attachment its `position` (x, y) [m], `angle` [rad], `velocity`
-        [m/s] and `rate` [rad/s], all in the inertial frame, and the time [s]. It returns (Fx, Fy)
-        or (Fx, Fy, M) [N, N m] for the one attachment, or a list of these, one for each. Numpy
-        functions make the formula (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...); it must not
-        jump, `bd.positive_part` and `bd.smooth_sign` help. Forces that have to add up to nothing
-        are the law's own business.
+        `law(a, b, ..., t)` receives the `position` (x, y) [m], `angle` [rad], `velocity` [m/s] and
+        `rate` [rad/s] of each attachment, all in the inertial frame, and the time [s]. It returns
+        (Fx, Fy) or (Fx, Fy, M) [N, N m] for one attachment, or a list with one of these for each.
+        Formulas consist of numpy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
+        must not jump; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments are
+        not balanced automatically: return both action and reaction.
     energy
-        `energy(a, b, ...)`, a potential [J] of positions and angles: it is booked as strain energy,
-        and what the law does beside it as `dissipative` says.
+        `energy(a, b, ...)`, a potential [J] of positions and angles. It counts as strain energy,
+        and only the power of the law beyond it as that of a load or damping.
     dissipative
-        Whether that is damping instead of the work of a load.
+        True: the power counts as damping instead of the work of a load.
 
     Examples
     --------
@@ -172,23 +185,25 @@ class ForceLaw(Part):
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("ForceLaw", self.name))
-        given = self.on
-        if not isinstance(given, Attachment):
-            what = "an attachment such as beam.end, or a list of them"
-            given = tuple(require_sequence(self.name, "on", given, what)) or (given,)
+        if isinstance(self.on, Attachment):
+            attachments: tuple[Any, ...] = (self.on,)
         else:
-            given = (given,)
-        set_fields(self, on=tuple(require_attachment(self.name, "on", one) for one in given))
+            what = "an attachment such as beam.end, or a list of them"
+            attachments = tuple(require_sequence(self.name, "on", self.on, what)) or (self.on,)
+        set_fields(self, on=tuple(require_attachment(self.name, "on", one) for one in attachments))
         if not sum(one.size for one in self.on):
-            raise BeamdaeError(f"{self.name}: nothing it acts on moves.")
+            raise BeamdaeError(
+                f"{self.name}: none of its attachments moves; let it act on a body that does."
+            )
         if not isinstance(self.dissipative, bool):
             raise BeamdaeError(
-                f"{self.name}: dissipative must be True or False, got {short_repr(self.dissipative)}."
+                f"{self.name}: dissipative must be True or False, "
+                f"got {short_repr(self.dissipative)}."
             )
-        self._require_sound()
+        self._require_valid()
 
-    def _require_sound(self) -> None:
-        """Refuse what is no formula of the motion given, and moments on particles."""
+    def _require_valid(self) -> None:
+        """Raise an error unless law and energy are formulas that suit the attachments."""
         require_function(self.name, "law", self.law)
         motions = [
             Motion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))
@@ -198,36 +213,38 @@ class ForceLaw(Part):
             )
         ]
         t = SX.sym("t")
-        given = [ca.vertcat(*m.position, m.angle, *m.velocity, m.rate) for m in motions]
-        said = evaluate_loads(self.name, self.law, motions, t)
-        require_continuous_formula(self.name, "law", said, [*given, t])
+        arguments = [ca.vertcat(*m.position, m.angle, *m.velocity, m.rate) for m in motions]
+        loads = evaluate_loads(self.name, self.law, motions, t)
+        require_continuous_formula(self.name, "law", loads, [*arguments, t])
         for k, on in enumerate(self.on):
-            if not on.has_angle and not said[3 * k + 2].is_zero():
+            if not on.has_angle and not loads[3 * k + 2].is_zero():
                 raise BeamdaeError(
-                    f"{self.name}: {on} is a particle and has no angle, law must return "
+                    f"{self.name}: {on} is a particle and has no angle; law must return "
                     "(Fx, Fy) for it."
                 )
         if self.energy is not None:
             require_function(self.name, "energy", self.energy)
             value = evaluate_formula(self.name, "energy", self.energy, *motions)
-            stored = require_column(self.name, "energy", value, 1)
-            places = [ca.vertcat(*m.position, m.angle) for m in motions]
+            energy = require_column(self.name, "energy", value, 1)
+            placements = [ca.vertcat(*m.position, m.angle) for m in motions]
             what = "positions and angles"
-            require_continuous_formula(self.name, "energy", stored, places, what)
+            require_continuous_formula(self.name, "energy", energy, placements, what)
 
     @cached_property
-    def _moved(self) -> tuple[Any, ...]:
+    def _arguments(self) -> tuple[Any, ...]:
+        """Arguments of an `_AttachedLaw`."""
         return (self.name, self.on, self.law, self.energy, self.dissipative)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The loads."""
-        moved, size = [one.checked_kinematics for one in self.on], sum(one.size for one in self.on)
-        kernel, data = build_kernel(_LoadKernel(*self._moved), moved, size)
+        """Return the loads."""
+        kinematics = [one.checked_kinematics for one in self.on]
+        size = sum(one.size for one in self.on)
+        kernel, data = build_kernel(_LoadKernel(*self._arguments), kinematics, size)
         return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
 
     @property
     def load(self) -> Quantity:
-        """Forces [N] and moment [N m] on each attachment, numbered from 1 where there are more."""
+        """Forces [N] and moment [N m] on each attachment, numbered from 1 if there are several."""
         count = len(self.on)
         columns = tuple(
             Named(f"{what}{k + 1}" if count > 1 else what, unit)
@@ -235,7 +252,7 @@ class ForceLaw(Part):
             for what, unit in (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
         )
         values, data = FormulaExpression.of(
-            _LoadValues(*self._moved), [one.checked_kinematics for one in self.on]
+            _LoadValues(*self._arguments), [one.checked_kinematics for one in self.on]
         )
         pieces = tuple(one.piece for one in self.on)
         return Quantity(columns, pieces, lambda local: values(local), data)

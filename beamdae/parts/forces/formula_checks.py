@@ -1,4 +1,4 @@
-"""Formulas of forces that users write: numpy functions on symbols, checked by what they give."""
+"""Checks of forces written by users as numpy formulas, which are evaluated with symbols."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beamdae.errors import BeamdaeError, format_exception, short_repr
 from beamdae.symbolic.formulas import FormulaExpression
 from beamdae.symbolic.statements import SX, Local
 
-# Operations by which a force can jump; kinks such as those of np.maximum and np.abs are no jumps.
+# Operations with jumps; np.maximum and np.abs only have kinks.
 _JUMP_OPERATIONS = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in ("LT", "LE", "EQ", "NE", "IF_ELSE_ZERO", "FLOOR", "CEIL", "FMOD", "SIGN")
@@ -24,12 +24,12 @@ _SMOOTH_ALTERNATIVES = (
 
 
 def as_vector(column: SX) -> np.ndarray:
-    """A column as users get it: an array of its entries, which can be unpacked and added."""
+    """Return a column as an array of its entries, which users can unpack and add."""
     return np.array([column[k] for k in range(column.numel())], dtype=object)
 
 
 def list_entries(value: Any) -> list[Any]:
-    """The entries of what a formula gave, itself where it is a single one."""
+    """Return the entries of the value of a formula; a single value is its only entry."""
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
     if isinstance(value, np.ndarray):
@@ -38,70 +38,71 @@ def list_entries(value: Any) -> list[Any]:
 
 
 def require_column(part: str, what: str, value: Any, rows: int) -> SX:
-    """What a formula gave as a column, or say that it has not so many entries."""
+    """Return the value of a formula as a column of so many rows."""
     try:
         column = ca.vertcat(*(SX(entry) for entry in list_entries(value)))
     except Exception:
         column = SX(0, 1)
     if column.shape != (rows, 1):
-        wanted = "one number" if rows == 1 else f"{rows} numbers"
-        raise BeamdaeError(f"{part}: {what} must return {wanted}, got {short_repr(value)}.")
+        expected = "one number" if rows == 1 else f"{rows} numbers"
+        raise BeamdaeError(f"{part}: {what} must return {expected}, got {short_repr(value)}.")
     return column
 
 
-def evaluate_formula(part: str, what: str, function: Callable[..., Any], *given: Any) -> Any:
-    """What a user's function makes of symbols, or a sentence that says why it failed."""
+def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbols: Any) -> Any:
+    """Return the value of a user's function at symbols; `what` names it in messages."""
     try:
         with warnings.catch_warnings():
-            # CasADi 3.8 announces a change of numpy functions on its symbols, see `law_checks`.
+            # CasADi 3.8 announces a change of numpy functions on its symbols, see `laws`.
             warnings.simplefilter("ignore", FutureWarning)
-            return function(*given)
+            return function(*symbols)
     except BeamdaeError:
         raise
     except Exception as problem:
         if "truth value" in str(problem):
             raise BeamdaeError(
                 f"{part}: {what} must be a formula, but it decides by the value of a symbol (if, "
-                f"while, and, or, min, max); take {_SMOOTH_ALTERNATIVES}."
+                f"while, and, or, min, max); use {_SMOOTH_ALTERNATIVES}."
             ) from None
         raise BeamdaeError(
-            f"{part}: {what} must be a formula of numpy functions such as np.sin, it failed, "
-            f"{format_exception(problem)}."
+            f"{part}: {what} must be a formula of numpy functions such as np.sin, but it failed "
+            f"({format_exception(problem)})."
         ) from problem
 
 
 def require_continuous_formula(
-    part: str, what: str, value: SX, symbols: Sequence[SX], given: str = "what it is given"
+    part: str, what: str, value: SX, symbols: Sequence[SX], arguments: str = "its arguments"
 ) -> None:
-    """Refuse an expression that jumps, or depends on other symbols than these, `given` in words."""
+    """Raise an error if an expression jumps or depends on other symbols than its arguments."""
     known = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
-    strange = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
-    if strange:
+    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
+    if other_symbols:
         raise BeamdaeError(
-            f"{part}: {what} must depend on {given} alone, not on {', '.join(strange[:3])}."
+            f"{part}: {what} must depend on {arguments} alone, not on "
+            f"{', '.join(other_symbols[:3])}."
         )
     formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
     steps = range(formula.n_instructions())
-    # float(x) is nan of a symbol.
+    # float() of a symbol is nan.
     if any(
         formula.instruction_id(k) == ca.OP_CONST and np.isnan(formula.instruction_constant(k))
         for k in steps
     ):
         raise BeamdaeError(
             f"{part}: {what} must be a formula of numpy functions such as np.sin, but it needs a "
-            "symbol as a number, as float, int and the functions of math do, or has a nan of its "
-            "own."
+            "symbol as a number, as float, int and the functions of math do, or contains a nan."
         )
-    used = {formula.instruction_id(k) for k in steps}
-    jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in used]
+    operations = {formula.instruction_id(k) for k in steps}
+    jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
         raise BeamdaeError(
-            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; take {_SMOOTH_ALTERNATIVES}."
+            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; use "
+            f"{_SMOOTH_ALTERNATIVES}."
         )
 
 
 def require_function(part: str, what: str, function: Any) -> None:
-    """Refuse what cannot be called."""
+    """Raise an error if a value cannot be called."""
     if not callable(function):
         raise BeamdaeError(f"{part}: {what} must be a function, got {short_repr(function)}.")
 

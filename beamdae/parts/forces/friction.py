@@ -1,4 +1,4 @@
-"""Friction in joints and guides: regularized Coulomb's law with Stribeck's peak."""
+"""Friction in joints: regularized Coulomb friction with Stribeck effect."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import (
-    Formula,
     FormulaExpression,
     build_formula_kernel,
     constant_formula,
@@ -30,106 +29,113 @@ from beamdae.symbolic.formulas import (
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Quantity
 
 
-def _rim_travel(a: Any, b: Any, own: Any) -> SX:
-    """What the rim of a bearing has traveled; `own` is its radius."""
-    return own[0] * (b[1] - a[1])
+def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
+    """Return the travel of the rim of a bearing; numbers: its radius."""
+    (_, rotation_a), (_, rotation_b) = a, b
+    return numbers[0] * (rotation_b - rotation_a)
 
 
-def _guide_travel(a: Any, b: Any, own: Any) -> SX:
-    """How far a point has slid along a line fixed to the first body."""
-    return ca.dot(rotate(a[1], (own[1], own[2])), b[0] - a[0])
+def _guide_travel(a: Any, b: Any, numbers: Any) -> SX:
+    """Return the travel along a line fixed to the first body; numbers: radius, unit vector."""
+    (position_a, rotation_a), (position_b, _) = a, b
+    return ca.dot(rotate(rotation_a, (numbers[1], numbers[2])), position_b - position_a)
 
 
 def _smooth_magnitude(values: SX, eps: Any) -> SX:
-    """|values|, smooth and zero at zero, off by eps^2 / (2 |values|) where that is small."""
+    """Return |values|, smooth and zero at zero; its error is at most eps^2 / (2 |values|)."""
     square = ca.sumsqr(values)
     return square / ca.sqrt(square + eps**2)
 
 
 @dataclass(frozen=True)
 class _FrictionLaw:
-    """Travel, its rate and the friction against it.
+    """Travel, sliding velocity and friction force in the local coordinates of a joint.
 
     Attributes
     ----------
     size
-        Number of the first local coordinates, which are of the first point.
+        Number of local coordinates of the first point; those of the second one follow.
     travel
-        (first point moved, second point moved, numbers) -> travel [m].
-    pressing, tilting
-        Which multipliers are forces and moments.
+        (placement of the first point, that of the second one, numbers) -> travel [m].
+    forces, moments
+        Indices of the multipliers that are forces, and moments.
     """
 
     size: int
     travel: Callable[[Any, Any, Any], SX]
-    pressing: tuple[int, ...]
-    tilting: tuple[int, ...]
+    forces: tuple[int, ...]
+    moments: tuple[int, ...]
 
-    def __call__(self, local: Local, a: Any, b: Any, own: Any, law: Any) -> tuple[SX, SX, SX]:
-        moved = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), own())
-        coefficient, excess, stribeck, regularization, smoothing = (law()[k] for k in range(5))
-        speed = local.dot(moved)
-        load = _smooth_magnitude(local.lam[list(self.pressing)], smoothing)
-        if self.tilting:
-            radius = own()[0]
-            moments = local.lam[list(self.tilting)]
-            load += _smooth_magnitude(moments, smoothing * radius) / radius
-        shape = ca.tanh(speed / regularization) * (
-            1.0 + excess * ca.exp(-((speed / stribeck) ** 2))
+    def evaluate(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> tuple[SX, SX, SX]:
+        """Return travel [m], sliding velocity [m/s] and friction force [N] against it."""
+        travel = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), geometry())
+        coefficient, peak, stribeck, regularization, smoothing = (law()[k] for k in range(5))
+        velocity = local.dot(travel)
+        normal_force = _smooth_magnitude(local.lam[list(self.forces)], smoothing)
+        if self.moments:
+            radius = geometry()[0]
+            moments = local.lam[list(self.moments)]
+            normal_force += _smooth_magnitude(moments, smoothing * radius) / radius
+        shape = ca.tanh(velocity / regularization) * (
+            1.0 + peak * ca.exp(-((velocity / stribeck) ** 2))
         )
-        return moved, speed, coefficient * load * shape
+        return travel, velocity, coefficient * normal_force * shape
 
 
 @dataclass(frozen=True)
 class _FrictionKernel:
-    rubbing: _FrictionLaw
+    law: _FrictionLaw
 
     def __call__(self, local: Local, *functions: Any) -> ForceKernel:
-        moved, speed, friction = self.rubbing(local, *functions)
-        force = ca.jtimes(moved, local.q, friction, True)
-        return ForceKernel(local, force, powers=ca.vertcat(0, friction * speed))
+        travel, velocity, friction = self.law.evaluate(local, *functions)
+        force = ca.jtimes(travel, local.q, friction, True)
+        return ForceKernel(local, force, powers=ca.vertcat(0, friction * velocity))
 
 
 @dataclass(frozen=True)
 class _FrictionReaction:
-    rubbing: _FrictionLaw
+    """Friction force of a guide, or friction moment of a bearing, and sliding velocity."""
+
+    law: _FrictionLaw
     is_bearing: bool
 
-    def __call__(self, local: Local, a: Any, b: Any, own: Any, law: Any) -> SX:
-        _, speed, friction = self.rubbing(local, a, b, own, law)
-        return ca.vertcat(-friction * (own()[0] if self.is_bearing else 1.0), speed)
+    def __call__(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> SX:
+        _, velocity, friction = self.law.evaluate(local, a, b, geometry, law)
+        return ca.vertcat(-friction * (geometry()[0] if self.is_bearing else 1.0), velocity)
 
 
 @dataclass(frozen=True, eq=False)
 class Friction(Part):
-    """Dry friction in a joint: it grows with what the joint holds, and works against its sliding.
+    """Regularized Coulomb friction in a hinge or a guide, with Stribeck effect.
 
     F = coefficient |N| tanh(v / regularization) (1 + (static / coefficient - 1)
-    exp(-(v / stribeck)^2)), with v the speed of sliding and N the reaction of the joint. In a
-    `Revolute` v is the speed of the bearing's rim and F acts at its radius; in a guide
-    (`PointOnLine` and other joints with a direction) v is the speed along the direction. A guide
-    that holds a moment M as well is pressed by M / radius besides, radius being half its length.
-    Below the regularization velocity friction falls to zero: what would stick creeps.
+    exp(-(v / stribeck)^2)), where v is the sliding velocity and N the reaction of the joint. In a
+    `Revolute` v is the velocity of the rim of the bearing, and F acts at its radius. In a guide
+    (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`) v is the velocity along
+    that direction. A moment M of the guide adds M / radius to the normal force, where radius is
+    half the length of the guide. Below the regularization velocity friction falls to zero, so that
+    a sticking contact creeps.
 
-    Stribeck's peak as in Olsson, Astrom, Canudas de Wit, Gafvert & Lischinsky, Eur. J. Control 4
+    Stribeck effect as in Olsson, Astrom, Canudas de Wit, Gafvert & Lischinsky, Eur. J. Control 4
     (1998) 176.
 
     Parameters
     ----------
     name, joint
-        Unique name, and where it rubs.
+        Unique name, and the joint with friction.
     coefficient
-        Coefficient of friction of fast sliding [-].
+        Kinetic coefficient of friction, of fast sliding [-].
     regularization
-        Velocity [m/s] of sliding at which friction has 76 % of its size; integrators follow changes
-        over it by steps of its size over the acceleration.
+        Sliding velocity [m/s] at which friction reaches 76 % of its value. Integrators resolve a
+        reversal with steps of about this velocity over the acceleration.
     static, stribeck
-        Coefficient towards rest [-], and the velocity [m/s] over which it falls to that of fast
-        sliding; without these the coefficient is the same at all speeds.
+        Static coefficient of friction [-], and the velocity [m/s] over which it decreases to the
+        kinetic one; without these the coefficient does not depend on the velocity.
     radius
-        Of the bearing, or half the length of a guide that holds a moment [m].
+        Radius of the bearing, or half the length of a guide that carries a moment [m].
     smoothing
-        Reaction [N] below which its size is rounded off, off by smoothing^2 / (2 |N|) above it.
+        Reaction [N] below which its magnitude is smoothed; above, the error is at most
+        smoothing^2 / (2 |N|).
 
     Examples
     --------
@@ -152,20 +158,22 @@ class Friction(Part):
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("Friction", self.name))
         name = self.name
-        if not (self._is_bearing or self._is_guide):
+        is_joint = isinstance(self.joint, Joint)
+        if not (is_joint and (self._is_bearing or self.joint.slide_direction is not None)):
             raise BeamdaeError(
                 f"{name}: joint must be one that turns or slides, such as Revolute or PointOnLine, "
                 f"got {short_repr(self.joint)}."
             )
         if self._is_bearing:
-            # A particle does not turn: what rubs on it would hold on to nothing.
+            # A particle does not rotate, so that a moment would have no effect on it.
             require_angle(name, self.joint.a)
             require_angle(name, self.joint.b)
-        for quantity in ("regularization", "smoothing"):
-            set_fields(
-                self, **{quantity: require_positive(name, quantity, getattr(self, quantity))}
-            )
-        set_fields(self, coefficient=require_non_negative(name, "coefficient", self.coefficient))
+        set_fields(
+            self,
+            regularization=require_positive(name, "regularization", self.regularization),
+            smoothing=require_positive(name, "smoothing", self.smoothing),
+            coefficient=require_non_negative(name, "coefficient", self.coefficient),
+        )
         self._check_stribeck()
         self._check_radius()
 
@@ -185,13 +193,16 @@ class Friction(Part):
             )
 
     def _check_radius(self) -> None:
-        wanted = self._is_bearing or bool(self._which("N m"))
-        if wanted and self.radius is None:
-            what = "of the bearing" if self._is_bearing else "half the length of the guide"
-            raise BeamdaeError(f"{self.name}: friction in {self.joint.name} needs radius=, {what}.")
-        if not wanted and self.radius is not None:
+        needs_radius = self._is_bearing or bool(self._multipliers_in("N m"))
+        if needs_radius and self.radius is None:
+            meaning = "of the bearing" if self._is_bearing else "half the length of the guide"
             raise BeamdaeError(
-                f"{self.name}: radius has no meaning for {self.joint.name}, which holds no moment."
+                f"{self.name}: friction in {self.joint.name} needs radius=, {meaning}."
+            )
+        if not needs_radius and self.radius is not None:
+            raise BeamdaeError(
+                f"{self.name}: radius has no meaning for {self.joint.name}, which carries no "
+                "moment; omit it."
             )
         if self.radius is not None:
             set_fields(self, radius=require_positive(self.name, "radius", self.radius))
@@ -200,52 +211,46 @@ class Friction(Part):
     def _is_bearing(self) -> bool:
         return isinstance(self.joint, Revolute)
 
-    @property
-    def _is_guide(self) -> bool:
-        """Whether it holds what is across a direction, and perhaps the turn, but nothing else."""
-        if not isinstance(self.joint, Joint) or not hasattr(self.joint, "direction"):
-            return False
-        return {held.name for held in self.joint.multipliers} <= {"normal", "angle"}
-
-    def _which(self, unit: str) -> tuple[int, ...]:
-        held = self.joint.multipliers
-        return tuple(k for k, multiplier in enumerate(held) if multiplier.unit == unit)
+    def _multipliers_in(self, unit: str) -> tuple[int, ...]:
+        """Return the indices of the multipliers of the joint in this unit."""
+        return tuple(k for k, x in enumerate(self.joint.multipliers) if x.unit == unit)
 
     @property
-    def _rubbing(self) -> _FrictionLaw:
+    def _law(self) -> _FrictionLaw:
         travel = _rim_travel if self._is_bearing else _guide_travel
-        return _FrictionLaw(self.joint.a.size, travel, self._which("N"), self._which("N m"))
+        forces, moments = self._multipliers_in("N"), self._multipliers_in("N m")
+        return _FrictionLaw(self.joint.a.size, travel, forces, moments)
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
-        along = getattr(self.joint, "direction", (1.0, 0.0))
-        tx, ty = np.divide(along, np.hypot(*along)).tolist()
-        excess, stribeck = 0.0, 1.0
+        # A bearing has no direction; its kernel ignores the one here.
+        direction = self.joint.slide_direction or (1.0, 0.0)
+        tx, ty = np.divide(direction, np.hypot(*direction)).tolist()
+        peak, stribeck = 0.0, 1.0
         if self.static is not None and self.stribeck is not None:
-            excess, stribeck = self.static / self.coefficient - 1.0, self.stribeck
-        law = (self.coefficient, excess, stribeck, self.regularization, self.smoothing)
-        own: Formula = constant_formula(1.0 if self.radius is None else self.radius, tx, ty)
+            peak, stribeck = self.static / self.coefficient - 1.0, self.stribeck
+        law = (self.coefficient, peak, stribeck, self.regularization, self.smoothing)
         return (
             self.joint.a.checked_kinematics,
             self.joint.b.checked_kinematics,
-            own,
+            constant_formula(1.0 if self.radius is None else self.radius, tx, ty),
             constant_formula(*law),
         )
 
     @property
     def reaction(self) -> Quantity:
-        """Force F [N] (in a bearing moment M [N m]) on the body of the joint's b, and speed v."""
+        """Friction F [N] on the body of the joint's b (M [N m] in a bearing), and velocity v."""
         first = Named("M", "N m") if self._is_bearing else Named("F", "N")
-        kind = _FrictionReaction(self._rubbing, self._is_bearing)
+        kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)
         pieces = (self.joint.a.piece, self.joint.b.piece)
         return Quantity((first, Named("v", "m/s")), pieces, values, data, self.joint.name)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The friction."""
+        """Return the friction force."""
         joint = self.joint
         kernel, data = build_formula_kernel(
-            _FrictionKernel(self._rubbing),
+            _FrictionKernel(self._law),
             self._functions,
             joint.a.size + joint.b.size,
             len(joint.multipliers),

@@ -1,4 +1,4 @@
-"""Loads: forces and moments as laws of time."""
+"""Loads: forces and moments as laws of time on attachments."""
 
 from __future__ import annotations
 
@@ -24,22 +24,24 @@ from beamdae.symbolic.formulas import build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
 
 
-def load_kernel(local: Local, work: SX, load: SX) -> ForceKernel:
-    """The generalized force `load` that does work on the rate of `work`."""
-    force = -ca.jtimes(work, local.q, load, True)
-    power = ca.dot(local.dot(work), load)
+def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
+    """Return the kernel of a load that does work on a placement, positions or angles."""
+    force = -ca.jtimes(placement, local.q, load, True)
+    power = ca.dot(local.dot(placement), load)
     return ForceKernel(local, force, powers=ca.vertcat(power, 0))
 
 
 def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    """A force of these components in the inertial frame."""
-    place, _ = on(local.q)
-    return load_kernel(local, place, ca.vertcat(*(law(local.time) for law in laws)))
+    """Return the kernel of a force with these components in the inertial frame."""
+    position, _ = on(local.q)
+    return load_kernel(local, position, ca.vertcat(*(law(local.time) for law in laws)))
 
 
 def _follower_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    place, turn = on(local.q)
-    return load_kernel(local, place, rotate(turn, ca.vertcat(*(law(local.time) for law in laws))))
+    position, rotation = on(local.q)
+    return load_kernel(
+        local, position, rotate(rotation, ca.vertcat(*(law(local.time) for law in laws)))
+    )
 
 
 def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
@@ -49,7 +51,7 @@ def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
 def load_statement(
     part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> ForceStatement:
-    """A load of some kind on an attachment, of these laws of time."""
+    """Return the statement of a load on an attachment, `kind` building its kernel from laws."""
     functions = (on.checked_kinematics, *(law.formula for law in laws))
     kernel, data = build_formula_kernel(kind, functions, on.size)
     return ForceStatement(part, kernel, (on.piece,), data)
@@ -57,18 +59,18 @@ def load_statement(
 
 @dataclass(frozen=True, eq=False)
 class Force(Part):
-    """Force (Fx, Fy) [N] on an attachment.
+    """Force (Fx, Fy) [N] on an attachment as laws of time.
 
     Parameters
     ----------
     name
         Unique name.
     on
-        Where it acts.
+        Attachment it acts on.
     law
-        Pair of laws: numbers, functions of t or `Law`s.
+        Pair of laws (Fx, Fy): numbers, functions of t or `Law`s.
     axes
-        "inertial" (a dead load) or "body" (turning with the section it acts on).
+        "inertial" (dead load) or "body" (follower load, which rotates with its section or body).
 
     Examples
     --------
@@ -96,7 +98,7 @@ class Force(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Both components over time."""
+        """Laws of both components."""
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
@@ -105,18 +107,28 @@ class Force(Part):
         return (Named("Fx", "N"), Named("Fy", "N"))
 
     def with_constant_laws(self, values: Sequence[float]) -> Force:
-        """The same with these components."""
+        """Return the same force with constant components [N]."""
         return replace(self, law=tuple(values))
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The load."""
+        """Return the load."""
         kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
         return [load_statement(self.name, self.on, kind, self.laws)]
 
 
 @dataclass(frozen=True, eq=False)
 class Moment(Part):
-    """Moment [N m], counter-clockwise positive, on an attachment; `law` a number or law of t."""
+    """Moment [N m], counter-clockwise positive, on an attachment as a law of time.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    on
+        Attachment it acts on.
+    law
+        Moment: a number, a function of t or a `Law`.
+    """
 
     symbol = "moment"
     is_load = True
@@ -132,7 +144,7 @@ class Moment(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """The moment over time."""
+        """Law of the moment."""
         return (as_law(self.name, self.law),)
 
     @property
@@ -141,9 +153,9 @@ class Moment(Part):
         return (Named("M", "N m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Moment:
-        """The same with this moment."""
+        """Return the same load with a constant moment [N m]."""
         return replace(self, law=values[0])
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """The load."""
+        """Return the load."""
         return [load_statement(self.name, self.on, _moment_load, self.laws)]

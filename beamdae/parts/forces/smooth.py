@@ -1,4 +1,4 @@
-"""Functions for formulas of forces: of numbers, arrays and symbols alike."""
+"""Smooth functions for formulas of forces, of numbers, arrays and symbols."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from beamdae.errors import BeamdaeError, require_positive, short_repr
 
 
 def positive_part(x: Any) -> Any:
-    """The larger of x and 0, of a number, an array or a symbol; its slope jumps at 0.
+    """Return max(x, 0) of a number, an array or a symbol; its slope jumps at 0.
 
-    `positive_part(x)**n` has n - 1 continuous derivatives: forces that push alone are made of it.
+    `positive_part(x)**n` has n - 1 continuous derivatives and suits one-sided forces.
 
     Raises
     ------
     BeamdaeError
-        If x is none of these.
+        If x is of another type.
 
     Examples
     --------
@@ -27,34 +27,34 @@ def positive_part(x: Any) -> Any:
     >>> bd.positive_part(np.array([-1.0, 2.0]))
     array([0., 2.])
     """
-    x = _value("positive_part", x)
+    x = _require_numeric("positive_part", x)
     return ca.fmax(x, 0.0) if isinstance(x, ca.SX) else np.maximum(x, 0.0)
 
 
 def smooth_sign(x: Any, scale: Any) -> Any:
-    """The sign of x, tanh(x / scale): it reaches 0.96 of a sign at x = 2 `scale`.
+    """Return tanh(x / scale), a smooth sign of x that reaches 0.96 at x = 2 `scale`.
 
     Raises
     ------
     BeamdaeError
-        If x is no number, array or symbol, or `scale` neither a positive number nor a symbol.
+        If x is not a number, array or symbol, or `scale` not a positive number or symbol.
     """
-    x = _value("smooth_sign", x)
+    x = _require_numeric("smooth_sign", x)
     if not isinstance(scale, ca.SX):
         scale = require_positive("smooth_sign", "scale", scale)
-    symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
-    return ca.tanh(x / scale) if symbolic else np.tanh(x / scale)
+    is_symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
+    return ca.tanh(x / scale) if is_symbolic else np.tanh(x / scale)
 
 
-def _value(name: str, x: Any) -> Any:
+def _require_numeric(name: str, x: Any) -> Any:
     if isinstance(x, ca.SX):
         return x
     try:
         values = np.asarray(x)
-        numeric = values.dtype.kind in "fiu"
-    except Exception:  # Whatever an array cannot be made of.
-        numeric = False
-    if not numeric:
+        is_numeric = values.dtype.kind in "fiu"
+    except Exception:  # Conversion of arbitrary objects may raise anything.
+        is_numeric = False
+    if not is_numeric:
         raise BeamdaeError(
             f"{name}: x must be a number, an array of numbers or a symbol of the formula, "
             f"got {short_repr(x)}."

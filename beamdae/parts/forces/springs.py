@@ -11,8 +11,8 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle
-from beamdae.parts.forces.elastic import (
-    Deformation,
+from beamdae.parts.forces.force_element import (
+    DeformationValues,
     ElementResponse,
     ForceElement,
     LinearLaw,
@@ -20,28 +20,31 @@ from beamdae.parts.forces.elastic import (
 )
 from beamdae.symbolic.statements import SX, Named, Quantity
 
-# Of the drawn length: where two points meet their distance has no slope, and this much under the
-# root gives it one; it is below rounding wherever they are apart.
+# Length added under the root of the distance, relative to the drawn length: the distance then has a
+# slope where the points coincide; elsewhere the change is below rounding.
 _COINCIDENT_RATIO = 1e-8
 
 
 def _elongation(a: Any, b: Any, numbers: Any) -> SX:
-    """How much longer than free the distance of two points is."""
-    return ca.sqrt(ca.sumsqr(b[0] - a[0]) + numbers[1] ** 2) - numbers[0]
+    """Return the elongation; the numbers are the free length and the regularization length."""
+    (position_a, _), (position_b, _) = a, b
+    return ca.sqrt(ca.sumsqr(position_b - position_a) + numbers[1] ** 2) - numbers[0]
 
 
 def _displacement(a: Any, b: Any, numbers: Any) -> SX:
-    """The way from one point to the other."""
-    return b[0] - a[0]
+    """Return the vector from the first point to the second."""
+    (position_a, _), (position_b, _) = a, b
+    return position_b - position_a
 
 
 def _relative_angle(a: Any, b: Any, numbers: Any) -> SX:
-    """The turn of the second body relative to the first, less the free one."""
-    return b[1] - a[1] - numbers[0]
+    """Return the relative rotation; the number is the free angle."""
+    (_, rotation_a), (_, rotation_b) = a, b
+    return rotation_b - rotation_a - numbers[0]
 
 
 class _SpringLaw(ForceElement):
-    """A stiffness, a damping and a preload, or a law in their place."""
+    """Force element with stiffness, damping and preload, or a law in their place."""
 
     stiffness: float
     damping: float
@@ -49,7 +52,8 @@ class _SpringLaw(ForceElement):
     law: Callable[..., Any] | None
     energy: Callable[..., Any] | None
 
-    def _keep_numbers(self, size: float) -> None:
+    def _check_law(self, size: float) -> None:
+        """Check the numbers or the law; `size` is the typical size of the deformation."""
         set_fields(
             self,
             stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
@@ -58,16 +62,16 @@ class _SpringLaw(ForceElement):
         )
         if self.law is None:
             if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy belongs to a law, give that as well.")
+                raise BeamdaeError(f"{self.name}: energy belongs to a law; give law= as well.")
         elif self.stiffness or self.damping or self.preload:
             raise BeamdaeError(
                 f"{self.name}: give either a law or stiffness, damping and preload, not both."
             )
         else:
-            UserLaw(self.name, 1, self.law, self.energy).require_sound(size)
+            UserLaw(self.name, 1, self.law, self.energy).require_valid(size)
 
     @property
-    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
+    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
         if self.law is not None:
             return UserLaw(self.name, 1, self.law, self.energy), ()
         return LinearLaw(1), (self.stiffness, self.damping, self.preload)
@@ -77,11 +81,11 @@ class _SpringLaw(ForceElement):
 class SpringDamper(_SpringLaw):
     """Spring and damper side by side on the line between two points.
 
-    The tension is stiffness e + damping e' + preload, e the elongation beyond the free length;
-    tension is positive and draws the points together. Its potential is in the books as strain
-    energy. Points that meet have no line between them: there the tension fades within 1e-8 of the
-    drawn length, and a spring without free length, preload, damping and law, whose force is
-    stiffness times the way between its points, needs no line at all.
+    The force is stiffness e + damping e' + preload, where e is the elongation beyond the free
+    length; tension is positive and pulls the points together. The potential counts as strain
+    energy. The direction of the force is undefined where the points coincide: there it fades within
+    1e-8 of the drawn length. A spring of free length zero without preload, damping and law has no
+    such singularity; its force is the stiffness times the vector between the points.
 
     Parameters
     ----------
@@ -98,10 +102,11 @@ class SpringDamper(_SpringLaw):
     preload
         Tension at the free length [N].
     law
-        Tension [N] as a formula `law(elongation, rate)` in place of the numbers. What is left of it
-        at rest is booked as the work of a load, the rest as damping.
+        Tension [N] as a formula `law(elongation, rate)` in place of the numbers. Its value at zero
+        rate counts as a load, the rest as damping.
     energy
-        Potential [J] of the law at rest, a formula of the elongation: then that is booked.
+        Potential [J] of the law at zero rate, a formula of the elongation. With it that part of the
+        law counts as elastic.
 
     Examples
     --------
@@ -121,58 +126,60 @@ class SpringDamper(_SpringLaw):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _forces = (Named("", "N"),)
+    _force_columns = (Named("", "N"),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        drawn = math.dist(self.a.point, self.b.point)
-        free = drawn if self.free_length is None else self.free_length
-        set_fields(self, free_length=require_non_negative(self.name, "free_length", free))
-        self._keep_numbers(drawn)
-        if drawn == 0.0 and not self._needs_no_line:
+        drawn_length = math.dist(self.a.point, self.b.point)
+        length = drawn_length if self.free_length is None else self.free_length
+        set_fields(self, free_length=require_non_negative(self.name, "free_length", length))
+        self._check_law(drawn_length)
+        if drawn_length == 0.0 and not self._is_vector_spring:
             raise BeamdaeError(
-                f"{self.name}: {self.a} and {self.b} are drawn at one place and have no line "
-                "between them; give a spring stiffness alone with free_length=0, or take a Bushing."
+                f"{self.name}: {self.a} and {self.b} are drawn at one place, so that the direction "
+                "of the force is undefined; give stiffness alone with free_length=0, or use a "
+                "Bushing."
             )
 
     @property
-    def _needs_no_line(self) -> bool:
-        own = (self.free_length, self.damping, self.preload)
-        return self.law is None and not any(own) and self.stiffness > 0.0
+    def _is_vector_spring(self) -> bool:
+        """True if the force is the stiffness times the vector between the points."""
+        others = (self.free_length, self.damping, self.preload)
+        return self.law is None and not any(others) and self.stiffness > 0.0
 
     @property
-    def _measure(self) -> Callable[..., SX]:
-        return _displacement if self._needs_no_line else _elongation
+    def _deformation(self) -> Callable[..., SX]:
+        return _displacement if self._is_vector_spring else _elongation
 
     @property
-    def _response(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        if self._needs_no_line:
+    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
+        if self._is_vector_spring:
             return LinearLaw(2), (self.stiffness, self.stiffness, 0.0, 0.0, 0.0, 0.0)
-        return super()._response
+        return super()._law
 
     @property
-    def _drawn(self) -> tuple[float, ...]:
+    def _deformation_numbers(self) -> tuple[float, ...]:
         assert self.free_length is not None
         return (self.free_length, _COINCIDENT_RATIO * math.dist(self.a.point, self.b.point))
 
     @property
     def elongation(self) -> Quantity:
-        """How much longer than free it is [m]."""
-        return self.observed(Deformation, (Named("", "m"),))
+        """Elongation beyond the free length [m]."""
+        return self.observe(DeformationValues, (Named("", "m"),))
 
 
 @dataclass(frozen=True, eq=False)
 class Spring(SpringDamper):
-    """A `SpringDamper` without damper."""
+    """`SpringDamper` without damper."""
 
     damping: float = field(default=0.0, init=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Damper(SpringDamper):
-    """A `SpringDamper` without spring: `damping` [N s/m], or a law whose second number is the rate.
+    """`SpringDamper` without spring: `damping` [N s/m], or a law of elongation and rate.
 
-    Its `elongation` is counted from the drawn length.
+    Its `elongation` is measured from the drawn length.
     """
 
     stiffness: float = field(default=0.0, init=False, repr=False)
@@ -185,9 +192,9 @@ class Damper(SpringDamper):
 class TorsionSpring(_SpringLaw):
     """Spring and damper between the angles of two bodies.
 
-    The moment stiffness phi + damping phi' + preload resists the growth of phi, the turn of the
-    body of `b` relative to that of `a` since the drawing, less the free one; it acts on `a`
-    counter-clockwise and on `b` clockwise. Angles are not reduced to one turn.
+    The moment stiffness phi + damping phi' + preload resists the growth of phi, the rotation of the
+    body of `b` relative to that of `a` since the drawing, less the free angle. A positive moment
+    acts on `a` counter-clockwise and on `b` clockwise. Angles are not reduced to one revolution.
 
     Parameters
     ----------
@@ -200,11 +207,11 @@ class TorsionSpring(_SpringLaw):
     damping
         [N m s/rad].
     free_angle
-        Turn since the drawing at which it is free [rad].
+        Relative rotation since the drawing without spring moment [rad].
     preload
-        Moment there [N m].
+        Moment at the free angle [N m].
     law, energy
-        As of `SpringDamper`: moment [N m] by (angle, rate), potential [J] by the angle.
+        As of `SpringDamper`: moment [N m] of (angle, rate), potential [J] of the angle.
 
     Examples
     --------
@@ -223,32 +230,32 @@ class TorsionSpring(_SpringLaw):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _forces = (Named("", "N m"),)
+    _force_columns = (Named("", "N m"),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         set_fields(self, free_angle=require_finite(self.name, "free_angle", self.free_angle))
-        self._keep_numbers(1.0)
+        self._check_law(1.0)
 
     @property
-    def _measure(self) -> Callable[..., SX]:
+    def _deformation(self) -> Callable[..., SX]:
         return _relative_angle
 
     @property
-    def _drawn(self) -> tuple[float, ...]:
+    def _deformation_numbers(self) -> tuple[float, ...]:
         return (self.free_angle,)
 
     @property
     def angle(self) -> Quantity:
-        """How far it is turned from where it is free [rad]."""
-        return self.observed(Deformation, (Named("", "rad"),))
+        """Relative rotation beyond the free angle [rad]."""
+        return self.observe(DeformationValues, (Named("", "rad"),))
 
 
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(TorsionSpring):
-    """A `TorsionSpring` without spring: `damping` [N m s/rad], or a law of angle and rate."""
+    """`TorsionSpring` without spring: `damping` [N m s/rad], or a law of angle and rate."""
 
     stiffness: float = field(default=0.0, init=False, repr=False)
     free_angle: float = field(default=0.0, init=False, repr=False)

@@ -1,4 +1,4 @@
-"""Surfaces that points touch: straight lines and circles, on the ground or on a body."""
+"""Contact surfaces: straight lines and circles, fixed to the ground or to a body."""
 
 from __future__ import annotations
 
@@ -14,53 +14,54 @@ from beamdae.parts.attachments import Attachment, require_angle, require_attachm
 from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Local, Named, Quantity
 
-# Of the radius: the center has no nearest point of the circle, this much under the root gives one.
+# Length added under the root of the distance from the center, relative to the radius: the distance
+# then has a slope at the center.
 _CENTER_RATIO = 1e-8
 
 
 def perpendicular(vector: SX) -> SX:
-    """The vector turned by 90 degrees."""
+    """Return the vector rotated by 90 degrees."""
     return ca.vertcat(-vector[1], vector[0])
 
 
-def _line(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
-    """Gap and tangent, of a point this way from one on the line; numbers: the normal."""
-    normal = rotate(turn, ca.vertcat(numbers[0], numbers[1]))
-    return ca.dot(normal, way), -perpendicular(normal)
+def _line_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
+    """Return gap and tangent at an arm from a point of the line; the numbers are the normal."""
+    normal = rotate(rotation, ca.vertcat(numbers[0], numbers[1]))
+    return ca.dot(normal, arm), -perpendicular(normal)
 
 
-def _circle(turn: SX, way: SX, numbers: Any) -> tuple[SX, SX]:
-    """As `_line`, from the center; numbers: the radius, 1 outside and -1 inside."""
-    distance = ca.sqrt(ca.sumsqr(way) + (_CENTER_RATIO * numbers[0]) ** 2)
-    return numbers[1] * (distance - numbers[0]), perpendicular(way) / distance
+def _circle_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
+    """Return gap and tangent at an arm from the center; numbers: radius, 1 outside or -1 inside."""
+    distance = ca.sqrt(ca.sumsqr(arm) + (_CENTER_RATIO * numbers[0]) ** 2)
+    return numbers[1] * (distance - numbers[0]), perpendicular(arm) / distance
 
 
 @dataclass(frozen=True)
 class _SurfaceGap:
-    """Distance from a surface of some kind; `size` is of the point's local coordinates."""
+    """Distance of a point from a surface; `size` is its number of local coordinates."""
 
     size: int
     surface: Callable[..., tuple[SX, SX]]
 
-    def __call__(self, local: Local, a: Any, b: Any, drawn: Any) -> SX:
-        place, _ = a(local.q[: self.size])
-        root, turn = b(local.q[self.size :])
-        return self.surface(SX(turn), place - root, drawn())[0]
+    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> SX:
+        position, _ = a(local.q[: self.size])
+        root, rotation = b(local.q[self.size :])
+        return self.surface(SX(rotation), position - root, surface_numbers())[0]
 
 
 class _Surface:
-    """What surfaces have in common."""
+    """Surface fixed to an attachment; `kind` returns gap and tangent."""
 
     on: Attachment
     kind: ClassVar[Callable[..., tuple[SX, SX]]]
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Those of its kind."""
+        """Numbers of its kind."""
         raise NotImplementedError
 
     def gap(self, point: Attachment) -> Quantity:
-        """Distance of a point from the surface [m], negative where it penetrates."""
+        """Return the distance of a point from the surface [m], negative where it penetrates."""
         require_attachment("gap", "point", point)
         functions = (
             point.checked_kinematics,
@@ -73,27 +74,33 @@ class _Surface:
 
 @dataclass(frozen=True, eq=False)
 class LineSurface(_Surface):
-    """A straight line through `on` along `direction`, what it touches lies on its left.
+    """Straight line through `on` along `direction`; points in contact lie on its left.
 
-    It is fixed to the body of `on`; `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
-    The direction (x, y) is that of the drawing.
+    `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
+
+    Parameters
+    ----------
+    on
+        Attachment the line is fixed to.
+    direction
+        Direction (x, y) in the drawing.
     """
 
     on: Attachment
     direction: tuple[float, float] = (1.0, 0.0)
 
-    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _line
+    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _line_gap
 
     def __post_init__(self) -> None:
         require_attachment("LineSurface", "on", self.on)
         set_fields(self, direction=require_point("LineSurface", "direction", self.direction))
         if not math.hypot(*self.direction) > 0.0:
-            raise BeamdaeError("LineSurface: direction must have a length, got (0, 0).")
+            raise BeamdaeError("LineSurface: direction must not be zero, got (0, 0).")
         require_angle("LineSurface", self.on)
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """The normal."""
+        """Left unit normal."""
         x, y = self.direction
         length = math.hypot(x, y)
         return (-y / length, x / length)
@@ -101,13 +108,23 @@ class LineSurface(_Surface):
 
 @dataclass(frozen=True, eq=False)
 class CircleSurface(_Surface):
-    """A circle of `radius` [m] about `on`; what it touches is "outside" or "inside" of it."""
+    """Circle about `on`; points in contact lie outside or inside of it.
+
+    Parameters
+    ----------
+    on
+        Attachment at its center.
+    radius
+        [m].
+    side
+        "outside" or "inside".
+    """
 
     on: Attachment
     radius: float
     side: str = "outside"
 
-    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _circle
+    kind: ClassVar[Callable[..., tuple[SX, SX]]] = _circle_gap
 
     def __post_init__(self) -> None:
         require_attachment("CircleSurface", "on", self.on)
@@ -119,5 +136,5 @@ class CircleSurface(_Surface):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Radius and side."""
+        """Radius [m], and 1 outside or -1 inside."""
         return (self.radius, 1.0 if self.side == "outside" else -1.0)

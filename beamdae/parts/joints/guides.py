@@ -71,6 +71,11 @@ class PointOnLine(Joint):
             )
 
     @property
+    def slide_direction(self) -> tuple[float, float]:
+        """Direction of the guide."""
+        return self.direction
+
+    @property
     def gap_parameters(self) -> tuple[float, ...]:
         """Normal of the line in the drawing."""
         return project_across(self.direction, self.a, self.b)[:2]
@@ -107,6 +112,11 @@ class Prismatic(Joint):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         set_fields(self, direction=require_direction(self.name, self.direction))
+
+    @property
+    def slide_direction(self) -> tuple[float, float]:
+        """Direction of the guide."""
+        return self.direction
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:

@@ -113,6 +113,14 @@ class Joint(KinematicConstraint):
         """Attachments it constrains, in the order of the arguments; names are for `reaction_on`."""
         return {"a": self.a, "b": self.b}
 
+    @property
+    def slide_direction(self) -> tuple[float, float] | None:
+        """Direction (x, y) in the drawing in which `b` slides on the body of `a`, for `Friction`.
+
+        None for joints that are not guides.
+        """
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class Revolute(Joint):

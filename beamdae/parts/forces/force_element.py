@@ -1,0 +1,305 @@
+"""Force elements: forces that depend on a deformation between two attachments.
+
+A deformation is a column of elongations, displacements or angles. Forces are positive where they
+resist its growth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import BeamdaeError, require_name, set_fields
+from beamdae.parts.attachments import Attachment, require_attachment
+from beamdae.parts.forces.formula_checks import (
+    as_vector,
+    build_kernel,
+    evaluate_formula,
+    require_column,
+    require_continuous_formula,
+    require_function,
+)
+from beamdae.parts.part import Part
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.statements import (
+    SX,
+    ForceKernel,
+    ForceStatement,
+    Local,
+    Named,
+    Quantity,
+)
+
+# Deformations, relative to their typical size, at which energy and law of a user are compared.
+_SAMPLE_DEFORMATIONS = (-0.31, -0.03, 0.04, 0.37)
+# Largest difference between the gradient of the energy and the law, relative to the largest force.
+_ENERGY_TOLERANCE = 1e-6
+# Smallest difference that counts [N] or [N m].
+_MIN_FORCE_DIFFERENCE = 1e-12
+
+
+class ElementResponse(NamedTuple):
+    """Forces of an element and their share of the energy balance.
+
+    Attributes
+    ----------
+    force
+        Force for each entry of the deformation.
+    energy
+        Potential [J].
+    power
+        Power on the mechanism of forces that have no potential and are not damping [W].
+    dissipated
+        Dissipated power [W].
+    """
+
+    force: SX
+    energy: SX
+    power: SX
+    dissipated: SX
+
+
+@dataclass(frozen=True)
+class LinearLaw:
+    """Stiffness, damping and preload; its numbers are these, each for all entries in turn.
+
+    Attributes
+    ----------
+    rows
+        Number of entries of the deformation.
+    """
+
+    rows: int
+
+    def __call__(self, x: SX, rate: SX, numbers: Any) -> ElementResponse:
+        """Return the response to a deformation and its rate."""
+        entries = [numbers[k] for k in range(3 * self.rows)]
+        stiffness, damping, preload = (
+            ca.vertcat(*entries[k * self.rows : (k + 1) * self.rows]) for k in range(3)
+        )
+        force = stiffness * x + damping * rate + preload
+        energy = ca.dot(0.5 * stiffness * x + preload, x)
+        return ElementResponse(force, energy, SX(0), ca.dot(damping * rate, rate))
+
+
+@dataclass(frozen=True)
+class UserLaw:
+    """Law written by the user: its value at zero rate is a static force, the rest is damping.
+
+    Without an `energy` the static force counts as a load.
+
+    Attributes
+    ----------
+    part
+        Name of the part, for messages.
+    rows
+        Number of entries of the deformation.
+    law
+        (deformation, rate) -> force.
+    energy
+        Deformation -> potential [J] of the static force.
+    """
+
+    part: str
+    rows: int
+    law: Callable[..., Any]
+    energy: Callable[..., Any] | None
+
+    def force(self, x: SX, rate: SX) -> SX:
+        """Return the force as a column."""
+        arguments = (x, rate) if self.rows == 1 else (as_vector(x), as_vector(rate))
+        value = evaluate_formula(self.part, "law", self.law, *arguments)
+        return require_column(self.part, "law", value, self.rows)
+
+    def stored_energy(self, x: SX) -> SX:
+        """Return the potential, zero if there is none."""
+        if self.energy is None:
+            return SX(0)
+        argument = x if self.rows == 1 else as_vector(x)
+        value = evaluate_formula(self.part, "energy", self.energy, argument)
+        return require_column(self.part, "energy", value, 1)
+
+    def __call__(self, x: SX, rate: SX, numbers: Any) -> ElementResponse:
+        """Return the response to a deformation and its rate."""
+        force, static_force = self.force(x, rate), self.force(x, SX.zeros(self.rows))
+        power = -ca.dot(static_force, rate) if self.energy is None else SX(0)
+        dissipated = ca.dot(force - static_force, rate)
+        return ElementResponse(force, self.stored_energy(x), power, dissipated)
+
+    def require_valid(self, size: float) -> None:
+        """Raise an error unless law and energy are formulas that belong together.
+
+        Parameters
+        ----------
+        size
+            Typical size of the deformation [m] or [rad].
+        """
+        x, rate = SX.sym("x", self.rows), SX.sym("rate", self.rows)
+        require_function(self.part, "law", self.law)
+        require_continuous_formula(self.part, "law", self.force(x, rate), (x, rate))
+        if self.energy is None:
+            return
+        require_function(self.part, "energy", self.energy)
+        energy = self.stored_energy(x)
+        require_continuous_formula(self.part, "energy", energy, (x,))
+        static_force = self.force(x, SX.zeros(self.rows))
+        gradient = ca.densify(ca.gradient(energy, x))
+        compare = ca.Function("compare", [x], [gradient, ca.densify(static_force)])
+        for sample in _SAMPLE_DEFORMATIONS:
+            slope, force = (np.array(y).ravel() for y in compare(sample * size))
+            is_finite = np.isfinite(slope) & np.isfinite(force)
+            difference = np.abs(slope - force)[is_finite]
+            largest_force = np.max(np.abs(force[is_finite]), initial=0.0)
+            if np.any(difference > _ENERGY_TOLERANCE * largest_force + _MIN_FORCE_DIFFERENCE):
+                raise BeamdaeError(
+                    f"{self.part}: the derivative of energy must be the law at rest, at "
+                    f"{sample * size:.3g} they are {float(slope[0]):.6g} and "
+                    f"{float(force[0]):.6g}."
+                )
+
+
+@dataclass(frozen=True)
+class _ElementExpression:
+    """Deformation and response in the local coordinates of two points.
+
+    Attributes
+    ----------
+    size
+        Number of local coordinates of the first point; those of the second one follow.
+    deformation
+        (placement of the first point, that of the second one, numbers) -> deformation.
+    law
+        (deformation, rate, numbers) -> response.
+    rows
+        Number of columns of the observed force.
+    """
+
+    size: int
+    deformation: Callable[..., SX]
+    law: Callable[..., ElementResponse]
+    rows: int
+
+    def evaluate(
+        self, local: Local, a: Any, b: Any, law_numbers: Any, deformation_numbers: Any
+    ) -> tuple[SX, ElementResponse]:
+        """Return the deformation and the response to it."""
+        placement_a, placement_b = a(local.q[: self.size]), b(local.q[self.size :])
+        x = self.deformation(placement_a, placement_b, deformation_numbers())
+        return x, self.law(x, local.dot(x), law_numbers())
+
+    def observe(self, column: SX) -> SX:
+        """Return a column with as many rows as are observed: the norm if there are fewer."""
+        return column if column.numel() == self.rows else ca.norm_2(column)
+
+
+@dataclass(frozen=True)
+class _ElementKernel(_ElementExpression):
+    def __call__(self, local: Local, *functions: Any) -> ForceKernel:
+        x, response = self.evaluate(local, *functions)
+        return ForceKernel(
+            local,
+            ca.jtimes(x, local.q, response.force, True),
+            energies=ca.vertcat(0, response.energy, 0),
+            powers=ca.vertcat(response.power, response.dissipated),
+        )
+
+
+@dataclass(frozen=True)
+class DeformationValues(_ElementExpression):
+    """Deformation as an observable."""
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        """Return the deformation."""
+        return self.observe(self.evaluate(local, *functions)[0])
+
+
+@dataclass(frozen=True)
+class ForceValues(_ElementExpression):
+    """Force as an observable."""
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        """Return the force."""
+        return self.observe(self.evaluate(local, *functions)[1].force)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceElement(Part):
+    """Two attachments with forces that depend on a deformation between them and on its rate.
+
+    A subclass defines the deformation and the law.
+    """
+
+    name: str
+    a: Attachment
+    b: Attachment
+
+    _force_columns: ClassVar[tuple[Named, ...]]
+
+    def __post_init__(self) -> None:
+        set_fields(self, name=require_name(type(self).__name__, self.name))
+        require_attachment(self.name, "first attachment", self.a)
+        require_attachment(self.name, "second attachment", self.b)
+        if not self.a.size + self.b.size:
+            raise BeamdaeError(
+                f"{self.name}: neither {self.a} nor {self.b} moves, one of them must."
+            )
+
+    @property
+    def _deformation(self) -> Callable[..., SX]:
+        """(placement of a, placement of b, numbers) -> deformation, a function of a module."""
+        raise NotImplementedError
+
+    @property
+    def _deformation_numbers(self) -> tuple[float, ...]:
+        raise NotImplementedError
+
+    @property
+    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
+        """The law, and its numbers."""
+        raise NotImplementedError
+
+    @cached_property
+    def _expression(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Arguments of an `_ElementExpression`, and the functions it is called with."""
+        law, law_numbers = self._law
+        functions = (
+            self.a.checked_kinematics,
+            self.b.checked_kinematics,
+            constant_formula(*law_numbers),
+            constant_formula(*self._deformation_numbers),
+        )
+        return (self.a.size, self._deformation, law, len(type(self)._force_columns)), functions
+
+    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
+        """Return the forces on both bodies."""
+        arguments, functions = self._expression
+        size = self.a.size + self.b.size
+        build = build_kernel if self._has_user_law else build_formula_kernel
+        kernel, data = build(_ElementKernel(*arguments), functions, size)
+        return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
+
+    def observe(
+        self, kind: type[DeformationValues] | type[ForceValues], columns: tuple[Named, ...]
+    ) -> Quantity:
+        """Return the deformation or the force as a quantity."""
+        arguments, functions = self._expression
+        values, data = FormulaExpression.of(kind(*arguments), functions)
+        pieces = (self.a.piece, self.b.piece)
+        if self._has_user_law:
+            # A function of the user is not kept for other models.
+            return Quantity(columns, pieces, lambda local: values(local), data)
+        return Quantity(columns, pieces, values, data)
+
+    @property
+    def _has_user_law(self) -> bool:
+        return isinstance(self._law[0], UserLaw)
+
+    @property
+    def force(self) -> Quantity:
+        """Force [N] or moment [N m] that resists the growth of the deformation."""
+        return self.observe(ForceValues, type(self)._force_columns)
