@@ -1,4 +1,7 @@
-"""What exists: every integrator, joint, load and beam kinematics enters the laws by a line here."""
+"""Integrators, joints, loads and kinematics on which the laws of their kind are tested.
+
+Joints and loads of the catalog enter with their sample call; further variants are listed here.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,12 @@ import pytest
 from support import ARC
 
 import beamdae as bd
+from beamdae import catalog
 from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.beams.varying_section import VaryingSection
-from beamdae.equations.formulations import FIRST_ORDER
+from beamdae.beams.sections import VaryingSection
+from beamdae.equations.formulations.first_order import FIRST_ORDER
+from beamdae.testing import SampleMechanism
 
 INTEGRATORS = {
     "ida": bd.Ida(),
@@ -28,52 +33,67 @@ IDA_FORMS = {
 
 
 def tuned(rtol, step, also=None, **settings):
-    """All integrators at this tolerance or step, and with whatever of `settings` they know."""
+    """Return all integrators at this tolerance or step, with those settings that each accepts."""
 
-    def settled(integrator):
-        known = {field.name for field in fields(integrator)}
-        given = {name: value for name, value in settings.items() if name in known}
+    def tune(integrator):
+        names = {field.name for field in fields(integrator)}
+        accepted = {name: value for name, value in settings.items() if name in names}
         if integrator.accuracy.name == "step":
-            # Without a tolerance a limit of steps means nothing.
-            given.pop("max_steps", None)
-        refined = {"rtol": rtol, "step": step}[integrator.accuracy.name]
-        return replace(integrator, **{integrator.accuracy.name: refined}, **given)
+            # Fixed steps have no limit of steps.
+            accepted.pop("max_steps", None)
+        accuracy = {"rtol": rtol, "step": step}[integrator.accuracy.name]
+        return replace(integrator, **{integrator.accuracy.name: accuracy}, **accepted)
 
-    return {name: settled(one) for name, one in (INTEGRATORS | (also or {})).items()}
+    return {name: tune(one) for name, one in (INTEGRATORS | (also or {})).items()}
 
 
 def integrators(rtol, step, also=None, slow=(), **settings):
-    """The same, for tests that take an `integrator`; those named `slow` run with the slow tests."""
-    chosen = tuned(rtol, step, also, **settings)
+    """Parametrize a test over `tuned` integrators; those named in `slow` are slow tests."""
     return pytest.mark.parametrize(
         "integrator",
         [
             pytest.param(one, id=name, marks=[pytest.mark.slow] if name in slow else [])
-            for name, one in chosen.items()
+            for name, one in tuned(rtol, step, also, **settings).items()
         ],
     )
 
 
+def catalog_parts(heading, name, without=()):
+    """Return the sample parts of a group of the catalog, as functions of (mechanism, disk, beam)."""
+
+    def builder(public):
+        def build(mechanism, disk, beam):
+            sample = SampleMechanism()
+            sample.mechanism, sample.disk, sample.beam = mechanism, disk, beam
+            return getattr(bd, public.name)(**(public.sample(sample) | {"name": name}))
+
+        return build
+
+    return {
+        public.name: builder(public)
+        for group in catalog.GROUPS
+        if group.heading == heading
+        for public in group.names
+        if public.sample and public.name not in without
+    }
+
+
 TIP = tuple(ARC.point(ARC.length))
-
-
-# Of the end of the beam from (3, 0).
-DRAWN_LINK = float(np.hypot(TIP[0] - 3.0, TIP[1]))
-
-
-# Of the disk from there.
-APART = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
-TOWARDS = float(np.arctan2(0.4 - TIP[1], 0.5 - TIP[0]))
+# Distance of the beam's end from (3, 0), and distance and direction of the disk's center from it.
+LINK_LENGTH = float(np.hypot(TIP[0] - 3.0, TIP[1]))
+DISK_DISTANCE = float(np.hypot(*np.subtract((0.5, 0.4), TIP)))
+DISK_DIRECTION = float(np.arctan2(0.4 - TIP[1], 0.5 - TIP[0]))
 
 
 def swing(t):
     return 0.4 * np.sin(2.0 * t) + t**2
 
 
-# Of a mechanism with a disk centered at (0.5, 0.4) and a beam on ARC, each apart from the other.
-# The name has to be "j".
+NONHOLONOMIC_NAMES = ("RollingOnCircle", "Skate")
+# Joints named "j" of a mechanism m with a disk d centered at (0.5, 0.4) and a beam b on ARC.
 JOINTS = {
-    "revolute to ground": lambda m, d, b: bd.Revolute("j", m.ground.at(0.1, 0.2), d.at(0.1, 0.2)),
+    **catalog_parts("Joints", "j", without=NONHOLONOMIC_NAMES),
+    **catalog_parts("Drivers", "j"),
     "ground to revolute": lambda m, d, b: bd.Revolute("j", d.at(0.1, 0.2), m.ground.at(0.1, 0.2)),
     "revolute": lambda m, d, b: bd.Revolute("j", d.at(*TIP), b.end),
     "revolute in the span": lambda m, d, b: bd.Revolute("j", d.at(*ARC.point(0.7)), b.at(0.7)),
@@ -90,7 +110,7 @@ JOINTS = {
     "slider on a beam": lambda m, d, b: bd.Prismatic("j", b.at(0.7), d.at(1.0, 1.0), (0.2, 0.0)),
     "link": lambda m, d, b: bd.Distance("j", d.at(0.0, 0.0), b.at(0.7)),
     "growing link": lambda m, d, b: bd.Distance(
-        "j", m.ground.at(3.0, 0.0), b.end, lambda t: DRAWN_LINK + 0.1 * swing(t)
+        "j", m.ground.at(3.0, 0.0), b.end, lambda t: LINK_LENGTH + 0.1 * swing(t)
     ),
     "gear": lambda m, d, b: bd.Gear("j", b.start, d.at(0.0, 0.0), -1.7),
     "planetary gear": lambda m, d, b: bd.Gear(
@@ -103,7 +123,11 @@ JOINTS = {
         "j", m.ground.at(0.3, 0.0), d.at(0.5, 0.4), 0.4
     ),
     "rolling along a beam": lambda m, d, b: bd.RollingOnLine(
-        "j", b.end, d.at(0.5, 0.4), APART * abs(np.sin(TOWARDS - 1.3)), (np.cos(1.3), np.sin(1.3))
+        "j",
+        b.end,
+        d.at(0.5, 0.4),
+        DISK_DISTANCE * abs(np.sin(DISK_DIRECTION - 1.3)),
+        (np.cos(1.3), np.sin(1.3)),
     ),
     "sliding from the start": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.start), b),
     "sliding in the span": lambda m, d, b: bd.SlidingOnBeam("j", d.at(*ARC.point(1.0)), b),
@@ -112,26 +136,28 @@ JOINTS = {
     ),
 }
 
-# What holds velocities, of the same mechanism.
+# Nonholonomic joints of the same mechanism.
 NONHOLONOMIC = {
-    "skate": lambda m, d, b: bd.Skate("j", d.at(0.1, 0.2), direction=(1.0, -0.3)),
+    name: build
+    for name, build in catalog_parts("Joints", "j").items()
+    if name in NONHOLONOMIC_NAMES
+} | {
     "skate on a beam": lambda m, d, b: bd.Skate("j", b.at(0.7), direction=(0.0, 2.0)),
     "outside a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", b.end, d.at(0.5, 0.4), (0.4 * APART, 0.6 * APART)
+        "j", b.end, d.at(0.5, 0.4), (0.4 * DISK_DISTANCE, 0.6 * DISK_DISTANCE)
     ),
     "inside a ring": lambda m, d, b: bd.RollingOnCircle(
         "j", m.ground.at(0.5, 0.1), d.at(0.5, 0.4), (0.8, 0.5)
     ),
     "ring around a circle": lambda m, d, b: bd.RollingOnCircle(
-        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + APART)
+        "j", d.at(0.5, 0.4), b.end, (0.2, 0.2 + DISK_DISTANCE)
     ),
 }
 
-# Of the same mechanism; the name has to be "load".
-LOADS = {
-    "dead force": lambda m, d, b: bd.Force("load", b.end, (swing, -2.0)),
+NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth_sign")
+# Loads named "load" of the same mechanism.
+LOADS = catalog_parts("Loads and forces", "load", without=NO_PARTS) | {
     "follower force": lambda m, d, b: bd.Force("load", b.at(0.7), (swing, 3.0), axes="body"),
-    "moment": lambda m, d, b: bd.Moment("load", b.end, swing),
     "force on a rigid body": lambda m, d, b: bd.Force("load", d.at(1.0, 1.0), (swing, 1.0), "body"),
     "fixed mass": lambda m, d, b: bd.PointMass("load", 0.4, on=b.at(1.1)),
     "Rayleigh": lambda m, d, b: bd.RayleighDamping("load", b, mass=0.7, stiffness=0.02),
@@ -141,7 +167,6 @@ LOADS = {
         "load", d.at(*TIP), b.end, 3.0, free_length=0.0
     ),
     "spring within a beam": lambda m, d, b: bd.Spring("load", b.start, b.end, 3.0, 0.1),
-    "damper": lambda m, d, b: bd.Damper("load", d.at(0.3, -0.4), b.end, 0.7),
     "spring and damper": lambda m, d, b: bd.SpringDamper("load", d.at(0.3, -0.4), b.end, 3.0, 0.7),
     "law of a spring": lambda m, d, b: bd.SpringDamper(
         "load", d.at(0.3, -0.4), b.end, law=lambda x, rate: 2.0 * np.sinh(x) + 0.3 * rate
@@ -156,7 +181,6 @@ LOADS = {
     "torsion spring": lambda m, d, b: bd.TorsionSpring(
         "load", d.at(0.0, 0.0), b.end, 3.0, 0.4, free_angle=0.2, preload=1.0
     ),
-    "torsion damper": lambda m, d, b: bd.TorsionDamper("load", d.at(0.0, 0.0), b.end, 0.4),
     "bushing": lambda m, d, b: bd.Bushing(
         "load", b.end, d.at(*TIP), kx=3.0, ky=1.0, ktheta=0.4, cx=0.3, cy=0.2, ctheta=0.1
     ),
@@ -209,11 +233,10 @@ LOADS = {
     "load by place": lambda m, d, b: bd.DistributedForce(
         "load", b, lambda s, x, y, t: (np.sin(y) * t, s - x), axes="section"
     ),
-    "moving force": lambda m, d, b: bd.MovingForce("load", b, (1.0, -2.0), speed=1.3),
     "air drag": lambda m, d, b: bd.AirDrag("load", b, 1.4),
 }
 
-# Functions of (name, mesh, section).
+# Kinematics as functions of (name, mesh, section).
 KINEMATICS = {
     "tangent frame": partial(FloatingFrame, frame="tangent", strain="nonlinear"),
     "chord frame": partial(FloatingFrame, frame="chord", strain="nonlinear"),

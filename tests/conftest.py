@@ -1,4 +1,4 @@
-"""Settings of all tests."""
+"""Settings of all tests, and the selection of slow ones."""
 
 import os
 import signal
@@ -8,41 +8,40 @@ from zlib import crc32
 import pytest
 from hypothesis import settings
 
-# Before numpy is imported: workers of xdist share the cores, threads of BLAS would fight for them.
+# Set before numpy is imported: the workers of xdist already use all cores, so more threads of BLAS
+# would slow them down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Workers of xdist are told of a terminal with 80 columns, which is none of theirs.
+# xdist sets the width of the terminal to 80 columns, which does not apply to its workers.
 os.environ.pop("COLUMNS", None)
 
-# A shell's background job starts with Ctrl-C ignored, and its children with it: the tests of Ctrl-C
-# need it as a terminal gives it.
+# Background jobs of a shell and their children ignore Ctrl-C, but the tests of Ctrl-C need the
+# handler that a terminal sets.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A first example builds and compiles kernels, which takes as long as the machine is slow. The same
-# examples on every machine: a change is judged by what it changes. New ones are looked for by
-# `pytest --hypothesis-profile=explore`.
+# No deadline, because the first example compiles kernels. Examples are the same on all machines,
+# so that a failure is caused by a change; `pytest --hypothesis-profile=explore` tries new ones.
 settings.register_profile("beamdae", deadline=None, max_examples=25, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
 
-# Of laws that hold for so many variants and more, every fourth is tried by default.
-_MANY, _EVERY = 4, 4
+_MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are slow tests
+_EVERY = 4  # one of so many variants is tried by default
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """What needs a browser, and most variants of laws with many, run with the slow tests."""
-    laws = Counter(_law(item) for item in items)
+    """Mark tests that need a browser, and most variants of tests with many, as slow."""
+    variants = Counter(_test_name(item) for item in items)
     for item in items:
         if "browser" in item.fixturenames:
-            # It takes longer to start than most tests to run.
             item.add_marker(pytest.mark.slow(reason="starts a browser"))
-        # By a hash, so that each value of each parameter is there in some law or other.
-        elif laws[_law(item)] >= _MANY and crc32(item.nodeid.encode()) % _EVERY:
+        # Selected by a hash, so that each value of each parameter is tried in some test.
+        elif variants[_test_name(item)] >= _MANY_VARIANTS and crc32(item.nodeid.encode()) % _EVERY:
             item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
 
 
-def _law(item):
+def _test_name(item):
     return item.nodeid.partition("[")[0]

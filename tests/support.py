@@ -1,4 +1,4 @@
-"""Element variants, small models and numpy functions of equations of motion, for the tests."""
+"""Beam variants, small models, and equations of motion as numpy functions, for the tests."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from beamdae.integrators.ida import stepper
 from beamdae.sundials.library import UnavailableError
 from beamdae.symbolic.kernel_sums import evaluate_sum
 
-# Stiffness, mass and damping of order one: differences then keep eight digits in every entry.
-SOFT = bd.Material(E=60.0, nu=0.3, rho=1.3)
+# Stiffness, mass and damping of order one, so that finite differences have eight correct digits.
+SOFT_MATERIAL = bd.Material(E=60.0, nu=0.3, rho=1.3)
 
 
 class Variant(NamedTuple):
+    """Settings of a beam element."""
+
     strain: str
     shape: str
     quadrature: str
@@ -34,10 +36,10 @@ class Variant(NamedTuple):
 
     @property
     def section(self):
-        return bd.Section(SOFT, area=0.9, second_moment=0.05, damping=self.damping)
+        return bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=self.damping)
 
     def beam(self, curve, elements=2, section=None, name="beam", **more):
-        own = {"strain": self.strain, "continuity": self.continuity}
+        of_floating_frame = {"strain": self.strain, "continuity": self.continuity}
         return bd.Beam(
             name,
             curve,
@@ -48,17 +50,17 @@ class Variant(NamedTuple):
             quadrature=self.quadrature,
             frame=self.frame,
             formulation=self.formulation,
-            **(own if self.formulation == "floating frame" else {}),
+            **(of_floating_frame if self.formulation == "floating frame" else {}),
             **more,
         )
 
     def __str__(self):
         if self.formulation != "floating frame":
             return self.formulation
-        damped = "damped" if self.damping else "undamped"
+        damping = "damped" if self.damping else "undamped"
         shape = self.shape if self.continuity == "cartesian" else f"{self.shape}-local"
         nodes = "" if self.nodes == 4 else f"-{self.nodes}-nodes"
-        return f"{self.strain}-{shape}-{self.quadrature}-{self.frame}-{damped}{nodes}"
+        return f"{self.strain}-{shape}-{self.quadrature}-{self.frame}-{damping}{nodes}"
 
 
 VARIANTS = [
@@ -71,7 +73,7 @@ VARIANTS = [
         (0.0, 0.03),
     )
 ]
-# Continuity changes the constant operator of the mesh alone, which the frame shares.
+# The continuity only changes the constant operator of the mesh, which the frames share.
 VARIANTS += [
     Variant("nonlinear", "curved", "reduced", f, 0.03, "local") for f in ("tangent", "chord")
 ]
@@ -80,7 +82,7 @@ VARIANTS += [
     for strain in ("green", "exact")
     for f, d in (("tangent", 0.0), ("chord", 0.03))
 ]
-# Fewer nodes are shorter sums of the same terms: a choice of the other settings shows them.
+# Elements with fewer nodes have shorter sums of the same terms; some other settings suffice.
 VARIANTS += [
     Variant("nonlinear", "curved", "reduced", "tangent", 0.03, nodes=3),
     Variant("nonlinear", "curved", "full", "chord", 0.03, nodes=3),
@@ -91,40 +93,38 @@ VARIANTS += [
     Variant("nonlinear", "straight", "full", "tangent", 0.03, nodes=2),
     Variant("linear", "straight", "reduced", "tangent", 0.0, nodes=2),
 ]
-# Of the product of all settings: any four of the five come in each combination among those left.
-_LATER = {v for k, v in enumerate(VARIANTS[:32]) if k.bit_count() % 2}
-# For laws of what is made of elements: sums of statements, their forms, the start. These know an
-# element by the size of its kernel and the operator of its mesh alone, and the kernels themselves
-# are tested over all variants. They differ in everything that makes size and operator (shape,
-# frame, continuity, nodes), and every strain, quadrature and damping is among them.
-EXACT = Variant("exact", "curved", "reduced", "tangent", 0.03, formulation="exact")
-FEW = [
+# Every second variant of the full product: the others contain each combination of any four of the
+# five settings.
+_SLOW_VARIANTS = {v for k, v in enumerate(VARIANTS[:32]) if k.bit_count() % 2}
+# For tests of assembled equations, their forms and the start. These depend on an element only
+# through the size of its kernel and the operator of its mesh; the kernels are tested with all
+# variants. These variants differ in all settings that determine size and operator (shape, frame,
+# continuity, nodes), and contain every strain, quadrature and damping.
+EXACT_VARIANT = Variant("exact", "curved", "reduced", "tangent", 0.03, formulation="exact")
+REPRESENTATIVE_VARIANTS = [
     Variant("nonlinear", "curved", "reduced", "tangent", 0.03),
     Variant("linear", "straight", "full", "chord", 0.0),
     Variant("nonlinear", "curved", "reduced", "chord", 0.03, "local"),
     Variant("green", "curved", "reduced", "tangent", 0.0, nodes=3),
-    EXACT,
+    EXACT_VARIANT,
 ]
-# One of each way in which sections follow the coordinates: strain, quadrature and damping have no
-# part in that.
-MOTIONS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.values())
+# One variant per dependence of the section motion on the coordinates, which strain, quadrature and
+# damping do not affect.
+MOTION_VARIANTS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.values())
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
 
 
-def every(variants, later=_LATER):
-    """These variants as a parameter of a test, those of `later` in the slow run.
-
-    By default that is one half of the product of all.
-    """
+def parametrize_variants(variants, slow=_SLOW_VARIANTS):
+    """Parametrize a test by `variant`; the variants in `slow` are marked as slow tests."""
     return pytest.mark.parametrize(
         "variant",
-        [pytest.param(v, marks=[pytest.mark.slow] if v in later else []) for v in variants],
+        [pytest.param(v, marks=[pytest.mark.slow] if v in slow else []) for v in variants],
         ids=str,
     )
 
 
-class Numeric:
-    """Equations of motion with numpy arrays in and out, at the parameters of the model."""
+class NumericEquations:
+    """Equations of motion of a mechanism as functions of numpy arrays."""
 
     def __init__(self, mechanism, time=(0.0, 0.0)):
         self.mechanism = mechanism
@@ -133,65 +133,65 @@ class Numeric:
         self.n, self.m = self.equations.n, self.equations.m
 
     @cached_property
-    def _start(self):
+    def _evaluator(self):
         return StateEvaluator(self.equations)
 
-    def _given(self, q, v, a, lam, time):
-        """(time, q, v, a, lam), what is left out of the start or of rest."""
-        given = [self.time if time is None else time, self.equations.q0 if q is None else q]
-        given += [np.zeros(self.n) if x is None else x for x in (v, a)]
-        given += [np.zeros(self.m) if lam is None else lam]
-        return [np.asarray(x, float) for x in given]
+    def _complete(self, q, v, a, lam, time):
+        """Return [time, q, v, a, lam]; q defaults to the start, v, a and lam to zero."""
+        values = [self.time if time is None else time, self.equations.q0 if q is None else q]
+        values += [np.zeros(self.n) if x is None else x for x in (v, a)]
+        values += [np.zeros(self.m) if lam is None else lam]
+        return [np.asarray(x, float) for x in values]
 
     def force(self, q=None, v=None, a=None, lam=None, time=None):
-        """F."""
-        return self._start.force(*self._given(q, v, a, lam, time)[:4])
+        """Return F, (n,)."""
+        return self._evaluator.force(*self._complete(q, v, a, lam, time)[:4])
 
-    def _block(self, c, q, v, a, lam, time):
-        nonzeros = self._start.saddle_matrix(*self._given(q, v, a, lam, time)[:4], c)
-        return self._start.sums.block.matrix(nonzeros).toarray()
+    def _force_jacobian(self, c, q, v, a, lam, time):
+        nonzeros = self._evaluator.saddle_matrix(*self._complete(q, v, a, lam, time)[:4], c)
+        return self._evaluator.sums.block.matrix(nonzeros).toarray()
 
     def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
-        """dF/dq."""
-        return self._block((1.0, 0.0, 0.0), q, v, a, lam, time)
+        """Return dF/dq, (n, n)."""
+        return self._force_jacobian((1.0, 0.0, 0.0), q, v, a, lam, time)
 
     def damping(self, q=None, v=None, a=None, lam=None, time=None):
-        """dF/dv."""
-        return self._block((0.0, 1.0, 0.0), q, v, a, lam, time)
+        """Return dF/dv, (n, n)."""
+        return self._force_jacobian((0.0, 1.0, 0.0), q, v, a, lam, time)
 
     def mass(self, q=None, v=None, a=None, lam=None, time=None):
-        """dF/da."""
-        return self._block((0.0, 0.0, 1.0), q, v, a, lam, time)
+        """Return dF/da, (n, n)."""
+        return self._force_jacobian((0.0, 0.0, 1.0), q, v, a, lam, time)
 
     def _balance(self, q=None, v=None, a=None, lam=None, time=None):
-        """The row of the books at a state."""
-        given = self._given(q, v, a, lam, time)
-        return measures.balance_rows(self.equations)(*(x[None] for x in given))[0]
+        """Return energies, powers and norms at a state, see `measures.plan_balance`."""
+        inputs = self._complete(q, v, a, lam, time)
+        return measures.balance_rows(self.equations)(*(x[None] for x in inputs))[0]
 
     def energies(self, *state, **more):
-        """(kinetic, strain, gravity, power of the loads, dissipated power)."""
+        """Return (kinetic, strain, gravity) energy, power of the loads and dissipated power."""
         return self._balance(*state, **more)[[0, 1, 2, 3, 5]]
 
     def driver_power(self, *state, **more):
-        """Power of the drivers."""
+        """Return the power of the drivers."""
         return self._balance(*state, **more)[4]
 
     @property
     def levels(self):
-        """Three functions: g, g_dot and g_ddot."""
+        """Functions of g, g_dot and g_ddot."""
         return [partial(self._level, k) for k in range(3)]
 
     def _level(self, k, q=None, v=None, a=None, lam=None, time=None):
-        return self._start.constraint_levels(*self._given(q, v, a, lam, time)[:4])[k]
+        return self._evaluator.constraint_levels(*self._complete(q, v, a, lam, time)[:4])[k]
 
     def constraint_matrix(self, q=None, v=None, a=None, lam=None, time=None):
-        """G = dg/dq."""
-        given = self._given(q, v, a, lam, time)
-        return ConsistencySolver(self.equations).constraint_matrix(*given[:2]).toarray()
+        """Return G = dg/dq, (m, n)."""
+        inputs = self._complete(q, v, a, lam, time)
+        return ConsistencySolver(self.equations).constraint_matrix(*inputs[:2]).toarray()
 
     def reaction(self, q=None, v=None, a=None, lam=None, time=None):
-        """G^T lam."""
-        time, q, _, _, lam = self._given(q, v, a, lam, time)
+        """Return G^T lam, (n,)."""
+        time, q, _, _, lam = self._complete(q, v, a, lam, time)
         plan = assemble_reactions(self.equations.structure, InputLayout(q=0, lam=self.n)).vector()
         total, result = plan.sum(False, self.equations.p), np.zeros(self.n)
         total.shared[:] = time
@@ -199,11 +199,11 @@ class Numeric:
         return result
 
     def _observed(self, q=None, v=None, a=None, lam=None, time=None):
-        given = self._given(q, v, a, lam, time)
-        return measures.ObservedRows(self.equations)(*(x[None] for x in given))[0]
+        inputs = self._complete(q, v, a, lam, time)
+        return measures.ObservedRows(self.equations)(*(x[None] for x in inputs))[0]
 
     def observed(self, name, **state):
-        """The columns of one observable."""
+        """Return the columns of one observable."""
         first = 0
         values = self._observed(**state)
         for observable in self.equations.observables:
@@ -217,10 +217,10 @@ class Numeric:
         return self.equations.q_names.index(name)
 
 
-def slope(function, x, direction, step=1e-3):
-    """Derivative of `function` at `x` along `direction`.
+def directional_derivative(function, x, direction, step=1e-3):
+    """Return the derivative of `function` at `x` along `direction`, by five points.
 
-    Five points: exact for polynomials of degree four, which is what the strain energy is.
+    It is exact for polynomials of degree four, such as the strain energy.
     """
     far, near = (
         np.asarray(function(x + k * step * direction)) - function(x - k * step * direction)
@@ -229,43 +229,43 @@ def slope(function, x, direction, step=1e-3):
     return (8.0 * near - far) / (12.0 * step)
 
 
-def differences(function, x):
-    """Jacobian (or gradient) of `function` at `x`, one column a variable."""
-    return np.stack([slope(function, x, d) for d in np.eye(len(x))], axis=-1)
+def finite_differences(function, x):
+    """Return the Jacobian (or gradient) of `function` at `x`, one column per variable."""
+    return np.stack([directional_derivative(function, x, d) for d in np.eye(len(x))], axis=-1)
 
 
 def assert_derivative(jacobian, function, x, seed=0):
-    """`jacobian` is that of `function` at `x`: compared along three random directions.
+    """Assert that `jacobian` is that of `function` at `x`, along three random directions.
 
-    The differences truncate at step^4 / 30 = 3e-14 and round at 1e-16 / step = 1e-13 of the terms
-    in a row; 1e-9 leaves room for terms that cancel in it.
+    The finite differences have a truncation error of step^4 / 30 = 3e-14 and a rounding error of
+    1e-16 / step = 1e-13, relative to the terms of a row; 1e-9 allows for cancellation.
     """
     rng = np.random.default_rng(seed)
     for direction in rng.standard_normal((3, len(x))):
         terms = np.abs(jacobian) @ np.abs(direction)
-        error = np.abs(jacobian @ direction - slope(function, x, direction))
+        error = np.abs(jacobian @ direction - directional_derivative(function, x, direction))
         worst = int(np.argmax(error / (terms + 1.0)))
         assert error[worst] <= 1e-9 * (terms[worst] + 1.0), f"row {worst}: off by {error[worst]:g}"
 
 
 def free_beam(variant, curve=ARC, elements=2, gravity=(0.0, 0.0), section=None):
-    """A beam that no joint holds."""
+    """Return a mechanism of one beam without joints."""
     mech = bd.Mechanism(gravity=gravity)
     mech.add(variant.beam(curve, elements, section))
     return mech
 
 
 def random_state(numeric, seed, size=0.15):
-    """Coordinates near the drawing, velocities and accelerations of order one."""
+    """Return coordinates near the drawing, and velocities and accelerations of order one."""
     rng = np.random.default_rng(seed)
     q = numeric.equations.q0 + size * rng.standard_normal(numeric.n)
     return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
 
 
-def by_class(monkeypatch):
-    """Have Ida run by scikit-sundae's class, as where its libraries cannot be had."""
+def use_scikit_sundae(monkeypatch):
+    """Make Ida use scikit-sundae's class, as on machines where its libraries cannot be loaded."""
 
     def unavailable(*arguments):
-        raise UnavailableError("they cannot be had")
+        raise UnavailableError("the libraries cannot be loaded")
 
     monkeypatch.setattr(stepper, "CompiledIda", unavailable)

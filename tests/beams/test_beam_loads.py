@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric
+from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 
@@ -25,13 +25,13 @@ def test_uniform_dead_load_is_the_weight(curve, share):
         beam = mech.add(bd.Beam("beam", curve, STRIP, elements=6))
         if not weighed:
             mech.add(bd.DistributedForce("weight", beam, tuple(STRIP.rhoA * gravity)))
-        return Numeric(mech)
+        return NumericEquations(mech)
 
     weighed, loaded = numeric(True), numeric(False)
     rng = np.random.default_rng(0)
     q = weighed.equations.q0 + 0.05 * rng.standard_normal(weighed.n)
     expected = weighed.force(q)
-    still = Numeric(free(curve)).force(q)
+    still = NumericEquations(free(curve)).force(q)
     scale = np.max(np.abs(expected - still))
     assert_allclose(
         loaded.force(q), expected, rtol=0.0, atol=share * scale + 1e-15 * abs(still).max()
@@ -51,7 +51,7 @@ def test_pressure_on_a_ring_has_no_resultant_and_that_on_an_arch_that_of_its_cho
         beam = mech.add(bd.Beam("beam", arc, STRIP, elements=12, frame="tangent"))
         mech.add(bd.DistributedForce("pressure", beam, (0.0, 700.0), axes="section"))
         x, y = arc.point(arc.length) - np.asarray(arc.point(0.0))
-        return -Numeric(mech).force()[:2], 700.0 * np.array([-y, x])
+        return -NumericEquations(mech).force()[:2], 700.0 * np.array([-y, x])
 
     found, _ = resultant(2.0 * np.pi)
     assert_allclose(found, 0.0, atol=1e-9)
@@ -65,7 +65,7 @@ def test_a_law_of_place_sees_where_the_axis_is():
     line = bd.Line((0.0, 0.0), (2.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, STRIP, elements=3, frame="tangent"))
     mech.add(bd.DistributedForce("bed", beam, lambda s, x, y, t: (0.0, -50.0 * y * (1.0 + s))))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     q = numeric.equations.q0.copy()
     q[1], q[2] = 0.1, 0.3
     height = [0.1, np.sin(0.3)]
@@ -80,7 +80,7 @@ def test_a_moving_load_is_nowhere_before_and_after():
     mech.add(bd.MovingForce("load", mech.part("beam"), (3.0, -2.0), speed=2.0, start=-1.0))
     for t, acting in ((0.25, 0.0), (0.5, 1.0), (0.7, 1.0), (1.0, 1.0), (1.3, 0.0)):
         # Of two pieces that meet the one after, as everywhere.
-        numeric = Numeric(mech, time=(t, t - 1e-9 if t == 1.0 else t))
+        numeric = NumericEquations(mech, time=(t, t - 1e-9 if t == 1.0 else t))
         assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
         # At the place of the force: its moment about the start.
         assert_allclose(-numeric.force()[2], acting * -2.0 * (2.0 * t - 1.0), atol=1e-12)

@@ -32,7 +32,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 
@@ -76,7 +76,7 @@ def errors(
     mech = bd.Mechanism()
     mech.add(beam)
     mech.add(bd.Weld("clamp", mech.ground.at(RADIUS, 0.0), beam.start))
-    clamped = Numeric(mech)
+    clamped = NumericEquations(mech)
     loads = _loads(*geometry)
     stiffness, joint = clamped.stiffness(), clamped.constraint_matrix()
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((clamped.m, clamped.m))]])
@@ -127,7 +127,7 @@ def _generalized(beam, load):
     mech = bd.Mechanism()
     mech.add(beam)
     mech.add(load)
-    return -Numeric(mech).force()
+    return -NumericEquations(mech).force()
 
 
 def in_load_directions(*case, **words):

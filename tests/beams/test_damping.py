@@ -16,17 +16,17 @@ import scipy.linalg as la
 from numpy.testing import assert_allclose
 from support import (
     ARC,
-    FEW,
-    MOTIONS,
+    MOTION_VARIANTS,
+    REPRESENTATIVE_VARIANTS,
     VARIANTS,
-    Numeric,
+    NumericEquations,
     Variant,
     assert_derivative,
-    differences,
-    every,
+    directional_derivative,
+    finite_differences,
     free_beam,
+    parametrize_variants,
     random_state,
-    slope,
 )
 
 import beamdae as bd
@@ -40,10 +40,12 @@ LAWS = {
 every_law = pytest.mark.parametrize("law", LAWS)
 BARE = list(dict.fromkeys(v._replace(damping=0.0) for v in VARIANTS))
 # The element and its tangents are tested over all variants; here the rest in the slow run.
-every_variant = every(BARE, later=set(BARE) - {v._replace(damping=0.0) for v in FEW})
+every_variant = parametrize_variants(
+    BARE, later=set(BARE) - {v._replace(damping=0.0) for v in REPRESENTATIVE_VARIANTS}
+)
 # Drag is the air's on the moving axis and knows nothing of strains.
 every_motion = pytest.mark.parametrize(
-    "variant", [v._replace(damping=0.0) for v in MOTIONS], ids=str
+    "variant", [v._replace(damping=0.0) for v in MOTION_VARIANTS], ids=str
 )
 
 
@@ -58,7 +60,7 @@ def free(variant, law=None, curve=ARC):
     mech = free_beam(variant, curve)
     if LAWS.get(law):
         mech.add(LAWS[law](mech.part("beam")))
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 def axis_points(beam, q):
@@ -97,7 +99,7 @@ def test_drag_works_on_the_motion_of_the_axis_along_the_normals_of_its_sections(
         q, v, a = random_state(damped, seed)
         _, angle, weight = axis_points(beam, q)
         normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-        motion = differences(lambda x: axis_points(beam, x)[0], q)
+        motion = finite_differences(lambda x: axis_points(beam, x)[0], q)
         across = np.einsum("kc,kcn->kn", normal, motion)
         speed = across @ v
         expected = (DRAG * weight * np.abs(speed) * speed) @ across
@@ -126,7 +128,7 @@ def test_dissipated_power_is_that_of_the_forces_and_never_negative(variant, law)
 @pytest.mark.parametrize(
     "law", ["Rayleigh", "drag", pytest.param("Kelvin-Voigt", marks=pytest.mark.slow)]
 )
-@every({v._replace(strain=""): v for v in BARE}.values())
+@parametrize_variants({v._replace(strain=""): v for v in BARE}.values())
 def test_tangents_are_derivatives(variant, law):
     numeric = free(variant, law)
     # Drag has a second derivative that jumps where a point moves along its section: a wind on
@@ -141,7 +143,7 @@ def test_tangents_are_derivatives(variant, law):
 def across_sections(numeric, q, v):
     """Velocities of the points of inertia along the normals of their sections."""
     beam = numeric.mechanism.part("beam")
-    velocity = slope(lambda t: axis_points(beam, q + t * v)[0], 0.0, 1.0)
+    velocity = directional_derivative(lambda t: axis_points(beam, q + t * v)[0], 0.0, 1.0)
     return turned(-axis_points(beam, q)[1], *velocity.T)[1]
 
 
@@ -194,7 +196,7 @@ def test_each_beam_has_its_own_coefficients():
             beam, share = mech.add(alike[name]), {"one": 1.0, "two": 3.0}[name]
             mech.add(bd.RayleighDamping(f"Rayleigh {name}", beam, share * MASS, share * STIFFNESS))
             mech.add(bd.AirDrag(f"air {name}", beam, share * DRAG))
-        return Numeric(mech)
+        return NumericEquations(mech)
 
     alone = [resisted_beams(name) for name in alike]
     states = [random_state(numeric, seed) for seed, numeric in enumerate(alone)]
@@ -258,7 +260,7 @@ def test_momenta_of_a_free_flexible_arc_decay_with_the_mass_coefficient_alone(fr
     variant = Variant("nonlinear", "curved", "reduced", frame, RETARDATION)
     mech = free_beam(variant)
     mech.add(bd.RayleighDamping("law", mech.part("beam"), MASS, STIFFNESS))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     _, v, _ = random_state(numeric, seed=12)
     solution = bd.simulate(
         replace(numeric.equations, v0=v), bd.Ida(rtol=1e-6), t_end=2.0, output_step=0.1
@@ -295,7 +297,7 @@ def cantilever(strain="linear", parts=(), retardation=0.0):
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     for part, words in parts:
         mech.add(part(part.__name__, beam, **words))
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 @cache

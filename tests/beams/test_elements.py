@@ -10,16 +10,16 @@ import pytest
 from numpy.testing import assert_allclose
 from support import (
     ARC,
-    FEW,
-    MOTIONS,
-    SOFT,
+    MOTION_VARIANTS,
+    REPRESENTATIVE_VARIANTS,
+    SOFT_MATERIAL,
     VARIANTS,
-    Numeric,
+    NumericEquations,
     Variant,
     assert_derivative,
-    differences,
-    every,
+    finite_differences,
     free_beam,
+    parametrize_variants,
     random_state,
 )
 
@@ -32,10 +32,10 @@ from beamdae.equations.formulations.first_order import FIRST_ORDER, formulate_fi
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 
-every_variant = every(VARIANTS)
-few_variants = pytest.mark.parametrize("variant", FEW, ids=str)
+every_variant = parametrize_variants(VARIANTS)
+few_variants = pytest.mark.parametrize("variant", REPRESENTATIVE_VARIANTS, ids=str)
 # The inertia has points of its own and knows nothing of strains.
-every_motion = pytest.mark.parametrize("variant", MOTIONS, ids=str)
+every_motion = pytest.mark.parametrize("variant", MOTION_VARIANTS, ids=str)
 # Nodes and Gauss points: of each element the reduced and the full quadrature.
 POINTS = [(2, 1), (2, 2), (3, 2), (3, 3), (4, 3), (4, 4)]
 KINDS = [
@@ -54,20 +54,20 @@ def kind_name(kind):
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=kind_name)
 every_shape = pytest.mark.parametrize("shape", ["curved", "straight"])
 
-RHO_A, RHO_I = SOFT.rho * 0.9, SOFT.rho * 0.05
-EA = SOFT.E * 0.9
+RHO_A, RHO_I = SOFT_MATERIAL.rho * 0.9, SOFT_MATERIAL.rho * 0.05
+EA = SOFT_MATERIAL.E * 0.9
 
 
 @cache
 def alone(variant, elements=2, gravity=(0.0, 0.0)):
-    return Numeric(free_beam(variant, elements=elements, gravity=gravity))
+    return NumericEquations(free_beam(variant, elements=elements, gravity=gravity))
 
 
 def element_data(kind, elements, shape, section, gravity):
     """Numbers of the elements on ARC in a tangent frame, with these values of the section."""
     quadrature = "full" if kind.quadrature == kind.nodes else "reduced"
     mesh = Mesh(ARC, elements, kind.nodes, shape)
-    any_section = bd.Section(SOFT, area=0.9, second_moment=0.05)
+    any_section = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
     frame = FloatingFrame("beam", mesh, any_section, quadrature=quadrature, frame="tangent")
     data = frame.data(gravity)
     data[-8:-2] = np.reshape(section, (6, 1))
@@ -132,7 +132,7 @@ def test_steady_rotation_about_the_origin_leaves_centrifugal_forces_alone(varian
 def test_static_forces_are_the_gradient_of_strain_and_gravity_energy(variant):
     numeric = alone(variant, gravity=(0.7, -3.0))
     q, _, _ = random_state(numeric, seed=1)
-    gradient = differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
+    gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
     # Rounding of energies of order 100 over a step of 1e-3.
     assert_allclose(numeric.force(q), gradient, atol=1e-9)
 
@@ -174,7 +174,7 @@ def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, node
 # Damping -------------------------------------------------------------------------------------
 
 
-@every(v for v in VARIANTS if v.damping > 0.0)
+@parametrize_variants(v for v in VARIANTS if v.damping > 0.0)
 def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(variant):
     damped = alone(variant)
     undamped = alone(variant._replace(damping=0.0))
@@ -187,14 +187,14 @@ def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(varia
         assert_allclose(dissipated, power, rtol=1e-11)
 
 
-@every(v for v in VARIANTS if v.damping == 0.0)
+@parametrize_variants(v for v in VARIANTS if v.damping == 0.0)
 def test_without_damping_nothing_is_dissipated(variant):
     numeric = alone(variant)
     q, v, _ = random_state(numeric, seed=0)
     assert numeric.energies(q, v)[4] == 0.0
 
 
-@every(v for v in VARIANTS if v.damping > 0.0)
+@parametrize_variants(v for v in VARIANTS if v.damping > 0.0)
 def test_rigid_motion_is_not_damped(variant):
     numeric = alone(variant)
     q, v, _ = random_state(numeric, seed=3)
@@ -229,7 +229,7 @@ def test_total_mass_and_first_moments(variant):
     assert_allclose(mass[2, 2], about_start + RHO_I * weight.sum(), rtol=1e-12)
 
 
-@pytest.mark.parametrize("variant", [v for v in MOTIONS if v.shape == "curved"], ids=str)
+@pytest.mark.parametrize("variant", [v for v in MOTION_VARIANTS if v.shape == "curved"], ids=str)
 def test_total_mass_is_that_of_the_curve(variant):
     # The interpolated axis of eight elements is longer than the arc by 9.2e-8 of its length,
     # with 3 nodes shorter by 6.2e-7.
@@ -492,7 +492,7 @@ def _cantilever(variant, curve, elements=3, displacements=False):
             for axes in ("inertial", "frame", "local"):
                 mech.observe(f"{axes} {s}", beam.deformation(at, axes))
             mech.observe(f"at {s}", beam.at(at))
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 def _set_nodes(numeric, field):
@@ -506,10 +506,10 @@ def _set_nodes(numeric, field):
     return q
 
 
-tangent_variants = every(v for v in VARIANTS if v.frame == "tangent")
+tangent_variants = parametrize_variants(v for v in VARIANTS if v.frame == "tangent")
 
 
-@every(v for v in VARIANTS if v.frame == "tangent" and v.strain == "linear")
+@parametrize_variants(v for v in VARIANTS if v.frame == "tangent" and v.strain == "linear")
 def test_bent_cantilever_reports_its_exact_forces(variant):
     """Tip loads H, P and M on a straight Timoshenko cantilever: cubic for P, quadratic for M.
 
@@ -571,7 +571,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     assert_allclose(numeric.observed("forces 0.35", q=q, v=v), expected, atol=1e-12)
 
 
-@every(v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved")
+@parametrize_variants(v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved")
 def test_blown_up_arc_shrinks_along_its_axis(variant):
     """v = w (towards the center) all along an arc: eps11 = -w/R (Green's: + (w/R)^2/2) alone."""
     numeric = _cantilever(variant, ARC, elements=6)
@@ -584,7 +584,7 @@ def test_blown_up_arc_shrinks_along_its_axis(variant):
     assert_allclose(numeric.observed("forces 1.0", q=q), expected, atol=6e-3 * abs(expected[0]))
 
 
-@pytest.mark.parametrize("variant", [v for v in MOTIONS if v.frame == "tangent"], ids=str)
+@pytest.mark.parametrize("variant", [v for v in MOTION_VARIANTS if v.frame == "tangent"], ids=str)
 def test_deformation_axes_differ_by_the_rotation_of_the_frame(variant):
     numeric = _cantilever(variant, ARC, displacements=True)
     q, _, _ = random_state(numeric, seed=11)
@@ -609,7 +609,7 @@ def test_greens_strain_of_a_rigid_rotation_is_zero_and_that_of_eq_5_is_not():
         mech = bd.Mechanism()
         beam = mech.add(Variant(strain, "curved", "reduced", "tangent", 0.0).beam(curve, 16))
         mech.observe("axial", beam.strain(1.8, 0.0))
-        numeric = Numeric(mech)
+        numeric = NumericEquations(mech)
         s = np.linspace(0.0, curve.length, beam.mesh.node_count)[1:]
         moved = (curve.point(s) - ARC.start) @ (_rotation(turn) - np.eye(2)).T
         angle = curve.tangent_angle(s)

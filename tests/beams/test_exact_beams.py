@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, SOFT, Numeric, assert_derivative
+from support import ARC, SOFT_MATERIAL, NumericEquations, assert_derivative
 
 import beamdae as bd
 
-SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=0.03)
 STRAIGHT = bd.Line((0.1, -0.2), (1.6, 0.9))
 # Nodes, quadrature, shape, section.
 SETTINGS = [
@@ -21,8 +21,12 @@ SETTINGS = [
     {"nodes": 2},
     {"nodes": 2, "quadrature": "full"},
     {"elements_shape": "straight"},
-    {"section": lambda s: bd.Section(SOFT, area=0.9 - 0.2 * s, second_moment=0.05, damping=0.1)},
-    {"section": bd.Section(SOFT, area=0.9, second_moment=0.05)},
+    {
+        "section": lambda s: bd.Section(
+            SOFT_MATERIAL, area=0.9 - 0.2 * s, second_moment=0.05, damping=0.1
+        )
+    },
+    {"section": bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)},
     {"free_curve": bd.Line((0.0, 0.0), (ARC.length * 1.004, 0.0))},
 ]
 every_setting = pytest.mark.parametrize(
@@ -41,7 +45,7 @@ def free(gravity=(0.0, 0.0), **settings):
     for s in (0.0, 0.4, 1.0):
         mech.observe(f"forces {s}", own.section_forces(s * own.length))
         mech.observe(f"at {s}", own.at(s * own.length))
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 def turned(q, angle, shift=(0.0, 0.0)):
@@ -102,7 +106,7 @@ def test_the_mass_matrix_is_constant_and_inertia_has_no_quadratic_terms():
     v, a = rng.standard_normal((2, numeric.n))
     mass = numeric.mass(here)
     assert_allclose(numeric.mass(there, v, a), mass, atol=1e-15)
-    undamped = free(section=bd.Section(SOFT, area=0.9, second_moment=0.05))
+    undamped = free(section=bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05))
     for q in (here, there):
         moved = undamped.force(q, v, a) - undamped.force(q)
         assert_allclose(moved, undamped.mass(q) @ a, atol=1e-12)
@@ -131,7 +135,7 @@ def test_joints_at_nodes_are_linear():
     one, other = mech.add(beam()), mech.add(beam(name="other"))
     mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), one.start))
     mech.add(bd.Weld("weld", one.end, other.end))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     at_rest, bent_far = (numeric.constraint_matrix(q) for q in (None, bent(numeric)))
     assert np.array_equal(at_rest, bent_far)
     assert set(np.unique(np.abs(at_rest))) == {0.0, 1.0}
@@ -147,7 +151,7 @@ def test_deformations_are_those_seen_from_the_frame(frame):
         mech.observe(axes, own.deformation(0.7, axes))
     mech.observe("at", own.at(0.7))
     mech.observe("root", bd.relative_displacement(of=own.at(0.7), on=own.start))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     q = turned(bent(numeric, size=0.1), 5.0, (1.0, -3.0))
     x, y, angle = numeric.observed("seen from", q=q)[:3]
     place, section = numeric.observed("at", q=q)[:2], numeric.observed("at", q=q)[2]
@@ -178,7 +182,7 @@ def test_deformations_are_those_seen_from_the_frame(frame):
 def flown(integrator):
     """A bent beam let go in free flight."""
     mech = bd.Mechanism()
-    thin = bd.Section(SOFT, area=0.9, second_moment=0.05)
+    thin = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
     straight = bd.Line((0.0, 0.0), (ARC.length, 0.0))
     own = mech.add(
         beam(section=thin, free_curve=straight, velocity=(1.0, 0.5), angular_velocity=2.0)
@@ -194,7 +198,7 @@ def flown(integrator):
 )
 def test_a_beam_in_flight_keeps_its_momentum(integrator):
     own, solution = flown(integrator)
-    numeric = Numeric(_alone(own))
+    numeric = NumericEquations(_alone(own))
     mass = numeric.mass()
     x, y = (np.arange(numeric.n) % 3 == k for k in range(2))
     momentum = solution.v @ mass

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from conformance import KINEMATICS
 from numpy.testing import assert_allclose
-from support import ARC, SOFT, Numeric, assert_derivative, differences
+from support import ARC, SOFT_MATERIAL, NumericEquations, assert_derivative, finite_differences
 
 import beamdae as bd
 
-SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=0.03)
 LENGTH = ARC.length
 every_kinematics = pytest.mark.parametrize("kind", KINEMATICS)
 
@@ -29,7 +29,7 @@ def free(kind, gravity=(0.0, 0.0), added=None, **start):
     mech.observe("inside", beam.section_forces(0.4 * LENGTH))
     if added is not None:
         mech.add(added(beam))
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
 def moved(numeric, seed):
@@ -65,7 +65,7 @@ def test_tangents_are_derivatives(kind):
 def test_forces_at_rest_are_the_gradient_of_the_energy(kind):
     numeric = free(kind, gravity=(0.3, -2.0))
     q, _, _ = moved(numeric, 1)
-    gradient = differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
+    gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
     # Rounding of energies of order 100 over a step of 1e-3, and what differences truncate.
     assert_allclose(numeric.force(q), gradient, rtol=1e-8, atol=1e-7)
 
@@ -140,7 +140,7 @@ def test_a_cantilever_sags_as_castigliano_says(kind):
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("load", beam.end, (load, 0.0)))
     mech.observe("tip", beam.end)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     g = numeric.constraint_matrix()
     k = np.block([[numeric.stiffness(), g.T], [g, np.zeros((3, 3))]])
     q = np.linalg.solve(k, np.concatenate([-numeric.force(), np.zeros(3)]))[: numeric.n]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 
@@ -132,7 +132,7 @@ def test_mass_and_inertia_per_length_may_be_given():
     assert (own.EA, own.GA, own.EI) == (plain.EA, plain.GA, plain.EI)
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), own, angular_velocity=2.0))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     kinetic = numeric.energies(v=numeric.equations.v0)[0]
     # Of the rod about its start, and of its sections.
     assert_allclose(kinetic, 0.5 * (1.2 * 1000.0 / 3.0 + 6e-4 * 10.0) * 4.0, rtol=1e-12)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, Numeric
+from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 from beamdae.beams.sliding import interpolate_track, nearest_arc_length
@@ -168,7 +168,7 @@ def test_the_reaction_is_on_the_point_and_along_the_axis_works_on_s():
     bead = mech.add(bd.PointMass("bead", 0.5, at=(0.4, 0.0)))
     slide = mech.add(bd.SlidingOnBeam("slide", bead.point, beam))
     mech.observe("slide", slide.reaction)
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     q, lam = numeric.equations.q0, np.array([0.3, -0.7])
     assert_allclose(numeric.observed("slide", q=q, lam=lam), -lam, rtol=1e-15)
     on_bead = numeric.reaction(q, lam=lam)[numeric.index("bead.x") :][:2]
@@ -191,7 +191,7 @@ def test_loads_of_the_size_reported_do_what_the_slider_does():
     slide = mech.add(bd.SlidingOnBeam("slide", point, beam))
     for name, where in (("a", ("a", "body")), ("beam", ("beam",)), ("s", None)):
         mech.observe(name, slide.s if where is None else slide.reaction_on(*where))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     rng = np.random.default_rng(4)
     q = numeric.equations.q0 + 0.1 * rng.standard_normal(numeric.n)
     q[-1], lam = s, rng.standard_normal(2)
@@ -200,7 +200,7 @@ def test_loads_of_the_size_reported_do_what_the_slider_does():
     assert moment == 0.0
     loaded.add(bd.Force("on a", point, tuple(force), "body"))
     loaded.add(bd.Force("on beam", beam.at(s), tuple(on_beam)))
-    by_loads = Numeric(loaded).force(q[:-1]) - numeric.force(q)[:-1]
+    by_loads = NumericEquations(loaded).force(q[:-1]) - numeric.force(q)[:-1]
     assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, SOFT, Numeric
+from support import ARC, SOFT_MATERIAL, NumericEquations
 
 import beamdae as bd
 
@@ -15,7 +15,7 @@ SLENDER = bd.Section.rectangle(STEEL, width=0.002, height=0.001)
 
 def at_rest(mech):
     """Displacement under the loads in the linear limit."""
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     assert np.linalg.matrix_rank(joint) == numeric.m
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
@@ -144,7 +144,7 @@ def test_refusals(make, message):
         make()
 
 
-SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05)
+SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
 
 
 def cut(bodies, **settings):

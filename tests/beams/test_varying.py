@@ -9,7 +9,14 @@ import pytest
 from conformance import INTEGRATORS
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
-from support import ARC, FEW, Numeric, assert_derivative, every, random_state
+from support import (
+    ARC,
+    REPRESENTATIVE_VARIANTS,
+    NumericEquations,
+    assert_derivative,
+    parametrize_variants,
+    random_state,
+)
 
 import beamdae as bd
 
@@ -37,7 +44,7 @@ def cantilever(section, load=-1e-6, curve=LINE, **settings):
 
 def at_rest(mech):
     """The equations, and the displacement under the loads in the linear limit."""
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
     right = np.concatenate([-numeric.force(), np.zeros(numeric.m)])
@@ -46,7 +53,7 @@ def at_rest(mech):
 
 def frequencies(mech, count):
     """Lowest natural frequencies about the drawing [rad/s]."""
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     joint = numeric.constraint_matrix()
     free = np.linalg.svd(joint)[2][numeric.m :].T
     stiffness, mass = (free.T @ x() @ free for x in (numeric.stiffness, numeric.mass))
@@ -75,7 +82,7 @@ def test_tip_of_a_tapered_cantilever(section):
 def test_mass_and_turning_inertia_of_a_taper():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
-    numeric = Numeric(mech)
+    numeric = NumericEquations(mech)
     mass = ALLOY.rho * WIDTH * 0.015
     # int s^2 h ds, and the sections' own h^3 / 12: polynomials the points are exact for.
     about_start = ALLOY.rho * WIDTH * (0.02 / 3.0 - 0.01 / 4.0)
@@ -103,7 +110,7 @@ def test_first_frequency_of_a_pointed_cantilever(shape, published):
     assert_allclose(frequencies(mech, 1)[0], published * unit, rtol=8e-4)
 
 
-@every(FEW)
+@parametrize_variants(REPRESENTATIVE_VARIANTS)
 def test_a_law_that_does_not_vary_is_the_section(variant):
     def made(section):
         mech = bd.Mechanism(gravity=(0.4, -9.81))
@@ -111,7 +118,7 @@ def test_a_law_that_does_not_vary_is_the_section(variant):
         mech.add(bd.RayleighDamping("damping", beam, mass=0.7, stiffness=0.02))
         mech.observe("forces", beam.section_forces(0.7))
         mech.observe("stress", beam.stress(0.7, 0.02))
-        return Numeric(mech)
+        return NumericEquations(mech)
 
     plain, along = made(variant.section), made(lambda s: variant.section)
     q, v, a = random_state(plain, seed=3)
@@ -132,10 +139,10 @@ def prestressed(variant, free=None):
     mech.add(
         variant.beam(ARC, section=section, free_curve=free or bd.Line((1.0, 1.0), (3.01, 1.0)))
     )
-    return Numeric(mech)
+    return NumericEquations(mech)
 
 
-@every(FEW)
+@parametrize_variants(REPRESENTATIVE_VARIANTS)
 def test_jacobians_are_those_of_the_force(variant):
     numeric = prestressed(variant)
     q, v, a = random_state(numeric, seed=5)
@@ -143,7 +150,7 @@ def test_jacobians_are_those_of_the_force(variant):
     assert_derivative(numeric.damping(q=q, v=v, a=a), lambda x: numeric.force(q=q, v=x, a=a), v)
 
 
-@every(FEW)
+@parametrize_variants(REPRESENTATIVE_VARIANTS)
 def test_strain_energy_is_the_work_of_the_forces(variant):
     numeric = prestressed(replace_damping(variant))
     q, _, _ = random_state(numeric, seed=7)
@@ -159,7 +166,7 @@ def test_a_free_shape_that_is_the_drawing_changes_nothing():
     mech, _ = cantilever(wedge, curve=bd.Segment(ARC, 0.0, 1.0))
     free = bd.Segment(ARC, 0.0, 1.0)
     other, _ = cantilever(wedge, curve=free, free_curve=free)
-    assert_allclose(Numeric(other).force(), Numeric(mech).force(), atol=1e-12)
+    assert_allclose(NumericEquations(other).force(), NumericEquations(mech).force(), atol=1e-12)
 
 
 STRIP = bd.Section.rectangle(ALLOY, width=0.02, height=0.001)
@@ -193,7 +200,9 @@ def test_a_wire_drawn_longer_than_it_is_pulls():
     line = bd.Line((0.0, 0.0), (1.001, 0.0))
     mech, beam = cantilever(STRIP, load=0.0, curve=line, free_curve=LINE)
     mech.observe("forces", beam.section_forces(0.5))
-    assert_allclose(Numeric(mech).observed("forces"), (STRIP.EA * 1e-3, 0.0, 0.0), rtol=1e-9)
+    assert_allclose(
+        NumericEquations(mech).observed("forces"), (STRIP.EA * 1e-3, 0.0, 0.0), rtol=1e-9
+    )
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -222,7 +231,9 @@ def test_bodies_welded_together_share_law_and_free_shape():
         assert_allclose(heights, (0.0175, 0.015, 0.0125, 0.01), rtol=1e-12)
         mech.observe("forces", bodies[2].section_forces(0.25))
         moment = wedge(0.75).EI / 2.0
-        assert_allclose(Numeric(mech).observed("forces"), (0.0, 0.0, -moment), atol=1e-9 * moment)
+        assert_allclose(
+            NumericEquations(mech).observed("forces"), (0.0, 0.0, -moment), atol=1e-9 * moment
+        )
 
 
 def test_models_of_other_tapers_share_their_structure():

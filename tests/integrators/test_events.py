@@ -11,7 +11,7 @@ import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
 from scipy.special import ellipk
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.integrators.drive import drive
@@ -106,7 +106,7 @@ def test_a_fall_stops_at_the_impact(integrator):
 
 
 def test_a_fall_stops_where_libraries_cannot_be_had(monkeypatch):
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     solution = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
     assert_allclose(solution.t[-1], FALL, atol=1e-6)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -313,7 +313,7 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 @pytest.mark.parametrize("name", ["residual", "jacobian"])
 @pytest.mark.parametrize("n", [1, 10])
 def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     called = getattr(SksundaeCallbacks, name)
     monkeypatch.setattr(SksundaeCallbacks, name, Once(called, n))
     solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)

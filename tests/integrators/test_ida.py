@@ -14,7 +14,7 @@ from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from sksundae.ida import IDA
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
@@ -43,7 +43,7 @@ class Copying(IDA):
 
 def test_regression_a_wrapper_that_hands_out_copies_is_refused(monkeypatch):
     """Runs ended 600 rtol off, and said that they had reached the end."""
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "IDA", Copying)
     with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* hands out copies of IDA's"):
         bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
@@ -59,7 +59,7 @@ def made(monkeypatch):
             super().__init__(*arguments)
             made.append(self)
 
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "SksundaeCallbacks", Watched)
     return made
 
@@ -148,7 +148,7 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
 
         return IDA(residual, **{**options, "jacfn": jacobian})
 
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "IDA", watched)
     for bodies in (2, 30):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -183,7 +183,7 @@ UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for 
 def test_machine_code_takes_the_steps_of_scikit_sundae(equations, formulation, monkeypatch):
     settings = bd.Ida(1e-5, formulation=formulation)
     one = bd.simulate(equations, settings, 0.1)
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     other = bd.simulate(equations, settings, 0.1)
     assert one.integrator["ida"] == "shared libraries"
     assert other.integrator["ida"] == "scikit-sundae"

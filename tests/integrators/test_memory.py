@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import by_class
+from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.assembly import assemble
@@ -138,7 +138,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
         return solver(residual, **options)
 
     equations = beam(40)
-    by_class(monkeypatch)
+    use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(preconditioned, "IDA", without)
     assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)

@@ -43,7 +43,7 @@ def with_beam(kinematics):
 
 def with_switch():
     """Disk and beam fall together for two thirds of a millisecond, and then apart."""
-    mech = with_part(JOINTS["revolute"])
+    mech = with_part(JOINTS["Revolute"])
     mech.observe("disk", mech.part("disk").at(0.5, 0.4))
     mech.when("disk.y_dot", -1e-3, "down", bd.deactivate(mech.part("j")), "cut")
     return mech
@@ -91,7 +91,7 @@ def test_all_kernels_can_be_compiled(model):
 @pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 def test_off_holds_no_longer_than_it_is_said(monkeypatch):
     """Kernels stay with the structure of the equations, which all models like it share."""
-    form = formulate_first_order(bd.equations_of_motion(with_part(JOINTS["revolute"])), "index3")
+    form = formulate_first_order(bd.equations_of_motion(with_part(JOINTS["Revolute"])), "index3")
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     assert not form.is_native
     monkeypatch.delenv("BEAMDAE_NATIVE")

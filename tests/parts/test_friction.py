@@ -174,21 +174,21 @@ def test_tangents_are_derivatives():
     v, lam = np.array([0.2, -0.4, 1.1]), np.array([0.8, -0.5])
 
     def tangent(*c):
-        nonzeros = start.saddle(numeric.time, q, v, None, c, lam)
-        pattern = start.sums.saddle_pattern.copy()
+        nonzeros = evaluator.saddle_matrix(numeric.time, q, v, None, c, lam)
+        pattern = evaluator.sums.saddle_pattern.copy()
         pattern.data = nonzeros
         return pattern.toarray()[:3]
 
     damping, still = tangent(0.0, 1.0, 0.0), tangent(0.0, 0.0, 0.0)
-    assert_derivative(damping[:, :3], lambda x: start.force(numeric.time, q, x, None, lam), v)
+    assert_derivative(damping[:, :3], lambda x: evaluator.force(numeric.time, q, x, None, lam), v)
     reactions = numeric.constraint_matrix(q).T
     by_lam = still[:, 3:] - reactions
     assert np.any(by_lam)
-    assert_derivative(by_lam, lambda x: start.force(numeric.time, q, v, None, x), lam)
+    assert_derivative(by_lam, lambda x: evaluator.force(numeric.time, q, v, None, x), lam)
     powers = numeric.energies(q, v, None, lam)
     # What it dissipates is its work.
     free = numeric.force(q, v) @ v
-    assert_allclose(powers[4], start.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12)
+    assert_allclose(powers[4], evaluator.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12)
 
 
 GROUND = bd.Mechanism().ground

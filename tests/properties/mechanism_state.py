@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from properties.similarity import ABSOLUTE_ANGLES, Similarity, base_name, transform_values
-from support import Numeric
+from support import NumericEquations
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -19,7 +19,7 @@ DIFFERENCE_STEP = 3e-3
 _DIFFERENCE_WEIGHTS = {1: 4.0 / 5.0, 2: -1.0 / 5.0, 3: 4.0 / 105.0, 4: -1.0 / 280.0}
 
 
-class MechanismState(Numeric):
+class MechanismState(NumericEquations):
     """A mechanism in its consistent start."""
 
     def __init__(self, mechanism: bd.Mechanism) -> None:

@@ -1,4 +1,4 @@
-"""Drawings of mechanisms."""
+"""Drawings of mechanisms: symbols, arrows and placement of labels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
-from support import ARC, SOFT
+from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
 from beamdae.report.scene.mechanism_scene import build_scene
@@ -22,7 +22,7 @@ PARTS = JOINTS | NONHOLONOMIC | LOADS
 def create_mechanism(gravity=(0.0, -9.81)):
     mech = bd.Mechanism(gravity=gravity)
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
-    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT, 0.1), 3))
+    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT_MATERIAL, 0.1), 3))
     return mech, disk, beam
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
 from spin_up import spin_up
-from support import ARC, SOFT
+from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
 from beamdae.report.scene.frame_export import export_run_frames
@@ -155,7 +155,7 @@ PARTS = JOINTS | NONHOLONOMIC | LOADS
 def create_disk_and_beam():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
-    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT, 0.1), 1))
+    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT_MATERIAL, 0.1), 1))
     return mech, disk, beam
 
 
@@ -188,13 +188,13 @@ def test_symbols_follow_a_rigid_motion_of_the_mechanism(make):
     q = np.concatenate([part.initial_position for part in mech.parts.values()])
     angle, translation = 0.7, np.array([0.3, -0.2])
     # Coordinates of the disk and of the floating frame of the beam: position, then angle.
-    moved = q.copy()
+    displaced = q.copy()
     for part in (disk, beam):
         first = list(mech.parts.values()).index(part)
         at = sum(len(x.coordinates) for x in list(mech.parts.values())[:first])
-        moved[at : at + 2] = move_rigidly(q[at : at + 2], angle, translation)
-        moved[at + 2] += angle
-    scene = build_scene(mech, CoordinatePoses(mech, np.array([q, moved])), np.zeros(2))
+        displaced[at : at + 2] = move_rigidly(q[at : at + 2], angle, translation)
+        displaced[at + 2] += angle
+    scene = build_scene(mech, CoordinatePoses(mech, np.array([q, displaced])), np.zeros(2))
     grounded = {
         part.name
         for part in mech.parts.values()

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
-from support import ARC, SOFT
+from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
 from beamdae.results.provenance import describe_provenance
@@ -19,7 +19,7 @@ EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
 def mechanism(stiffness=3.0):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
-    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT, 0.1), elements=2))
+    beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT_MATERIAL, 0.1), elements=2))
     mech.add(bd.Spring("spring", disk.at(0.5, 0.4), beam.end, stiffness))
     return mech, disk, beam
 
@@ -46,7 +46,7 @@ def test_numbers_of_parts_are_told_once():
         "start": [0.3, -0.2],
         "angle": 0.4,
     }
-    assert beam["section"]["material"]["E"] == SOFT.E
+    assert beam["section"]["material"]["E"] == SOFT_MATERIAL.E
     assert beam["mesh"]["elements"] == 2
     assert "curve" not in beam["mesh"]
     spring = told["parts"]["spring"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import JOINTS, KINEMATICS, LOADS
-from support import ARC, SOFT
+from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
 from beamdae.beams.shape_functions import gauss_points
@@ -11,7 +11,7 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.results.section_forces.applied_loads import collect_applied_loads
 
-SECTION = bd.Section(SOFT, area=0.9, second_moment=0.05, damping=0.03)
+SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=0.03)
 PARTS = JOINTS | LOADS
 FRAME, NODES = "chord frame, Green's strain", "nodes"
 # One of each way in which a part acts: at points, per length, by shares of nodes, on elements.
