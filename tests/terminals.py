@@ -1,4 +1,4 @@
-"""The command in processes of its own: in a terminal of some width, or with streams as given."""
+"""Run the command in a process: with given streams, in a shell, or in a terminal of some width."""
 
 import os
 import re
@@ -9,7 +9,7 @@ COMMAND = (sys.executable, "-m", "beamdae")
 
 
 def process(*arguments, prefix=(), **settings):
-    """A process of the command; its streams are pipes unless told otherwise."""
+    """Start the command and return its process; streams are pipes unless `settings` differ."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR")}
     environment |= settings.pop("environment", {})
@@ -17,8 +17,8 @@ def process(*arguments, prefix=(), **settings):
 
 
 def shell(line, **settings):
-    """Exit code, output and errors of a line of the shell; {beamdae} is the command."""
-    done = subprocess.run(
+    """Return exit code, output and errors of a shell command; {beamdae} is the command."""
+    result = subprocess.run(
         ["bash", "-o", "pipefail", "-c", line.format(beamdae=" ".join(COMMAND))],
         capture_output=True,
         text=True,
@@ -27,36 +27,36 @@ def shell(line, **settings):
         check=False,
         **settings,
     )
-    return done.returncode, done.stdout, done.stderr
+    return result.returncode, result.stdout, result.stderr
 
 
 def in_terminal(columns, *arguments, environment=()):
-    """Exit code, and the lines and frames of a command in a terminal of so many columns."""
+    """Return exit code, lines and raw output of a command in a terminal with so many columns."""
     import fcntl
     import pty
     import struct
     import termios
 
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    parent, child = pty.openpty()
+    fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     command = process(
         *arguments,
-        stdin=theirs,
-        stdout=theirs,
-        stderr=theirs,
+        stdin=child,
+        stdout=child,
+        stderr=child,
         environment={"TERM": "xterm-256color", **dict(environment)},
     )
-    os.close(theirs)
-    said = b""
+    os.close(child)
+    output = b""
     while True:
         try:
-            part = os.read(ours, 65536)
+            block = os.read(parent, 65536)
         except OSError:
             break
-        if not part:
+        if not block:
             break
-        said += part
-    os.close(ours)
-    text = said.decode()
+        output += block
+    os.close(parent)
+    text = output.decode()
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
     return command.wait(60), [line for line in re.split(r"[\r\n]+", plain) if line.strip()], text

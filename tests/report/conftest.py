@@ -1,4 +1,4 @@
-"""A browser, which opens pages."""
+"""Fixtures that open pages in a browser."""
 
 import shutil
 
@@ -9,53 +9,56 @@ from beamdae.report.page.page import write_page
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-NEEDED = "it needs Debian's package chromium and Python's playwright"
+REQUIREMENT = "it needs Debian's package chromium and Python's playwright"
 
 
 @pytest.fixture(scope="module")
 def browser():
-    api = pytest.importorskip("playwright.sync_api", reason=NEEDED)
+    api = pytest.importorskip("playwright.sync_api", reason=REQUIREMENT)
     if CHROMIUM is None:
-        pytest.skip(NEEDED)
+        pytest.skip(REQUIREMENT)
     with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield opened
-        opened.close()
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
 
 
 @pytest.fixture
-def opened(browser, tmp_path):
-    """Open pages in tabs; at the end, nothing may have been complained of or loaded."""
-    complaints, loaded, contexts = [], [], []
+def open_page(browser, tmp_path):
+    """Return a function that opens a page in a tab.
+
+    After the test, the console must be empty and no other address may have been requested.
+    """
+    messages, requests, contexts = [], [], []
 
     def show(page, **settings):
         path = write_page(tmp_path / "page.html", page)
         context = browser.new_context(**settings)
         contexts.append(context)
         tab = context.new_page()
-        tab.on("console", lambda message: complaints.append(message.text))
-        tab.on("pageerror", lambda problem: complaints.append(str(problem)))
-        tab.on("request", lambda request: loaded.append(request.url))
+        tab.on("console", lambda message: messages.append(message.text))
+        tab.on("pageerror", lambda problem: messages.append(str(problem)))
+        tab.on("request", lambda request: requests.append(request.url))
         tab.goto(path.as_uri())
         return tab
 
     yield show
     for context in contexts:
         context.close()
-    assert complaints == []
-    # Pictures that are saved are drawn from what the page itself holds.
-    from_elsewhere = [url for url in loaded if not url.startswith("blob:")]
-    assert set(from_elsewhere) == {(tmp_path / "page.html").as_uri()}
+    assert messages == []
+    # Pictures saved by the page are blobs.
+    addresses = {url for url in requests if not url.startswith("blob:")}
+    assert addresses == {(tmp_path / "page.html").as_uri()}
 
 
 @pytest.fixture
-def show(opened):
-    """Open a page in a window of a laptop."""
-    return lambda page: opened(page, viewport={"width": 1366, "height": 768})
+def show(open_page):
+    """Return a function that opens a page in the window of a laptop."""
+    return lambda page: open_page(page, viewport={"width": 1366, "height": 768})
 
 
 @pytest.fixture
-def phone(opened):
-    """Open a page on a phone, which is held upright and touched."""
+def phone(open_page):
+    """Return a function that opens a page on the touch screen of an upright phone."""
     screen = {"width": 390, "height": 844}
-    return lambda page: opened(page, viewport=screen, has_touch=True, is_mobile=True)
+    return lambda page: open_page(page, viewport=screen, has_touch=True, is_mobile=True)

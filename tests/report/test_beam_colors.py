@@ -1,4 +1,4 @@
-"""Colors along beams."""
+"""Colors along beams equal the observed values."""
 
 import numpy as np
 import pytest

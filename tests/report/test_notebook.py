@@ -217,8 +217,8 @@ def test_the_duration_of_an_animation_follows_the_speed(run, tmp_path):
 
 
 def test_an_animation_in_a_notebook_contains_trails_and_colors(run):
-    shown = run.animate(frames=3, speed=0.5, color="M", trail="tip")
-    data = json.loads(re.search(r'id="data">(.*?)</script>', shown.page, re.DOTALL)[1])
+    animation = run.animate(frames=3, speed=0.5, color="M", trail="tip")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', animation.page, re.DOTALL)[1])
     assert data["speed"] == 0.5
     assert data["colored"]
     colors = [color["title"] for color in data["frames"]["colors"]]
@@ -226,7 +226,7 @@ def test_an_animation_in_a_notebook_contains_trails_and_colors(run):
     kinds = {body["kind"]: body["points"] for body in data["frames"]["bodies"]}
     # Ten points between two frames.
     assert kinds == {"trail": 21, "beam": 49}
-    page = shown._repr_html_()
+    page = animation._repr_html_()
     assert page.startswith("<iframe srcdoc=")
     assert page.count("<") == 2
 

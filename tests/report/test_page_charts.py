@@ -185,8 +185,8 @@ def test_charts_are_saved_as_numbers(show, tmp_path):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_charts_are_saved_as_pictures_of_their_own(opened, scheme):
-    tab = opened(study(), color_scheme=scheme)
+def test_charts_are_saved_as_pictures_of_their_own(open_page, scheme):
+    tab = open_page(study(), color_scheme=scheme)
     chosen(tab, 2, 5)
     text = saved(tab, "observed", "SVG").path().read_text()
     root = ElementTree.fromstring(text)

@@ -85,8 +85,8 @@ def test_two_fingers_zoom_and_one_moves_what_is_zoomed(phone):
     assert_allclose(moved[1] - moved[0], end - begin)
 
 
-def test_dark_screens_and_paper(opened):
-    tab = opened(study(), color_scheme="dark")
+def test_dark_screens_and_paper(open_page):
+    tab = open_page(study(), color_scheme="dark")
     color = "getComputedStyle(document.body).backgroundColor"
     assert tab.evaluate(color) == "rgb(21, 24, 28)"
     curve = "getComputedStyle(document.querySelector('.plot path.curve')).stroke"

@@ -18,7 +18,7 @@ WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")
 
 
-def print_at(renderable, width, **settings):
+def render(renderable, width, **settings):
     console = Console(width=width, **settings)
     with console.capture() as captured:
         console.print(renderable)
@@ -51,7 +51,7 @@ def create_range_table():
 
 
 @pytest.mark.parametrize(
-    ("value", "shown"),
+    ("value", "expected"),
     [
         (12, "12"),
         (np.int64(12), "12"),
@@ -65,8 +65,8 @@ def create_range_table():
         ("auto", "auto"),
     ],
 )
-def test_numbers_are_formatted_with_three_digits(value, shown):
-    assert terminal.format_number(value) == shown
+def test_numbers_are_formatted_with_three_digits(value, expected):
+    assert terminal.format_number(value) == expected
 
 
 def test_ranges_show_units_and_zero_for_rounding():
@@ -74,7 +74,7 @@ def test_ranges_show_units_and_zero_for_rounding():
     observed = pd.DataFrame(
         {"tip.x [m]": np.cos(t), "tip.y [m]": 1e-15 * t, "bend.u [m]": 1e-3 * t**2}
     )
-    lines = print_at(terminal.range_table(observed), 120).splitlines()
+    lines = render(terminal.range_table(observed), 120).splitlines()
     rows = {line[: line.index("]") + 1].strip(): line.split()[-3:] for line in lines if "]" in line}
     assert rows["tip.x [m]"] == ["0.5403", "1", "0.5403"]
     assert rows["tip.y [m]"] == ["0", "0", "0"]
@@ -94,8 +94,8 @@ def test_errors_below_the_resolution_of_the_reference_are_bounds():
             "reference uncertainty [-]": [1e-5] * 3,
         }
     )
-    shown = print_at(terminal.comparison_table(table), 120, markup=False).splitlines()
-    rows = {line.split()[0]: line for line in shown if "(step=" in line}
+    lines = render(terminal.comparison_table(table), 120, markup=False).splitlines()
+    rows = {line.split()[0]: line for line in lines if "(step=" in line}
     assert rows["A(step=1)"].split()[1:] == ["ok", "10", "0.01"]
     assert rows["B(step=2)"].split()[1:] == ["ok", "20", "<", "0.0001"]
     assert rows["C(step=3)"].split()[1:] == ["failed", "-", "-"]
@@ -104,7 +104,7 @@ def test_errors_below_the_resolution_of_the_reference_are_bounds():
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_comparison_always_shows_integrator_and_error(width):
-    text = print_at(terminal.comparison_table(create_comparison()), width)
+    text = render(terminal.comparison_table(create_comparison()), width)
     assert max(map(len, text.splitlines())) <= width
     assert "…" not in text
     for label in LABELS:
@@ -127,7 +127,7 @@ def test_comparison_always_shows_integrator_and_error(width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_ranges_always_show_name_error_and_verdict(width):
-    text = print_at(create_range_table(), width)
+    text = render(create_range_table(), width)
     assert max(map(len, text.splitlines())) <= width
     lines = [line for line in text.splitlines() if "tip " in line]
     for line in lines:
@@ -137,7 +137,7 @@ def test_ranges_always_show_name_error_and_verdict(width):
 
 
 def test_omitted_columns_are_named():
-    text = " ".join(print_at(terminal.comparison_table(create_comparison()), 60).split())
+    text = " ".join(render(terminal.comparison_table(create_comparison()), 60).split())
     assert "not shown: " in text
     assert "velocity drift" in text
     assert "a wider terminal or cases.csv shows them" in text
@@ -147,11 +147,11 @@ def test_omitted_columns_are_named():
 def test_a_long_first_column_loses_its_middle(width):
     columns = [Column("least", 2), Column("more", 1), Column("most")]
     name = f"begin{'L' * 300}end"
-    text = print_at(ResponsiveTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
+    text = render(ResponsiveTable("name", columns, [(name, "1.1", "2.2", "3.3")]), width)
     (row,) = [line for line in text.splitlines() if "3.3" in line]
     assert re.match(r" beginL+…L+end +\d", row)
     assert len(row.rstrip()) >= width - 2
-    text = print_at(terminal.fact_list("", {name: 1.5}), width)
+    text = render(terminal.fact_list("", {name: 1.5}), width)
     assert re.match(r"beginL+…L+end  ?1.5", text)
 
 
@@ -167,14 +167,14 @@ def test_texts_are_shortened_by_the_width_of_their_characters():
 @pytest.mark.parametrize("markup", [True, False])
 def test_markup_in_names_is_printed_literally(markup):
     odd = "[/b] [bold] :smile: \x1b[31m"
-    shown = r"[/b] [bold] :smile: \x1b[31m"
+    literal = r"[/b] [bold] :smile: \x1b[31m"
     for renderable in (
         ResponsiveTable(odd, [Column(odd, sentences=True)], [(odd, odd)]),
         terminal.fact_list(odd, {odd: odd}),
         terminal.parts_table({odd: odd}),
         terminal.comparison_table(create_comparison().assign(label=odd)),
     ):
-        assert shown in print_at(renderable, 200, markup=markup)
+        assert literal in render(renderable, 200, markup=markup)
 
 
 def test_summary_shows_values_with_units():
@@ -185,17 +185,17 @@ def test_summary_shows_values_with_units():
     ]
     names = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
     table = pd.DataFrame(lines, columns=names)
-    rows = print_at(terminal.summary_table(table), 50).splitlines()
+    rows = render(terminal.summary_table(table), 50).splitlines()
     assert [r.split()[-5:] for r in rows if "Ida" in r] == [["0.25", "s", "(0.2", "to", "0.4)"]]
     assert [r.split()[-2:] for r in rows if "Auto" in r] == [["0.3", "s"]]
     assert [r.split()[-1] for r in rows if "order" in r] == ["2"]
-    assert "Radau" in print_at(terminal.summary_table(table), 100)
-    assert "as fast" not in print_at(terminal.summary_table(table.iloc[1:]), 100)
+    assert "Radau" in render(terminal.summary_table(table), 100)
+    assert "as fast" not in render(terminal.summary_table(table.iloc[1:]), 100)
 
 
 def test_ranges_of_columns_with_nan_and_infinity():
     table = pd.DataFrame({"a [m]": [np.nan, np.nan], "b [m]": [np.inf, 1.0], "c [m]": [1.0, 2.0]})
-    text = print_at(terminal.range_table(table), 80)
+    text = render(terminal.range_table(table), 80)
     assert [line.split()[-3:] for line in text.splitlines() if "[m]" in line] == [
         ["-", "-", "-"],
         ["1", "inf", "1"],
@@ -221,5 +221,5 @@ def test_unknowns_that_limit_the_step_are_listed(settings, expected):
 
 def test_regression_values_without_a_unit_are_never_rounding():
     table = terminal.range_table(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
-    (line,) = [line for line in print_at(table, 120).splitlines() if "a [-]" in line]
+    (line,) = [line for line in render(table, 120).splitlines() if "a [-]" in line]
     assert line.split()[2:] == ["1", "2", "2"]

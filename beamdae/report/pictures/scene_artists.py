@@ -35,7 +35,7 @@ _COLORED_WIDTH = 1.4
 
 
 class LineStyle(NamedTuple):
-    """Appearance of a line.
+    """Appearance of a line in a figure.
 
     Attributes
     ----------

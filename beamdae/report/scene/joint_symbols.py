@@ -80,7 +80,7 @@ def draw_joint(part: Joint, builder: SceneBuilder) -> None:
 
 
 def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
-    """Draw a pin."""
+    """Draw a pin at the common point."""
     draw_supports(part, builder)
     row = builder.attach(part.b)
     _draw_pin(builder, row)
@@ -244,7 +244,7 @@ def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> Non
 
 
 def draw_skate(part: Skate, builder: SceneBuilder) -> None:
-    """Draw the blade."""
+    """Draw the blade in its direction."""
     row, half = builder.attach(part.on), builder.size
     builder.add_rigid("skate", row, rotate_points([(-half, 0.0), (half, 0.0)], part.direction))
     builder.add_name(row)
