@@ -108,6 +108,6 @@ def require_function(part: str, what: str, function: Any) -> None:
 
 
 def build_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:
-    """As `combined_kernel` of a user's function, which nothing is kept for beyond its part."""
-    combined, numbers = FormulaExpression.of(build, functions)
-    return combined(Local(size, len(numbers))), numbers[:, None]
+    """Return a kernel and its data as `build_formula_kernel`, not shared with other models."""
+    expression, numbers = FormulaExpression.of(build, functions)
+    return expression(Local(size, len(numbers))), numbers[:, None]
