@@ -211,6 +211,16 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     ------
     BeamdaeError
         If an argument is invalid or the equations cannot be assembled.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0)))
+    >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    >>> findings = bd.check(mech, predict=False)
+    >>> findings.mobility, findings.free_motions
+    (1, ('bar can rotate about (0, 0)',))
     """
     name, predict = "mechanism", require_choice("check", "predict", predict, (True, False))
     if isinstance(model, (Model, HasOrigin)) and model.origin is not None:

@@ -110,6 +110,20 @@ def campbell(
     ------
     BeamdaeError
         If there is no steady rotation at one of the speeds.
+
+    Examples
+    --------
+    A mass on an isotropic bearing: the whirl frequency 10 rad/s splits into 10 -+ speed in the
+    rotating frame.
+
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
+    >>> ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
+    >>> bearing = mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    >>> diagram = bd.campbell(mech, speeds=[0.0, 3.0], n=3)
+    >>> [round(float(rate), 6) for rate in sorted(diagram.eigenvalues[-1].imag)]
+    [0.0, 7.0, 13.0]
     """
     values = [
         require_finite("campbell", "speeds", speed)

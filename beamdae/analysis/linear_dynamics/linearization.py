@@ -237,7 +237,7 @@ def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> 
 
 
 def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
-    """Return if accelerations exceed the rounding of an equilibrium.
+    """Return True if accelerations exceed the rounding of an equilibrium.
 
     `force` is F + G^T lam without inertia.
     """

@@ -299,7 +299,7 @@ def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = Tru
 
 
 def is_conservative(lin: Linearization) -> bool:
-    """Return if the problem is symmetric and forces do not depend on velocities."""
+    """Return True if the problem is symmetric and forces do not depend on velocities."""
     tangent = lin.tangent
     if tangent.damping.nnz and abs(tangent.damping).max() > 0.0:
         return False

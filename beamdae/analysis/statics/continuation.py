@@ -65,8 +65,8 @@ class PathCriticalPoint:
 
 
 @dataclass
-class Path:
-    """An equilibrium path under construction.
+class StagePath:
+    """The equilibrium path of one load stage, extended by continuation.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class ContinuationSettings:
 
 def follow_path(
     corrector: Corrector,
-    path: Path,
+    path: StagePath,
     settings: ContinuationSettings,
     targets: Sequence[float],
     direction: PathDirection | None = None,
@@ -172,7 +172,7 @@ def follow_path(
                 return
 
 
-def _revisits_branch_point(path: Path, settings: ContinuationSettings) -> bool:
+def _revisits_branch_point(path: StagePath, settings: ContinuationSettings) -> bool:
     *others, last = (path.points[one.row] for one in path.branch_points)
     distances = [settings.norm.max_norm(one.x - last.x, one.mu - last.mu) for one in others]
     return min(distances, default=np.inf) < _SAME_POINT_RATIO * settings.max_step
@@ -180,7 +180,7 @@ def _revisits_branch_point(path: Path, settings: ContinuationSettings) -> bool:
 
 def _take_step(
     corrector: Corrector,
-    path: Path,
+    path: StagePath,
     settings: ContinuationSettings,
     target: float,
     direction: PathDirection | None,
@@ -280,7 +280,7 @@ def _arc_direction(
 
 
 def switch_branch(
-    corrector: Corrector, path: Path, settings: ContinuationSettings, side: float
+    corrector: Corrector, path: StagePath, settings: ContinuationSettings, side: float
 ) -> PathDirection:
     """Switch from the last branch point of a path onto the crossing path; return its direction.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.statics.continuation import (
     ContinuationSettings,
-    Path,
+    StagePath,
     follow_path,
     switch_branch,
 )
@@ -203,7 +203,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             if k == 0
             else EquilibriumPoint(system, points[-1].x, 0.0)
         )
-        path = Path([begin])
+        path = StagePath([begin])
         if system.has_scaled_loads and is_last:
             _follow_stage(corrector, path, settings, last_control)
         elif system.has_scaled_loads:
@@ -251,7 +251,7 @@ def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
 
 
 def _follow_stage(
-    corrector: Corrector, path: Path, settings: PathSettings, control: Control
+    corrector: Corrector, path: StagePath, settings: PathSettings, control: Control
 ) -> None:
     """Follow the path of one stage, switching branches where the settings say so."""
     begin, targets = path.end, list(settings.targets)
@@ -312,7 +312,7 @@ def _choose_steps(
 
 
 def _follow_from_mechanism(
-    corrector: Corrector, path: Path, steps: ContinuationSettings, targets: Sequence[float]
+    corrector: Corrector, path: StagePath, steps: ContinuationSettings, targets: Sequence[float]
 ) -> None:
     """Follow a path from an unloaded mechanism that is free to move, by relaxation under load."""
     e, begin = corrector.system.equations, path.end
@@ -354,7 +354,7 @@ def _dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _end_status(path: Path, system: LoadedEquations, control: str) -> Status:
+def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
     """Return the status of a path; if it failed, with the last load factor and a remedy."""
     if path.status.success:
         return path.status
@@ -364,7 +364,7 @@ def _end_status(path: Path, system: LoadedEquations, control: str) -> Status:
     return Status(path.status.kind, sentence)
 
 
-def _remedy(path: Path, e: EquationsOfMotion, control: str) -> str:
+def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     """Return the end of a sentence: the likely reason why no step converges, and what to do."""
     if control == DISPLACEMENT and len(path.points) == 1:
         return ", as if the loads do not move the prescribed column"
