@@ -1,4 +1,4 @@
-"""Loops in the cache: told apart by all they consist of, loaded without what made them."""
+"""Cached loops: identified by everything they consist of, loaded without numba."""
 
 import importlib.util
 import os
@@ -9,19 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from beamdae.native import llvm as machine
-from beamdae.native import loops
-from beamdae.native import object_code as objects
+from beamdae.native import llvm, loops, object_code
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
-    """A cache of its own for each test, and a process in which nothing went wrong yet."""
+    """A new cache for each test, and a process that has not warned yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_issued_messages", set())
+    monkeypatch.setattr(object_code, "_issued_messages", set())
     monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 
@@ -39,16 +37,16 @@ class Work:
     numbers: np.ndarray
     total: float = 0.0
 
-def raised(number):
+def increment(number):
     return number + 1.0
 
-def halved(number):
-    return raised(number) / 2.0
+def halve(number):
+    return increment(number) / 2.0
 
 def loop_of_test(work):
     fill(work.numbers, 3.0)
     for number in work.numbers:
-        work.total += FACTOR * halved(number) + SHARES[1] * TABLE[1]
+        work.total += FACTOR * halve(number) + SHARES[1] * TABLE[1]
     return 0
 
 def run():
@@ -60,12 +58,12 @@ TOTAL = 4 * (2 * 2.0 + 2.0 * 8.0)
 
 
 def run(folder, text=MODULE):
-    """The total of a module of its own."""
+    """Return the total that a new module with this text computes."""
     file = folder / f"module_{len(list(folder.iterdir()))}.py"
     file.write_text(text)
     spec = importlib.util.spec_from_file_location(file.stem, file)
     module = importlib.util.module_from_spec(spec)
-    # Where dataclasses look for types.
+    # Dataclasses look up types there.
     sys.modules[file.stem] = module
     try:
         spec.loader.exec_module(module)
@@ -78,18 +76,18 @@ def run(folder, text=MODULE):
 
 @pytest.fixture
 def builds(monkeypatch):
-    """IR of what LLVM compiles."""
-    compiled, found = machine.compile_module, []
+    """Modules that LLVM compiles."""
+    compile_module, modules = llvm.compile_module, []
 
-    def counted(ir, level):
-        found.append(ir)
-        return compiled(ir, level)
+    def compile_and_record(ir, level):
+        modules.append(ir)
+        return compile_module(ir, level)
 
-    monkeypatch.setattr(machine, "compile_module", counted)
-    return found
+    monkeypatch.setattr(llvm, "compile_module", compile_and_record)
+    return modules
 
 
-def test_a_loop_is_compiled_once(tmp_path, cache, builds):
+def test_loop_is_compiled_once(tmp_path, cache, builds):
     assert [run(tmp_path) for _ in range(2)] == [TOTAL, TOTAL]
     assert len(builds) == 1
     assert [file.name.split("-")[0] for file in cache.iterdir()] == ["loop_of_test"]
@@ -107,7 +105,7 @@ CHANGES = [
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_what_a_loop_consists_of_makes_another_object(tmp_path, builds):
+def test_changed_loop_is_compiled_again(tmp_path, builds):
     assert run(tmp_path) == TOTAL
     for old, new, total in CHANGES:
         assert old in MODULE
@@ -115,7 +113,7 @@ def test_what_a_loop_consists_of_makes_another_object(tmp_path, builds):
     assert len(builds) == 1 + len(CHANGES)
 
 
-def test_a_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
+def test_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
     assert run(tmp_path) == TOTAL
     monkeypatch.setattr(loops, "version", lambda name: "0.0")
     loops._describe_compiler.cache_clear()
@@ -126,7 +124,7 @@ def test_a_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("damage", ["cut", "a text", "another loop"])
-def test_a_damaged_loop_is_compiled_again(tmp_path, cache, builds, damage):
+def test_damaged_loop_is_compiled_again(tmp_path, cache, builds, damage):
     run(tmp_path)
     (file,) = cache.iterdir()
     damaged = {"cut": file.read_bytes()[:-100], "a text": b"return 0\n"}
@@ -139,7 +137,7 @@ def test_a_damaged_loop_is_compiled_again(tmp_path, cache, builds, damage):
     del builds[:]
     assert [run(tmp_path) for _ in range(2)] == [TOTAL, TOTAL]
     assert len(builds) == 1
-    # By the same name or not: numba does not make the same bytes twice.
+    # Under any name: numba does not produce the same bytes twice.
     (file,) = cache.iterdir()
     assert file.read_bytes() != damaged[damage]
 
@@ -160,28 +158,28 @@ print("numba" in sys.modules)
 """
 
 
-def other_process(folder, env=None, missing=("numba",), raising="ImportError('it is broken')"):
-    """Runs the loop twice where something cannot be imported."""
+def run_in_new_process(folder, env=None, missing=("numba",), raising="ImportError('it is broken')"):
+    """Run the loop twice in a process in which modules cannot be imported."""
     (folder / "module_of_test.py").write_text(MODULE)
     for name in missing:
         (folder / f"{name}.py").write_text(f"raise {raising}\n")
     paths = os.pathsep.join([str(folder), str(ROOT)])
-    ran = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         env={**os.environ, "PYTHONPATH": paths, **(env or {})},
         capture_output=True,
         text=True,
         timeout=60,
     )
-    assert ran.returncode == 0, ran.stderr
-    return ran.stdout.split("\n")[:-1], ran.stderr
+    assert process.returncode == 0, process.stderr
+    return process.stdout.split("\n")[:-1], process.stderr
 
 
-@pytest.mark.slow(reason="a process of its own")
-def test_what_was_compiled_is_loaded_without_numba(tmp_path):
+@pytest.mark.slow(reason="starts a process")
+def test_cached_loop_is_loaded_without_numba(tmp_path):
     assert run(tmp_path) == TOTAL
-    said, errors = other_process(tmp_path)
-    assert said == [f"{TOTAL}", f"{TOTAL}", "False"]
+    lines, errors = run_in_new_process(tmp_path)
+    assert lines == [f"{TOTAL}", f"{TOTAL}", "False"]
     assert errors == ""
 
 
@@ -195,16 +193,16 @@ def test_what_was_compiled_is_loaded_without_numba(tmp_path):
         ("llvmlite", "OSError('it is broken')"),
     ],
 )
-def test_without_numba_or_llvmlite_one_sentence_says_so(tmp_path, missing, raising):
-    said, errors = other_process(tmp_path, missing=[missing], raising=raising)
-    assert said == ["no machine code", "no machine code", "False"]
+def test_missing_numba_or_llvmlite_gives_one_warning(tmp_path, missing, raising):
+    lines, errors = run_in_new_process(tmp_path, missing=[missing], raising=raising)
+    assert lines == ["no machine code", "no machine code", "False"]
     assert errors.count("KernelWarning") == 1
     kind = raising.split("(")[0]
     assert f"{missing} cannot be imported ({kind}: it is broken); runs take" in errors
     assert "Traceback" not in errors
 
 
-def test_what_is_not_wanted_is_neither_compiled_nor_told(tmp_path):
-    said, errors = other_process(tmp_path, {"BEAMDAE_NATIVE": "off"}, missing=[])
-    assert said == ["no machine code", "no machine code", "False"]
+def test_native_off_neither_compiles_nor_warns(tmp_path):
+    lines, errors = run_in_new_process(tmp_path, {"BEAMDAE_NATIVE": "off"}, missing=[])
+    assert lines == ["no machine code", "no machine code", "False"]
     assert errors == ""

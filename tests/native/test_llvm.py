@@ -1,15 +1,14 @@
-"""LLVM IR of any origin becomes objects, and objects addresses."""
+"""LLVM IR of any origin is compiled to objects, and objects are loaded."""
 
 import ctypes
 import gc
 import math
 
-import llvmlite.binding as llvm
+import llvmlite.binding
 import pytest
 
 from beamdae.errors import KernelWarning
-from beamdae.native import llvm as machine
-from beamdae.native import object_code as objects
+from beamdae.native import llvm, object_code
 from beamdae.native.llvm import LoadedObject, MachineCodeError, compile_module, library_address
 from beamdae.native.object_code import ObjectSource, load_object
 
@@ -31,9 +30,9 @@ end:
 }
 """
 CALLS = """
-declare double @outside(double)
+declare double @imported(double)
 define double @twice(double %x) {
-  %y = call double @outside(double %x)
+  %y = call double @imported(double %x)
   %z = fadd double %y, %y
   ret double %z
 }
@@ -55,20 +54,20 @@ define void @copy(ptr %to, ptr %from, i64 %size) {
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_issued_messages", set())
+    monkeypatch.setattr(object_code, "_issued_messages", set())
     return tmp_path / "beamdae"
 
 
-def of_number(address):
+def function_of_number(address):
     return ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(address)
 
 
-def constant(value):
+def constant_function(value):
     return f"define double @value(double %x) {{\n  ret double {value:e}\n}}\n"
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
-def test_a_loop_is_compiled_at_each_level(level):
+def test_loop_is_compiled_at_each_level(level):
     code = LoadedObject(compile_module(LOOP, level), ["total"])
     total = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(
         code.addresses["total"]
@@ -76,15 +75,15 @@ def test_a_loop_is_compiled_at_each_level(level):
     assert total((ctypes.c_int64 * 100)(*range(100)), 100) == 4950
 
 
-def test_symbols_from_outside_are_those_given():
+def test_imported_symbols_are_those_passed():
     content = compile_module(CALLS, 1)
     for name in ("exp", "cos"):
-        code = LoadedObject(content, ("twice", "half"), {"outside": library_address(name)})
-        assert of_number(code.addresses["twice"])(0.3) == 2.0 * getattr(math, name)(0.3)
-        assert of_number(code.addresses["half"])(0.3) == 0.15
+        code = LoadedObject(content, ("twice", "half"), {"imported": library_address(name)})
+        assert function_of_number(code.addresses["twice"])(0.3) == 2.0 * getattr(math, name)(0.3)
+        assert function_of_number(code.addresses["half"])(0.3) == 0.15
 
 
-def test_what_the_compiler_itself_calls_is_there():
+def test_functions_called_by_the_compiler_are_available():
     code = LoadedObject(compile_module(COPIES, 1), ["copy"])
     copy = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(
         code.addresses["copy"]
@@ -95,63 +94,63 @@ def test_what_the_compiler_itself_calls_is_there():
     assert target.value == b"x" * 999
 
 
-def test_objects_with_the_same_symbols_live_side_by_side_and_one_by_one():
-    codes = [LoadedObject(compile_module(constant(k), 0), ["value"]) for k in range(20)]
+def test_objects_with_equal_symbols_have_independent_lifetimes():
+    codes = [LoadedObject(compile_module(constant_function(k), 0), ["value"]) for k in range(20)]
     for k in range(0, 20, 2):
         codes[k] = None
     gc.collect()
     for k in range(1, 20, 2):
-        assert of_number(codes[k].addresses["value"])(0.0) == k
+        assert function_of_number(codes[k].addresses["value"])(0.0) == k
 
 
 @pytest.mark.parametrize("ir", ["nonsense", "define double @f(double %x) {\n ret float 0.0\n}"])
-def test_ir_that_is_none_is_refused(ir):
+def test_invalid_ir_is_refused(ir):
     with pytest.raises(MachineCodeError, match=r"LLVM cannot compile kernels \(.+\)"):
         compile_module(ir, 1)
 
 
-def test_symbols_that_are_missing_are_refused(capfd):
+def test_missing_symbols_are_refused(capfd):
     content = compile_module(CALLS, 1)
     with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*twice"):
         LoadedObject(content, ["twice"])
     with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*nothing"):
-        LoadedObject(content, ["nothing"], {"outside": library_address("exp")})
+        LoadedObject(content, ["nothing"], {"imported": library_address("exp")})
     with pytest.raises(MachineCodeError, match="the C library has no function fourier"):
         library_address("fourier")
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_system_that_executes_nothing_from_memory_is_told(monkeypatch):
+def test_system_that_forbids_executable_memory_is_reported(monkeypatch):
     def forbidden():
         raise OSError(13, "cannot allocate executable memory")
 
-    monkeypatch.setattr(llvm, "check_jit_execution", forbidden)
+    monkeypatch.setattr(llvmlite.binding, "check_jit_execution", forbidden)
     with pytest.raises(MachineCodeError, match="executes nothing that was not installed"):
-        machine._engine.__wrapped__()
+        llvm._engine.__wrapped__()
 
 
-def test_code_of_any_origin_is_kept(cache, monkeypatch):
-    source = ObjectSource("calls", CALLS, ("half", "twice"), {"outside": library_address("exp")})
-    right = load_object(source, lambda code: of_number(code.addresses["half"])(3.0) == 1.5)
-    assert set(right.addresses) == {"half", "twice"}
+def test_code_of_any_origin_is_cached(cache, monkeypatch):
+    source = ObjectSource("calls", CALLS, ("half", "twice"), {"imported": library_address("exp")})
+    first = load_object(source, lambda code: function_of_number(code.addresses["half"])(3.0) == 1.5)
+    assert set(first.addresses) == {"half", "twice"}
     assert [file.name.split("-")[0] for file in cache.iterdir()] == ["calls"]
-    monkeypatch.setattr(machine, "compile_module", None)
+    monkeypatch.setattr(llvm, "compile_module", None)
     again = load_object(source, lambda code: False)
-    assert of_number(again.addresses["twice"])(0.0) == 2.0
+    assert function_of_number(again.addresses["twice"])(0.0) == 2.0
 
 
-def test_levels_are_told_apart_in_the_cache(cache):
+def test_optimization_levels_have_separate_objects(cache):
     for level in (0, 1):
         load_object(ObjectSource("loop", LOOP, ("total",), level=level), lambda code: True)
     assert len(list(cache.iterdir())) == 2
 
 
-def test_ir_that_cannot_be_compiled_is_done_without(cache):
+def test_ir_that_cannot_be_compiled_falls_back(cache):
     with pytest.warns(KernelWarning, match="LLVM cannot compile kernels"):
         assert load_object(ObjectSource("none", "nonsense", ("f",)), lambda code: True) is None
     assert list(cache.iterdir()) == []
 
 
-def test_modules_that_cannot_be_linked_are_told_of():
+def test_modules_that_cannot_be_linked_are_reported():
     with pytest.raises(MachineCodeError, match="LLVM cannot link loops"):
-        machine.link_modules([constant(1), constant(2)], ("value",))
+        llvm.link_modules([constant_function(1), constant_function(2)], ("value",))

@@ -1,4 +1,4 @@
-"""Kernels across elements do what CasADi's virtual machine does, to the last bit."""
+"""Lane kernels agree with CasADi's virtual machine to the last bit."""
 
 import itertools
 import math
@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
-from beamdae.native import lane_code as operations
-from beamdae.native.lane_code import write_lane_module
+from beamdae.native.lane_code import is_supported, write_lane_module
 from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, build_lane_kernel, pad_copies
 
 SX = ca.SX
@@ -42,54 +41,54 @@ EVERYTHING = st.floats(width=64)
 
 @pytest.fixture(autouse=True, scope="module")
 def machine_code(tmp_path_factory):
-    """It is wanted, and kept apart."""
+    """Switch machine code on, with a separate cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.delenv("BEAMDAE_NATIVE", raising=False)
         yield
 
 
-def by_virtual_machine(function, shared, local):
+def evaluate_by_virtual_machine(function, shared, local):
     mapped = function.map(local.shape[1])
     return mapped(np.tile(np.c_[shared], local.shape[1]), local).full()
 
 
-def assert_same_bits(found, expected, unsigned=False):
-    """Of a NaN neither sign nor payload counts, of a remainder that is zero the sign does not.
+def assert_same_bits(values, expected, unsigned=False):
+    """Compare bits, except sign and payload of NaN and the sign of a remainder that is zero.
 
-    The virtual machine may have that from an instruction of its own.
+    The virtual machine may compute remainders by a special instruction.
     """
-    found, expected = (np.where(np.isnan(x), np.nan, x) for x in (found, expected))
-    found, expected = (
-        np.where(np.reshape(unsigned, (-1, 1)), x + 0.0, x) for x in (found, expected)
+    values, expected = (np.where(np.isnan(x), np.nan, x) for x in (values, expected))
+    values, expected = (
+        np.where(np.reshape(unsigned, (-1, 1)), x + 0.0, x) for x in (values, expected)
     )
-    assert_array_equal(found.view(np.int64), expected.view(np.int64))
+    assert_array_equal(values.view(np.int64), expected.view(np.int64))
 
 
 def assert_same(function, kernel, shared, local):
     shared, local = np.array(shared, dtype=float), np.array(local, dtype=float)
-    by_machine, expected = kernel(shared, local), by_virtual_machine(function, shared, local)
-    assert_same_bits(by_machine, expected, is_remainder(function))
+    values, expected = kernel(shared, local), evaluate_by_virtual_machine(function, shared, local)
+    assert_same_bits(values, expected, is_remainder(function))
 
 
 def is_remainder(function):
-    """Of each output, whether it is one."""
-    found, last = np.zeros(function.numel_out(0), bool), {}
+    """Return a mask of the outputs that are remainders."""
+    mask, last = np.zeros(function.numel_out(0), bool), {}
     for k in range(function.n_instructions()):
         operation, results = function.instruction_id(k), function.instruction_output(k)
         if operation == ca.OP_OUTPUT:
-            found[results[1]] = last.get(function.instruction_input(k)[0]) == ca.OP_REMAINDER
+            mask[results[1]] = last.get(function.instruction_input(k)[0]) == ca.OP_REMAINDER
         else:
             last[results[0]] = operation
-    return found
+    return mask
 
 
-def ids(function):
+def operations_of(function):
     return [function.instruction_id(k) for k in range(function.n_instructions())]
 
 
-def all_operations():
-    """Each operation on numbers of a copy, of all copies, and of one and the other."""
+def build_all_operations():
+    """Each operation on numbers of a copy, on shared numbers, and on one of each."""
     s, x = SX.sym("s", 2), SX.sym("x", 2)
     outputs = []
     for a, b in itertools.product((x[0], s[0]), (x[1], s[1])):
@@ -97,49 +96,49 @@ def all_operations():
     for a in (x[0], s[0]):
         outputs += [SX.unary(operation, a) for operation in UNARY]
         outputs += [a**power for power in POWERS]
-    return ca.Function("every", [s, x], [ca.vertcat(*outputs, x[1], s[0], 7.0)])
+    return ca.Function("all_operations", [s, x], [ca.vertcat(*outputs, x[1], s[0], 7.0)])
 
 
 @pytest.fixture(scope="module")
-def every():
-    function = all_operations()
+def all_operations():
+    function = build_all_operations()
     return function, build_lane_kernel(function)
 
 
-def test_all_operations_that_can_be_compiled_are_tried(every):
-    tried = set(ids(every[0]))
+def test_all_supported_operations_are_tested(all_operations):
+    tested = set(operations_of(all_operations[0]))
     known = [getattr(ca, name) for name in dir(ca) if name.startswith("OP_")]
-    assert {operation for operation in known if operations.is_supported(operation)} <= tried
-    assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tried
+    assert {operation for operation in known if is_supported(operation)} <= tested
+    assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tested
 
 
 @pytest.mark.slow(reason="all pairs of values in all operations")
-def test_every_operation_has_the_same_bits_at_every_pair_of_special_values(every):
+def test_operations_have_the_same_bits_at_special_values(all_operations):
     pairs = np.array(list(itertools.product(VALUES, VALUES))).T
     pairs = np.c_[pairs, np.zeros((2, pad_copies(pairs.shape[1]) - pairs.shape[1]))]
     for first, second in itertools.product(VALUES, (0.3, -0.0, math.nan)):
-        assert_same(*every, [first, second], pairs)
+        assert_same(*all_operations, [first, second], pairs)
     for second in VALUES:
-        assert_same(*every, [0.3, second], pairs)
+        assert_same(*all_operations, [0.3, second], pairs)
 
 
 @pytest.mark.parametrize("repeated", [2, 3, LANE_WIDTH])
-def test_lanes_with_the_numbers_of_the_one_before_have_its_results(every, repeated):
+def test_lanes_with_equal_numbers_have_equal_results(all_operations, repeated):
     numbers = np.repeat([0.0, -0.0, 0.3, math.nan, 2.0, -2.0, math.inf, 1e-310], repeated)
     local = np.stack([numbers, np.roll(numbers, 1)])
-    assert_same(*every, [0.3, -0.0], local)
+    assert_same(*all_operations, [0.3, -0.0], local)
 
 
 @pytest.mark.slow(reason="thousands of values in all operations")
 @settings(max_examples=300)
 @given(st.lists(EVERYTHING, min_size=2 * LANE_WIDTH + 2, max_size=2 * LANE_WIDTH + 2))
-def test_every_operation_has_the_same_bits_anywhere(every, numbers):
-    assert_same(*every, numbers[:2], np.reshape(numbers[2:], (2, LANE_WIDTH)))
+def test_operations_have_the_same_bits_at_random_values(all_operations, numbers):
+    assert_same(*all_operations, numbers[:2], np.reshape(numbers[2:], (2, LANE_WIDTH)))
 
 
 @st.composite
 def expressions(draw):
-    """A function of a few operations on each other's results."""
+    """A function that applies a few operations to results of others."""
     s, x = SX.sym("s", 2), SX.sym("x", 3)
     terms = [*ca.vertsplit(s), *ca.vertsplit(x), SX(draw(EVERYTHING))]
     for _ in range(draw(st.integers(1, 30))):
@@ -149,16 +148,16 @@ def expressions(draw):
         else:
             operation = draw(st.sampled_from(BINARY))
             if operation == ca.OP_COPYSIGN:
-                # Of what is computed and no number nobody promises the sign.
+                # The sign of a computed NaN is not defined.
                 b = draw(st.sampled_from(terms[:5]))
             terms.append(SX.binary(operation, a, b))
-    return ca.Function("drawn", [s, x], [ca.densify(ca.vertcat(*terms[-8:]))])
+    return ca.Function("random", [s, x], [ca.densify(ca.vertcat(*terms[-8:]))])
 
 
 @pytest.mark.slow(reason="half a second and more")
 @settings(max_examples=40)
 @given(expressions(), st.integers(0, 2**32 - 1))
-def test_operations_on_each_other_have_the_same_bits(function, seed):
+def test_nested_operations_have_the_same_bits(function, seed):
     kernel = build_lane_kernel(function)
     random = np.random.default_rng(seed)
     local = random.normal(0.0, 2.0, (3, 2 * LANE_WIDTH))
@@ -167,7 +166,7 @@ def test_operations_on_each_other_have_the_same_bits(function, seed):
 
 
 @pytest.mark.parametrize("copies", [8, 24, 256])
-def test_the_force_of_an_element_has_the_same_bits(copies):
+def test_element_force_has_the_same_bits(copies):
     kind = FloatingFrameElement(strain="green")
     kernel = floating_frame_kernel(kind)
     x = kernel.local
@@ -177,7 +176,7 @@ def test_the_force_of_an_element_has_the_same_bits(copies):
     assert_same(function, build_lane_kernel(function), [0.1, 0.2], local)
 
 
-# What is handed in and out.
+# Arguments and results.
 
 
 def small(name="small"):
@@ -185,7 +184,7 @@ def small(name="small"):
     return ca.Function(name, [s, x], [ca.vertcat(s[0] * ca.sin(x[0]), x[1] - x[2])])
 
 
-def test_a_kernel_tells_its_sizes_and_stays_alive():
+def test_kernel_has_sizes_and_an_address():
     kernel = build_lane_kernel(small())
     assert isinstance(kernel, LaneKernel)
     assert kernel.name == "small"
@@ -201,24 +200,24 @@ def test_either_input_may_be_empty(shared, own):
     function = ca.Function("empty", [s, x], [ca.vertcat(ca.sum1(s) + 2.0, own_sum)])
     kernel = build_lane_kernel(function)
     local = np.linspace(0.0, 1.0, own * LANE_WIDTH).reshape(own, LANE_WIDTH)
-    found = kernel(np.ones(shared), local)
-    assert_array_equal(found[0], np.full(LANE_WIDTH, shared + 2.0))
+    values = kernel(np.ones(shared), local)
+    assert_array_equal(values[0], np.full(LANE_WIDTH, shared + 2.0))
     for copy in range(LANE_WIDTH):
-        assert_array_equal(found[:, copy], function(np.ones(shared), local[:, copy]).full()[:, 0])
+        assert_array_equal(values[:, copy], function(np.ones(shared), local[:, copy]).full()[:, 0])
 
 
-def test_no_copies_are_none():
+def test_zero_copies_give_an_empty_result():
     assert build_lane_kernel(small())(np.ones(2), np.ones((3, 0))).shape == (2, 0)
 
 
 @pytest.mark.parametrize("offset", [0, 1, 3])
-def test_memory_need_not_be_aligned_and_nothing_else_is_written(offset):
+def test_unaligned_memory_is_supported_and_nothing_else_is_written(offset):
     kernel = build_lane_kernel(small())
     memory = np.full(2 * 16 + 8, np.nan)
     out = memory[offset : offset + 32].reshape(2, 16)
     source = np.linspace(0.0, 1.0, 3 * 16 + 8)[offset : offset + 48].reshape(3, 16)
     assert kernel(np.ones(2), source, out) is out
-    assert_same_bits(out, by_virtual_machine(small(), np.ones(2), source))
+    assert_same_bits(out, evaluate_by_virtual_machine(small(), np.ones(2), source))
     assert np.isnan(memory[:offset]).all()
     assert np.isnan(memory[offset + 32 :]).all()
 
@@ -235,64 +234,68 @@ def test_memory_need_not_be_aligned_and_nothing_else_is_written(offset):
         (np.ones(2), np.ones((3, 8)), np.ones((8, 2)).T, "out must be a writable C-contiguous"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(shared, local, out, words):
+def test_arrays_of_wrong_shape_or_type_are_refused(shared, local, out, words):
     with pytest.raises(ValueError, match=words):
         build_lane_kernel(small())(shared, local, out)
 
 
-def test_arrays_of_other_kinds_and_orders_are_read():
+def test_inputs_of_other_types_and_orders_are_accepted():
     local = np.arange(48)[::2].reshape(8, 3).T
-    found = build_lane_kernel(small())([1, 2], local)
-    assert_same_bits(found, by_virtual_machine(small(), np.array([1.0, 2.0]), local.astype(float)))
+    values = build_lane_kernel(small())([1, 2], local)
+    assert_same_bits(
+        values, evaluate_by_virtual_machine(small(), np.array([1.0, 2.0]), local.astype(float))
+    )
 
 
-def test_kernels_run_in_several_threads_at_once():
+def test_kernels_run_in_several_threads():
     kernel = build_lane_kernel(small())
     local = np.random.default_rng(0).normal(size=(3, 4096))
-    right = kernel(np.ones(2), local)
-    found = []
+    expected = kernel(np.ones(2), local)
+    results = []
     threads = [
-        threading.Thread(target=lambda: found.append(kernel(np.ones(2), local))) for _ in range(4)
+        threading.Thread(target=lambda: results.append(kernel(np.ones(2), local))) for _ in range(4)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 4
-    for each in found:
-        assert_same_bits(each, right)
+    assert len(results) == 4
+    for result in results:
+        assert_same_bits(result, expected)
 
 
-def test_kernels_are_built_in_several_threads_at_once():
+def test_kernels_are_built_in_several_threads():
     functions = [small(f"small_{k}") for k in range(8)]
-    found = {}
+    results = {}
 
     def build(function):
-        found[function.name()] = build_lane_kernel(function)(np.ones(2), np.ones((3, LANE_WIDTH)))
+        results[function.name()] = build_lane_kernel(function)(np.ones(2), np.ones((3, LANE_WIDTH)))
 
     threads = [threading.Thread(target=build, args=(function,)) for function in functions]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == len(functions)
-    for each in found.values():
-        assert_same_bits(each, by_virtual_machine(small(), np.ones(2), np.ones((3, LANE_WIDTH))))
+    assert len(results) == len(functions)
+    for result in results.values():
+        assert_same_bits(
+            result, evaluate_by_virtual_machine(small(), np.ones(2), np.ones((3, LANE_WIDTH)))
+        )
 
 
 @pytest.mark.parametrize(
     ("copies", "length"), [(0, 0), (1, 8), (8, 8), (9, 16), (127, 136), (128, 136), (129, 136)]
 )
-def test_rows_have_whole_vectors_and_do_not_evict_each_other(copies, length):
+def test_rows_have_whole_vectors_without_cache_conflicts(copies, length):
     assert pad_copies(copies) == length
 
 
-def test_a_kernel_does_not_leave_its_process():
+def test_kernels_cannot_be_pickled():
     with pytest.raises((TypeError, ValueError, pickle.PicklingError)):
         pickle.dumps(build_lane_kernel(small()))
 
 
-# What cannot be compiled.
+# Unsupported functions.
 
 
 @pytest.mark.parametrize("shape", ["three inputs", "two outputs", "sparse", "MX"])
@@ -309,10 +312,10 @@ def test_functions_of_another_form_are_refused(shape):
 
 
 @pytest.mark.parametrize("operation", [ca.OP_ERFINV, ca.OP_PRINTME])
-def test_what_cannot_be_compiled_is_told(operation):
+def test_unsupported_operations_are_reported(operation):
     s, x = SX.sym("s"), SX.sym("x")
     function = ca.Function("without", [s, x], [SX.binary(operation, x, s)])
-    assert operation in ids(function)
+    assert operation in operations_of(function)
     assert build_lane_kernel(function) is None
     with pytest.raises(ValueError, match=r"without: it has operations that cannot be compiled\."):
         write_lane_module(function)
@@ -322,15 +325,15 @@ def test_calls_are_not_compiled():
     s, x = SX.sym("s"), SX.sym("x")
     inner = ca.Function("inner", [x], [ca.sin(x)], {"never_inline": True})
     function = ca.Function("calls", [s, x], [inner(x) + s])
-    assert ca.OP_CALL in ids(function)
+    assert ca.OP_CALL in operations_of(function)
     assert build_lane_kernel(function) is None
 
 
-def test_machine_code_that_is_not_wanted_is_done_without(monkeypatch):
+def test_native_off_returns_no_kernel(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     assert build_lane_kernel(small()) is None
 
 
-def test_the_same_function_has_the_same_source():
+def test_equal_functions_have_equal_ir():
     assert write_lane_module(small()) == write_lane_module(small())
     assert write_lane_module(small()) != write_lane_module(small("other"))
