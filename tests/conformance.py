@@ -59,7 +59,7 @@ def integrators(rtol, step, also=None, slow=(), **settings):
 
 
 def catalog_parts(heading, name, without=()):
-    """Return the sample parts of a group of the catalog, as functions of (mechanism, disk, beam)."""
+    """Return the sample parts under a heading, as functions of (mechanism, disk, beam)."""
 
     def builder(public):
         def build(mechanism, disk, beam):

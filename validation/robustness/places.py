@@ -46,39 +46,6 @@ def _attachment(world: World) -> dict[str, Any]:
     return {name: getattr(at, name) for name in names}
 
 
-def _beam(world: World) -> dict[str, Any]:
-    return {
-        "name": "beam",
-        "curve": bd.Line((0.0, 1.0), (1.0, 1.0)),
-        "section": world.section,
-        "elements": 1,
-        "strain": "green",
-        "formulation": "floating frame",
-        "elements_shape": "curved",
-        "continuity": "cartesian",
-        "nodes": 4,
-        "quadrature": "reduced",
-        "frame": "chord",
-        "velocity": (0.0, 0.0),
-        "angular_velocity": 0.0,
-        "kinematics": None,
-        "free_curve": bd.Line((0.0, 0.0), (1.0, 0.0)),
-    }
-
-
-def _section(world: World) -> dict[str, Any]:
-    return {
-        "material": world.material,
-        "area": 8e-5,
-        "second_moment": 1e-10,
-        "shear_coefficient": 0.8,
-        "damping": 1e-5,
-        "mass_per_length": 0.6,
-        "rotary_inertia_per_length": 1e-6,
-        "shear_peak": 1.5,
-    }
-
-
 def _pinned(world: World, place: Any) -> bd.Solution:
     post = world.mech.add(bd.RigidBody("post", 1.0, 0.1, (4.0, 0.0)))
     return added(world, bd.Revolute("pin", place, post.at(3.0, 0.0)))
@@ -95,10 +62,8 @@ def _watched(world: World, name: str, what: Any) -> bd.Solution:
     return world.run()
 
 
-PARTS: dict[str, Base] = {
-    "AirDrag": Base(lambda w: {"name": "drag", "beam": w.beam, "coefficient": 0.1}, added),
+VARIANTS: dict[str, Base] = {
     "Attachment": Base(_attachment, held),
-    "Beam": Base(_beam, added),
     "activate": Base(
         lambda w: {"part": w.mech.part("hinge"), "as_is": True},
         itself,
@@ -117,32 +82,9 @@ PARTS: dict[str, Base] = {
         itself,
     ),
     "impact": Base(lambda w: {"on": w.mech.part("hinge"), "restitution": 0.5}, itself),
-    "Force": Base(
-        lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": (1.0, 0.0), "axes": "body"}, added
-    ),
-    "Moment": Base(lambda w: {"name": "load", "on": w.bar.at(*KNEE), "law": 1.0}, added),
     "Part": Base(_members, added, _extended),
-    "PointMass": Base(
-        lambda w: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
-        added,
-    ),
     "PointMass on": Base(
         lambda w: {"name": "mass", "mass": 0.1, "on": w.bar.at(*KNEE)},
-        added,
-    ),
-    "RayleighDamping": Base(
-        lambda w: {"name": "oil", "beam": w.beam, "mass": 0.1, "stiffness": 1e-5}, added
-    ),
-    "RigidBody": Base(
-        lambda w: {
-            "name": "disk",
-            "mass": 1.0,
-            "inertia": 0.1,
-            "center": (3.0, 0.0),
-            "velocity": (0.0, 0.0),
-            "angular_velocity": 0.0,
-            "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
-        },
         added,
     ),
     "RigidBody.rod": Base(
@@ -182,29 +124,10 @@ PARTS: dict[str, Base] = {
 }
 
 NUMBERS: dict[str, Base] = {
-    "Arc": Base(lambda w: {"radius": 1.0, "length": 1.0, "start": (0.0, 1.0), "angle": 0.0}, bent),
-    "Curve": Base(
-        lambda w: {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)},
-        bent,
-    ),
     "Curve of points": Base(
         lambda w: {"points": [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0)], "noise": 1e-3},
         bent,
     ),
-    "IntrinsicCurve": Base(
-        lambda w: {"law": lambda s: 0.1 * s, "length": 1.0, "start": (0.0, 1.0), "angle": 0.0},
-        bent,
-    ),
-    "Line": Base(lambda w: {"start": (0.0, 1.0), "end": (1.0, 1.0)}, bent),
-    "Parabola": Base(lambda w: {"span": 1.0, "rise": 0.1, "start": (0.0, 1.0), "angle": 0.0}, bent),
-    "Segment": Base(
-        lambda w: {"curve": bd.Arc(1.0, 1.0, (0.0, 1.0)), "start": 0.2, "end": 0.8}, bent
-    ),
-    "Material": Base(
-        lambda w: {"E": 2.1e11, "nu": 0.3, "rho": 7850.0, "yield_stress": 235e6},
-        lambda w, material: made_of(w, bd.Section(material, 8e-5, 1e-10)),
-    ),
-    "Section": Base(_section, made_of),
     "Section.rectangle": Base(
         lambda w: {"material": w.material, "width": 0.02, "height": 0.004, "damping": 0.0},
         made_of,
@@ -220,18 +143,6 @@ NUMBERS: dict[str, Base] = {
         made_of,
         lambda w, **given: bd.Section.pipe(**given),
     ),
-    "taper": Base(
-        lambda w: {"shape": bd.Section.circle, "material": w.material, "diameter": (0.01, 0.02)},
-        made_of,
-    ),
-    "Law": Base(
-        lambda w: {
-            "pieces": (lambda t: t, lambda t: 0.0),
-            "breakpoints": (0.005,),
-            "time_scale": 1.0,
-        },
-        loaded,
-    ),
     "piecewise": Base(
         lambda w: {"end": 0.005, "law": 1.0, "last": 0.0},
         loaded,
@@ -239,11 +150,6 @@ NUMBERS: dict[str, Base] = {
     ),
     "piecewise entry": Base(
         lambda w: {"piece": (0.005, 1.0)}, loaded, lambda w, piece: bd.piecewise(piece, 0.0)
-    ),
-    "run_up": Base(lambda w: {"speed": 1.0, "duration": 0.1}, loaded),
-    "sine": Base(lambda w: {"amplitude": 1.0, "frequency": 50.0, "phase": 0.0}, loaded),
-    "table": Base(
-        lambda w: {"times": [0.0, 0.004, 0.01, 0.02], "values": [0.0, 1.0, 0.0, 1.0]}, loaded
     ),
 }
 
@@ -278,9 +184,6 @@ MECHANISMS: dict[str, Base] = {
         lambda w: {"s": 0.5, "axes": "local"},
         observed,
         lambda w, **given: w.beam.deformation(**given),
-    ),
-    "relative_displacement": Base(
-        lambda w: {"of": w.bar.at(*KNEE), "on": w.bar.at(0.0, 0.0)}, observed
     ),
     "equations_of_motion": Base(
         lambda w: {"mechanism": w.mech, "start": "as drawn"}, lambda w, e: w.run(e)

@@ -7,10 +7,9 @@ from typing import Any
 
 import beamdae as bd
 from beamdae.studies.execution.case_run import Limits
-from robustness.places import MECHANISMS, NUMBERS, PARTS
-from robustness.places_forces import FORCES
-from robustness.places_joints import JOINTS
+from robustness.places import MECHANISMS, NUMBERS, VARIANTS
 from robustness.places_modes import MODES
+from robustness.places_parts import PARTS
 from robustness.places_periodic import PERIODIC
 from robustness.places_solutions import SOLUTIONS, deep
 from robustness.places_statics import STATICS
@@ -230,11 +229,12 @@ RESULTS: dict[str, Base] = {
 }
 
 
-BASES: dict[str, Base] = PARTS | JOINTS | FORCES | NUMBERS | MECHANISMS | SYSTEMS
+BASES: dict[str, Base] = PARTS | VARIANTS | NUMBERS | MECHANISMS | SYSTEMS
 BASES |= MODELS | INTEGRATING | RESULTS | SOLUTIONS | STATICS | STRESSES | PERIODIC | MODES | SWEEPS
 
 # What beamdae makes and users do not; as an argument each is met above.
 NOT_CALLED = {
+    "Joint": "base class of joints",
     "Animation": "what animate gives",
     "BeamRange": "a row of Solution.validity",
     "Frame": "what bd.frame gives",

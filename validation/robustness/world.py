@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 
 import beamdae as bd
+from beamdae.testing import SampleMechanism
 
 # All runs are this short [s]; a run that would take long tells that it reached its limit.
 T_END, OUTPUT_STEP, TIME_LIMIT = 0.01, 0.002, 5.0
@@ -25,39 +26,49 @@ KNEE = (1.0, 0.0)
 # Parts, models and studies that are made of what an input gives.
 _MADE = (
     *("torque", "mass", "watched", "end", "swing", "bob", "pin", "few", "place", "ground"),
-    *("beam", "odd", "system", "constraint", "x", "y", "compare", "simulate", "Law", "Study"),
+    *(
+        "beam",
+        "disk",
+        "joint",
+        "spring",
+        "odd",
+        "system",
+        "constraint",
+        "x",
+        "y",
+        "compare",
+        "simulate",
+        "Law",
+        "Study",
+    ),
     *("event", "start"),
 )
 
 
-class World:
-    """A hinged bar, on demand a beam of one element beside it, and short runs of all that."""
+class World(SampleMechanism):
+    """The sample mechanism with a hinged bar, and short runs of it."""
 
     def __init__(self, integrator: int = 0, folder: Path = Path("out")) -> None:
         self.integrator = INTEGRATORS[integrator % len(INTEGRATORS)]()
         self.folder = folder
-        self.mech = bd.Mechanism(gravity=(0.0, -9.81))
+        super().__init__()
+        self.mech = self.mechanism
         self.bar = self.mech.add(bd.RigidBody("bar", 1.0, 0.1, (0.5, 0.0)))
         self.mech.add(bd.Revolute("hinge", self.mech.ground.at(0.0, 0.0), self.bar.at(0.0, 0.0)))
         self.mech.observe("knee", self.bar.at(*KNEE))
 
-    @cached_property
-    def material(self) -> bd.Material:
-        """Steel."""
-        return bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-
-    @cached_property
-    def section(self) -> bd.Section:
-        """A thin strip."""
-        return bd.Section.rectangle(self.material, width=0.02, height=0.004)
+    @property
+    def hinge(self) -> bd.Joint:
+        """Hinge of the bar."""
+        return self.mech.part("hinge")
 
     @cached_property
     def beam(self) -> bd.Beam:
-        """A beam that nothing holds."""
+        """Unconstrained beam, observed at its end."""
         return self.falling()
 
     def falling(self, curve: Any = None, section: Any = None) -> bd.Beam:
-        """A beam that nothing holds."""
+        """Add an unconstrained beam, observed at its end."""
         curve = bd.Line((0.0, 1.0), (1.0, 1.0)) if curve is None else curve
         section = self.section if section is None else section
         beam = self.mech.add(bd.Beam("beam", curve, section, elements=1))
